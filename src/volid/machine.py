@@ -22,16 +22,24 @@ class Axis(eqx.Module):
 
     `letter`: X, Y, Z (mm) or A, B, C (degrees). `primed`: it carries the workpiece. `travel`: commanded end positions.
     `reference`: where its error functions are zero. `error_point`: shape (3,) [mm], the point that its rotations turn
-    about. `point`: shape (3,) [mm], on the nominal axis line of a rotary axis. `direction`: shape (3,), unit vector.
+    about; by default the machine origin, for a rotary axis `point`.
+    `point`: shape (3,) [mm], on the nominal axis line of a rotary axis. `direction`: shape (3,), unit vector, (0, 0, 0)
+    for the letter's own. `axis_frame`: True when the six error components of a rotary axis refer to a frame turned so that
+    the letter's own direction lies along `direction`, False for the machine frame.
     """
 
     letter: str = eqx.field(static=True)
     primed: bool = eqx.field(static=True)
     travel: tuple[float, float] = eqx.field(static=True)
     reference: float = eqx.field(static=True)
-    error_point: tuple[float, float, float] = eqx.field(static=True, default=(0.0, 0.0, 0.0))
+    error_point: tuple[float, float, float] = eqx.field(static=True, default=None)  # type: ignore[assignment]
     point: tuple[float, float, float] = eqx.field(static=True, default=(0.0, 0.0, 0.0))
     direction: tuple[float, float, float] = eqx.field(static=True, default=(0.0, 0.0, 0.0))
+    axis_frame: bool = eqx.field(static=True, default=False)
+
+    def __post_init__(self) -> None:
+        if self.error_point is None:
+            self.error_point = (0.0, 0.0, 0.0) if self.is_linear else self.point
 
     @property
     def is_linear(self) -> bool:
@@ -42,6 +50,37 @@ class Axis(eqx.Module):
     def unit(self) -> str:
         """Unit of the commanded position."""
         return "mm" if self.is_linear else "°"
+
+    @property
+    def unit_vector(self) -> tuple[float, float, float]:
+        """Direction of a linear axis, or of a rotary axis's line, machine frame."""
+        if any(self.direction):
+            return self.direction
+        letters = LINEAR_AXES if self.is_linear else ROTARY_AXES
+        x, y, z = (float(self.letter == letter) for letter in letters)
+        return x, y, z
+
+    @property
+    def frame(self) -> np.ndarray:
+        """Columns: directions of the six components' frame in the machine frame, shape (3, 3); identity unless `axis_frame`.
+
+        The smallest rotation that carries the letter's own direction to `direction` (Rodrigues).
+        """
+        if self.is_linear or not self.axis_frame:
+            return np.eye(3)
+        own = np.eye(3)[ROTARY_AXES.index(self.letter)]
+        target = np.asarray(self.unit_vector)
+        v, c = np.cross(own, target), float(own @ target)
+        if c < -1.0 + 1e-12:  # opposite: half a turn about the next direction
+            other = np.roll(own, 1)
+            return 2.0 * np.outer(other, other) - np.eye(3)
+        k = np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+        return np.eye(3) + k + k @ k / (1.0 + c)
+
+    @property
+    def is_full_turn(self) -> bool:
+        """True for a rotary axis that travels 360° or more: its functions have period 360°."""
+        return not self.is_linear and self.length >= 360.0 - 1e-9
 
     @property
     def length(self) -> float:
@@ -85,7 +124,7 @@ class ModelSettings:
 
     degree: int = 3
     segments: int | str = "auto"
-    functions: Mapping[str, FunctionSettings] = field(default_factory=dict)
+    functions: Mapping[str, FunctionSettings] = field(default_factory=dict, hash=False)
 
 
 class Machine(eqx.Module):
