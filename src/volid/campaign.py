@@ -26,7 +26,7 @@ class Station:
     frame: str = "stations"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Effect:
     """A systematic effect on the readings of a set: name, type, standard uncertainty `u`, scope `per`, free options."""
 
@@ -37,7 +37,7 @@ class Effect:
     options: Mapping[str, Any] = field(default_factory=dict)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ObservationSet:
     """Readings of one kind taken with one instrument.
 
@@ -71,7 +71,20 @@ class ObservationSet:
         return f"{self.source or self.name}, row {row}"
 
 
-@dataclass(frozen=True)
+def standard_uncertainty(u: float | Mapping[str, float], readings: np.ndarray) -> np.ndarray:
+    """Standard uncertainty of readings: u = sqrt(constant² + (proportional · |reading|)²), in the unit of the readings.
+
+    `u`: one number (the constant part), or {"constant": …, "proportional": …}, each 0 when left out. `readings`: any
+    shape; where a reading is NaN (a plan), a proportional part makes u NaN.
+    """
+    parts = u if isinstance(u, Mapping) else {"constant": u}
+    constant, proportional = parts.get("constant", 0.0), parts.get("proportional", 0.0)
+    if proportional == 0.0:
+        return np.full(np.shape(readings), float(constant))
+    return np.hypot(constant, proportional * np.abs(readings))
+
+
+@dataclass(frozen=True, eq=False)
 class Campaign:
     """A measuring campaign, complete in itself: machine, stations, sets, and the record of conditions (ISO/TR 16907 9.1)."""
 

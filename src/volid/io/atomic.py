@@ -1,0 +1,90 @@
+"""Outputs appear whole or not at all: written under a temporary name beside their place, then renamed."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from volid.exceptions import OutputError
+
+
+@contextmanager
+def atomic_output(path: str | Path, overwrite: bool = False) -> Iterator[Path]:
+    """A temporary path in the folder of `path`, to be written by the caller; renamed to `path` when the block succeeds.
+
+    When the block fails, the temporary file is removed and an existing `path` is left as it was. Raises `OutputError`
+    when `path` exists (unless `overwrite`), is a folder, or cannot be written.
+
+    >>> with atomic_output(getfixture("tmp_path") / "out.csv") as temporary:
+    ...     _ = temporary.write_text("X,u")
+    """
+    path = Path(path)
+    _refuse_existing(path, overwrite)
+    temporary = _temporary(path)
+    try:
+        yield temporary
+        _refuse_existing(path, overwrite)
+        os.replace(temporary, path)
+    except OSError as error:
+        raise _cannot_write(path, error) from error
+    finally:
+        with suppress(OSError):
+            temporary.unlink()
+
+
+@contextmanager
+def atomic_folder(path: str | Path, overwrite: bool = False) -> Iterator[Path]:
+    """A temporary folder beside `path`, to be filled by the caller; it becomes `path` when the block succeeds.
+
+    With `overwrite`, files of the same name in an existing folder are replaced one by one and the others stay. Raises
+    `OutputError` when `path` holds something (unless `overwrite`), is a file, or cannot be written.
+    """
+    path = Path(path)
+    if path.is_dir():
+        _refuse_existing(path, overwrite or not any(path.iterdir()), folder=True)
+    elif os.path.lexists(path):
+        raise OutputError(f"{path} is a file; name a folder")
+    temporary = _temporary(path)
+    try:
+        temporary.mkdir()
+        yield temporary
+        _move(temporary, path)
+    except OSError as error:
+        raise _cannot_write(path, error) from error
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _move(temporary: Path, path: Path) -> None:
+    if not path.is_dir():
+        os.rename(temporary, path)
+        return
+    for item in temporary.iterdir():
+        os.replace(item, path / item.name)
+
+
+def _temporary(path: Path) -> Path:
+    return path.absolute().with_name(f".{path.name}.{uuid.uuid4().hex[:8]}.part")
+
+
+def _refuse_existing(path: Path, overwrite: bool, folder: bool = False) -> None:
+    if path.is_dir() and not folder:
+        raise OutputError(f"{path} is a folder; name a file")
+    if os.path.lexists(path) and not overwrite:
+        raise OutputError(f"{path} exists; choose another name or pass --force")
+
+
+def _cannot_write(path: Path, error: OSError) -> OutputError:
+    """What is wrong with the place, in words; HDF5 and the operating system say it each in their own way."""
+    folder = path.parent
+    if not folder.exists():
+        reason = f"the folder {folder} does not exist; create it or choose another"
+    elif not folder.is_dir():
+        reason = f"{folder} is not a folder; choose another place"
+    else:
+        reason = f"{error.strerror or error}; choose another place"
+    return OutputError(f"{path} cannot be written: {reason}")

@@ -1,0 +1,194 @@
+"""Spatial grids as CSV, for people and controls, and as HDF5 (`volid-grid/1`): positions, six components, u, `outside`.
+
+Both forms hold lengths in mm and rotations in DEGREES (ISO/TR 16907 Table 2), X varying fastest, absolute values, and say
+whether they are error values (actual - nominal) or compensation values (minus that). A cell is empty (NaN) where the data do not
+determine the value; `outside` = 1 marks nodes outside what was measured. CSV: lines "# key: value", then the columns
+`X,Y,Z,dX,dY,dZ,dA,dB,dC,u_dX,…,u_dC,outside`. HDF5: the same keys as attributes of the root (blanks as `_`), and the datasets
+`positions` (n, axes) [mm], `values` and `u` (n, 6) [mm, degrees], their attribute `columns` naming the columns, `outside` (n,).
+A `Grid` in memory always holds error values, mm and rad; reading back restores them.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from volid.compensation.grids import Grid, grid_positions
+from volid.exceptions import InputError
+from volid.fitting.solution import Solution
+from volid.io.atomic import atomic_output
+from volid.io.csv_table import CsvTable, read_csv
+from volid.io.hdf5_values import is_hdf5, reading, write_array
+from volid.io.tables_csv import OUTSIDE, REJECTED, Sheet, read_flags, source_lines, text_output, write_csv
+from volid.io.toml_table import read_text
+from volid.iso230 import DIRECTIONS, LINEAR_AXES
+
+FORMAT = "volid-grid/1"
+ERROR, COMPENSATION = "error", "compensation"
+HDF5 = (".h5", ".hdf5")
+COLUMNS = tuple(f"d{letter}" for letter in DIRECTIONS)
+U_COLUMNS = tuple(f"u_{name}" for name in COLUMNS)
+_IN_DEGREES = np.array([1.0] * 3 + [180.0 / np.pi] * 3)
+_SIGN = {
+    ERROR: "error value = actual - nominal; the compensation value is minus it",
+    COMPENSATION: "compensation value = -(actual - nominal); a control that adds it to the command removes the deviation",
+}
+_TOOL = "{} mm; another tool vector t: d(t) = d + (dA, dB, dC in rad) x (t - this tool vector)"
+_ROTATED = "; tool vectors as the rotary axes of the head turn them; the linear axes' errors only"
+
+
+def grid_header(grid: Grid, values: str, solution: Solution, source: str | Path | None = None) -> dict[str, str]:
+    """What a grid file says about itself; `values`: "error" or "compensation"; `source`: the solution's file."""
+    rotary = any(not axis.is_linear for axis in solution.machine.axes)
+    lines = {
+        "format": FORMAT,
+        "type": grid.type,
+        "values": values,
+        "sign": _SIGN[values],
+        "absolute": "absolute values, not increments",
+        "units": f"{', '.join(grid.axes)}, dX, dY, dZ mm; dA, dB, dC degrees; u_… standard uncertainty (k = 1)",
+        "tool vector": _TOOL.format(", ".join(f"{v:.12g}" for v in grid.tool)) + (_ROTATED if rotary else ""),
+        "frame": grid.frame,
+    }
+    lines |= source_lines(solution, source) | {"datum": grid.datum}
+    if any(note.startswith(REJECTED) for note in grid.notes):
+        del lines[REJECTED]  # said in the notes, which a reader gets back
+    return lines | {f"note {i}": note for i, note in enumerate(grid.notes, start=1)}
+
+
+def grid_sheet(grid: Grid, header: Mapping[str, str]) -> Sheet:
+    """The grid as a table, `header` from `grid_header`; in CSV, components keep 1e-9 mm and 1e-12 degrees."""
+    values, u = _outward(grid, header["values"])
+    rows = zip(grid.positions, values, u, grid.outside.astype(int).tolist(), strict=True)
+    return Sheet(
+        header=header,
+        columns=(*grid.axes, *COLUMNS, *U_COLUMNS, OUTSIDE),
+        rows=([*q.tolist(), *v.tolist(), *s.tolist(), outside] for q, v, s, outside in rows),
+        digits=dict(zip((*COLUMNS, *U_COLUMNS), (9, 9, 9, 12, 12, 12) * 2, strict=True)),
+    )
+
+
+def write_grid_hdf5(grid: Grid, header: Mapping[str, str], path: str | Path, overwrite: bool = False) -> None:
+    """Write a grid to an HDF5 file, whole or not at all. Raises `OutputError` when `path` cannot be written."""
+    with atomic_output(path, overwrite) as temporary, h5py.File(temporary, "w") as file:
+        for key, text in header.items():
+            file.attrs[key.replace(" ", "_")] = text
+        write_array(file, "positions", grid.positions, unit="mm").attrs["columns"] = list(grid.axes)
+        for name, columns, block in zip(
+            ("values", "u"), (COLUMNS, U_COLUMNS), _outward(grid, header["values"]), strict=True
+        ):
+            write_array(file, name, block, unit="mm, degrees").attrs["columns"] = list(columns)
+        write_array(file, OUTSIDE, grid.outside, bool)
+
+
+def save_grid(
+    grid: Grid,
+    solution: Solution,
+    path: str | Path,
+    *,
+    errors: bool = False,
+    source: str | Path | None = None,
+    overwrite: bool = False,
+) -> None:
+    """Write a grid as HDF5 when `path` ends in .h5 or .hdf5, else as CSV: compensation values unless `errors`.
+
+    Raises `OutputError` when `path` exists (unless `overwrite`) or cannot be written.
+    """
+    header = grid_header(grid, ERROR if errors else COMPENSATION, solution, source)
+    if Path(path).suffix.lower() in HDF5:
+        write_grid_hdf5(grid, header, path, overwrite)
+        return
+    with text_output(path, overwrite) as stream:
+        write_csv(stream, grid_sheet(grid, header))
+
+
+def _outward(grid: Grid, values: str) -> tuple[np.ndarray, np.ndarray]:
+    """Values with the sign asked for, and u, both (n, 6) [mm, degrees]."""
+    sign = {ERROR: 1.0, COMPENSATION: -1.0}[values]
+    return sign * grid.values * _IN_DEGREES, grid.u * _IN_DEGREES
+
+
+def read_grid(path: str | Path) -> Grid:
+    """A grid from CSV or HDF5, as error values in mm and rad whatever the file holds.
+
+    Raises `InputError` when the file is damaged or of another format, a header line or column is missing, or the nodes
+    are no regular grid with X varying fastest.
+    """
+    return _read_hdf5(path) if is_hdf5(path) else _read_csv(path)
+
+
+def _read_hdf5(path: str | Path) -> Grid:
+    with reading(path, "grid", FORMAT) as file:
+        header = {key.replace("_", " "): str(value) for key, value in file.attrs.items()}
+        axes = tuple(str(a) for a in file["positions"].attrs["columns"])
+        arrays = [np.asarray(file[name][()]) for name in ("positions", "values", "u", OUTSIDE)]
+    return _assemble(str(path), header, axes, *arrays)
+
+
+def _read_csv(path: str | Path) -> Grid:
+    comments = [line[1:].strip() for line in read_text(Path(path)).split("\n") if line.startswith("#")]
+    header = dict(line.split(": ", 1) for line in comments if ": " in line)
+    table = read_csv(path)
+    axes = tuple(letter for letter in LINEAR_AXES if letter in table)
+    known = (*axes, *COLUMNS, *U_COLUMNS, OUTSIDE)
+    table.only(known)
+    table.require((*COLUMNS, *U_COLUMNS, OUTSIDE), "a grid has them all", known)
+    positions = np.stack([table.numbers(a, "mm", "every node has a position") for a in axes], axis=1)
+    return _assemble(
+        str(path), header, axes, positions, _six(table, COLUMNS), _six(table, U_COLUMNS), read_flags(table, OUTSIDE)
+    )
+
+
+def _six(table: CsvTable, names: tuple[str, ...]) -> np.ndarray:
+    return np.stack([table.numbers(n, "mm or degrees", "or an empty cell", gaps=True) for n in names], axis=1)
+
+
+def _assemble(
+    path: str,
+    header: Mapping[str, str],
+    axes: tuple[str, ...],
+    positions: np.ndarray,
+    values: np.ndarray,
+    u: np.ndarray,
+    outside: np.ndarray,
+) -> Grid:
+    for key in ("format", "type", "values", "tool vector", "frame", "datum"):
+        if key not in header:
+            raise InputError(f"{path}: header '{key}' is missing; expected a grid written by volid, '{FORMAT}'")
+    if header["format"] != FORMAT:
+        raise InputError(f"{path}: format is '{header['format']}'; this volid reads '{FORMAT}'")
+    if header["values"] not in _SIGN:
+        raise InputError(f"{path}: values are '{header['values']}'; expected {ERROR} or {COMPENSATION}")
+    nodes = tuple(np.unique(column) for column in positions.T)
+    if not np.array_equal(grid_positions(nodes), positions):
+        raise InputError(
+            f"{path}: the nodes are no regular grid with {axes[0]} varying fastest; expected every node once"
+        )
+    sign = 1.0 if header["values"] == ERROR else -1.0
+    return Grid(
+        type=header["type"],
+        axes=axes,
+        nodes=nodes,
+        positions=positions,
+        values=sign * values / _IN_DEGREES,
+        u=u / _IN_DEGREES,
+        outside=outside,
+        tool=_tool_vector(header["tool vector"], path),
+        frame=header["frame"],
+        datum=header["datum"],
+        notes=tuple(text for key, text in header.items() if re.fullmatch(r"note \d+", key)),
+    )
+
+
+def _tool_vector(text: str, path: str) -> tuple[float, float, float]:
+    try:
+        x, y, z = (float(part) for part in text.split(" mm")[0].split(","))
+    except ValueError:
+        raise InputError(
+            f"{path}: tool vector is '{text}'; expected three numbers in mm, such as 0, 0, -150 mm"
+        ) from None
+    return x, y, z

@@ -1,0 +1,203 @@
+"""One `[[set]]` of a campaign manifest with its CSV file, for every observation kind alike."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from volid.campaign import Effect, ObservationSet, standard_uncertainty
+from volid.exceptions import InputError
+from volid.io.campaign_rules import check_unique, find_kind
+from volid.io.csv_table import CsvTable, read_csv
+from volid.io.toml_table import Table, is_number
+from volid.machine import Machine
+from volid.observations import Kind
+
+EFFECT_TYPES = ("scale", "offset", "drift", "tool_length", "repeatability", "temperature")
+EFFECT_SCOPES = ("campaign", "set", "station", "segment", "point")
+TOOL_COLUMNS = ("tool_x", "tool_y", "tool_z")
+_SET_KEYS = ("name", "kind", "file", "tool", "effect")
+_RECORDED = {"time": "s", "temperature": "°C"}
+
+
+def read_set(table: Table, folder: Path, machine: Machine, *, plan: bool) -> ObservationSet:
+    """Readings of one set: keys from `table`, rows from the CSV file that it names in `folder`.
+
+    With `plan`, the columns of the readings may all be absent; the readings are then NaN, and the key of a proportional
+    uncertainty stays in `options`, evaluated once there are readings. Raises `InputError` naming file, row or key.
+    """
+    kind = find_kind(table.text("kind"), table.where)
+    table.only((*_SET_KEYS, *uncertainty_keys(kind.readings), *kind.options))
+    csv = read_csv(folder / table.text("file"))
+    purpose = f"every row of a '{kind.name}' set needs one"
+    _check_columns(csv, kind, machine, purpose, plan)
+    readings = _readings(csv, kind, purpose)
+    u, pending = _uncertainty(table, csv, kind, readings)
+    return ObservationSet(
+        name=table.text("name"),
+        kind=kind.name,
+        positions=np.stack([csv.numbers(a.letter, a.unit, purpose) for a in machine.axes], axis=1),
+        directions=read_directions(csv, machine),
+        tool=_tool(table, csv, purpose),
+        readings=readings,
+        u=u,
+        labels=_labels(csv, kind, purpose),
+        time=_recorded(csv, "time"),
+        temperature=_recorded(csv, "temperature"),
+        options=_options(table, kind) | pending,
+        effects=_effects(table),
+        source=csv.source,
+        rows=csv.rows,
+    )
+
+
+def uncertainty_keys(readings: tuple[str, ...]) -> tuple[str, ...]:
+    """Keys and columns that can hold standard uncertainties: u, and u_<reading> when a row has several readings."""
+    return ("u",) if len(readings) == 1 else ("u", *(f"u_{name}" for name in readings))
+
+
+def uncertainty_key_of(readings: tuple[str, ...], i: int) -> tuple[str, ...]:
+    """Keys and columns that can hold the u of reading number `i`, the one that wins first."""
+    return ("u",) if len(readings) == 1 else (f"u_{readings[i]}", "u")
+
+
+def _check_columns(csv: CsvTable, kind: Kind, machine: Machine, purpose: str, plan: bool) -> None:
+    required = [*machine.letters, *(name for name, default in kind.labels.items() if default is None)]
+    if not plan or any(name in csv for name in kind.readings):
+        required += kind.readings
+    optional = [*(f"{a}_dir" for a in machine.letters), *TOOL_COLUMNS, *kind.labels, *uncertainty_keys(kind.readings)]
+    known = tuple(dict.fromkeys([*required, *optional, *kind.readings, *_RECORDED]))
+    csv.require(required, purpose, known)
+    csv.only(known)
+
+
+def _readings(csv: CsvTable, kind: Kind, purpose: str) -> np.ndarray:
+    if not any(name in csv for name in kind.readings):
+        return np.full((len(csv), len(kind.readings)), np.nan)
+    return np.stack([csv.numbers(name, kind.unit, purpose) for name in kind.readings], axis=1)
+
+
+def read_directions(csv: CsvTable, machine: Machine) -> np.ndarray:
+    """Approach directions, shape (m, n_axes): +1, -1, or 0 where the file does not tell."""
+    result = np.zeros((len(csv), len(machine.axes)))
+    for i, letter in enumerate(machine.letters):
+        name = f"{letter}_dir"
+        if name in csv:
+            result[:, i] = csv.numbers(name, "steps of one", "expected +1, -1 or 0")
+            wrong = ~np.isin(result[:, i], (-1.0, 0.0, 1.0))
+            if wrong.any():
+                row = int(np.argmax(wrong))
+                raise InputError(f"{csv.where(row)}: {name} is {result[row, i]:g}; expected +1, -1, or 0 for unknown")
+    return result
+
+
+def _tool(table: Table, csv: CsvTable, purpose: str) -> np.ndarray:
+    """Tool vectors, shape (m, 3) [mm], from three columns or from the key `tool` of the set."""
+    if any(name in csv for name in TOOL_COLUMNS):
+        if "tool" in table.data:
+            raise InputError(f"{table.where}: tool stands here and in {csv.source}; keep the key or the columns")
+        csv.require(TOOL_COLUMNS, "a tool vector has three coordinates", tuple(csv.columns))
+        return np.stack([csv.numbers(name, "mm", purpose) for name in TOOL_COLUMNS], axis=1)
+    if "tool" not in table.data:
+        raise InputError(
+            f"{table.where}: there is no tool vector; add tool = [x, y, z] in mm here or columns "
+            f"{', '.join(TOOL_COLUMNS)} in {csv.source}"
+        )
+    return np.tile(np.array(table.vector("tool", 3)), (len(csv), 1))
+
+
+def _labels(csv: CsvTable, kind: Kind, purpose: str) -> dict[str, np.ndarray]:
+    return {
+        name: csv.labels(name, purpose) if name in csv else np.full(len(csv), default)
+        for name, default in kind.labels.items()
+    }
+
+
+def _recorded(csv: CsvTable, name: str) -> np.ndarray | None:
+    if name not in csv:
+        return None
+    return csv.numbers(name, _RECORDED[name], "leave the cell empty where it was not recorded", gaps=True)
+
+
+def _uncertainty(table: Table, csv: CsvTable, kind: Kind, readings: np.ndarray) -> tuple[np.ndarray, dict[str, Any]]:
+    """Standard uncertainties, shape (m, k), and the keys to be evaluated later because there is no reading yet."""
+    columns, pending = [], {}
+    for i in range(len(kind.readings)):
+        own = uncertainty_key_of(kind.readings, i)
+        column = next((key for key in own if key in csv), None)
+        key = next((key for key in own if key in table.data), None)
+        if column is not None:
+            columns.append(_positive(csv.numbers(column, kind.unit, "every row needs one"), csv, column))
+            continue
+        if key is None:
+            raise InputError(
+                f"{table.where}: there is no standard uncertainty; add u = … ({kind.unit}) or "
+                f"u = {{ constant = …, proportional = … }} here, or a column {own[0]} in {csv.source}"
+            )
+        spec = _specification(table, key)
+        values = standard_uncertainty(spec, readings[:, i])
+        if np.isnan(values).any():
+            pending[key] = spec
+        columns.append(_positive(values, csv, f"{key} from the set's proportional part"))
+    return np.stack(columns, axis=1), pending
+
+
+def _specification(table: Table, key: str) -> float | dict[str, float]:
+    """A number > 0, or constant and proportional parts >= 0 that are not both 0."""
+    if not isinstance(table.data[key], Mapping):
+        if not is_number(table.data[key]):
+            raise table.wrong(key, "a number > 0 or { constant = …, proportional = … }")
+        return table.number(key, above=0.0)
+    parts = Table(table.data[key], f"{table.where}, {key}")
+    parts.only(("constant", "proportional"))
+    spec = {name: parts.number(name, 0.0, least=0.0) for name in ("constant", "proportional")}
+    if not any(spec.values()):
+        raise table.wrong(key, "a constant or proportional part > 0")
+    return spec
+
+
+def _positive(values: np.ndarray, csv: CsvTable, name: str) -> np.ndarray:
+    if (values <= 0.0).any():
+        row = int(np.argmax(values <= 0.0))
+        raise InputError(f"{csv.where(row)}: {name} is {values[row]:g}; expected a standard uncertainty > 0")
+    return values
+
+
+def _options(table: Table, kind: Kind) -> dict[str, Any]:
+    """Options of the kind with their defaults; a given one must be of the default's type."""
+    return {name: _option(table, name, default) for name, default in kind.options.items()}
+
+
+def _option(table: Table, name: str, default: Any) -> Any:
+    if default is None:
+        return table.get(name)
+    if isinstance(default, bool):
+        return table.flag(name, default)
+    if is_number(default):
+        unknown = name.endswith("_u") and table.data.get(name) == math.inf
+        return math.inf if unknown else table.number(name, float(default), least=0.0)
+    if isinstance(default, str):
+        return table.text(name, default)
+    return table.get(name, default)
+
+
+def _effects(table: Table) -> tuple[Effect, ...]:
+    effects = tuple(_effect(entry) for entry in table.tables("effect"))
+    check_unique((effect.name for effect in effects), "effect", table.where)
+    return effects
+
+
+def _effect(table: Table) -> Effect:
+    """A systematic effect; keys beyond name, type, u and per are kept as its options."""
+    own = ("name", "type", "u", "per")
+    return Effect(
+        name=table.text("name"),
+        type=table.text("type", choices=EFFECT_TYPES),
+        u=table.number("u", above=0.0),
+        per=table.text("per", choices=EFFECT_SCOPES),
+        options={key: value for key, value in table.data.items() if key not in own},
+    )

@@ -1,0 +1,211 @@
+"""TOML read strictly and written plainly: every key is asked for by name and type, messages name file and key."""
+
+from __future__ import annotations
+
+import datetime
+import difflib
+import json
+import math
+import re
+import tomllib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from volid.exceptions import InputError
+
+REQUIRED: Any = object()
+FILE_TYPES = {  # format tag without version: (what it is, where it comes from)
+    "volid-machine": ("a machine file", "written by hand (TOML) or copied from models/"),
+    "volid-campaign": ("a campaign", "a manifest (TOML) or the HDF5 file that volid import makes of it"),
+    "volid-solution": ("a solution", "which volid fit makes of a campaign"),
+    "volid-truth": ("a truth", "which volid simulate writes beside a campaign"),
+    "volid-grid": ("a grid", "which volid grid makes of a solution"),
+}
+
+
+def read_text(path: Path) -> str:
+    """Text of a UTF-8 file, without byte order mark and with plain line ends.
+
+    Raises `InputError` when the file is missing, is a folder or is not UTF-8.
+    """
+    try:
+        data = Path(path).read_bytes()
+    except FileNotFoundError:
+        raise InputError(f"{path}: there is no such file; check the name and the folder") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}; expected a readable file") from None
+    try:
+        return data.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        found = f"byte 0x{data[error.start]:02x}"
+        raise InputError(f"{path}, line {line}: {found} is not UTF-8 text; save the file in UTF-8") from None
+
+
+def parse_toml(text: str, source: str) -> dict[str, Any]:
+    """The top table of a TOML text; dates become ISO 8601 text. Raises `InputError` naming the line of a mistake."""
+    try:
+        return _without_dates(tomllib.loads(text))
+    except tomllib.TOMLDecodeError as error:
+        place = re.search(r"^(.*) \(at line (\d+), column (\d+)\)$", str(error))
+        line = place[2] if place else str(text.count("\n") + 1)
+        what = f"{place[1]}, column {place[3]}" if place else str(error)
+        raise InputError(f"{source}, line {line}: not valid TOML: {what}; mend the line") from None
+
+
+def _without_dates(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _without_dates(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_without_dates(item) for item in value]
+    return value.isoformat() if isinstance(value, datetime.date | datetime.time) else value
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """ "; did you mean 'travel'?" for a misspelt name, or nothing when none is like it."""
+    exact = {item.casefold(): item for item in known}
+    match = difflib.get_close_matches(name.casefold(), list(exact), n=1, cutoff=0.6)
+    return f"; did you mean '{exact[match[0]]}'?" if match else ""
+
+
+def check_format(table: Table, tag: str) -> None:
+    """The key `format` must be `tag`. Raises `InputError` for another file type or version."""
+    found = table.text("format")
+    if found != tag:
+        raise wrong_format(table.where, found, tag)
+
+
+def wrong_format(where: str, found: str, tag: str) -> InputError:
+    """The `InputError` for a file of another type, saying what it is and what makes the wanted one, or of another version."""
+    other, wanted = found.split("/")[0], tag.split("/")[0]
+    if other == wanted or other not in FILE_TYPES:
+        return InputError(f"{where}: format is '{found}'; this volid reads '{tag}'")
+    return InputError(
+        f"{where}: this is {FILE_TYPES[other][0]} ('{found}'); expected {FILE_TYPES[wanted][0]}, {made_by(tag)}"
+    )
+
+
+def made_by(tag: str) -> str:
+    """Where files of format `tag` come from: "which volid fit makes of a campaign"."""
+    return FILE_TYPES[tag.split("/")[0]][1]
+
+
+@dataclass(frozen=True)
+class Table:
+    """A TOML table with the place it came from, `where` = "machine.toml, [axis.X]"; every getter checks the type."""
+
+    data: Mapping[str, Any]
+    where: str
+
+    def only(self, known: Iterable[str]) -> None:
+        """Raises `InputError` for a key that is not in `known`, naming the nearest one."""
+        known = tuple(known)
+        for key in self.data:
+            if key not in known:
+                hint = nearest(key, known)
+                raise InputError(f"{self.where}: unknown key '{key}'{hint or ';'} known keys: {', '.join(known)}")
+
+    def get(self, key: str, default: Any = REQUIRED) -> Any:
+        """The value of `key` as it stands. Raises `InputError` when a required key is missing."""
+        if key in self.data:
+            return self.data[key]
+        if default is REQUIRED:
+            others = [k for k in self.data if nearest(k, [key])]
+            hint = f"; found '{others[0]}', which looks like it" if others else ""
+            raise InputError(f"{self.where}: key '{key}' is missing{hint}; add it")
+        return default
+
+    def wrong(self, key: str, expected: str) -> InputError:
+        """The `InputError` for a value of the wrong kind."""
+        return InputError(f"{self.where}: {key} is {format_value(self.data[key])}; expected {expected}")
+
+    def text(self, key: str, default: Any = REQUIRED, choices: Iterable[str] = ()) -> Any:
+        """A text, one of `choices` when there are any."""
+        value = self.get(key, default)
+        choices = tuple(choices)
+        if key not in self.data or (isinstance(value, str) and (value in choices if choices else value.strip())):
+            return value
+        if choices:
+            hint = nearest(value, choices) if isinstance(value, str) else ""
+            raise self.wrong(key, "one of " + ", ".join(f'"{c}"' for c in choices) + hint)
+        raise self.wrong(key, "a text in quotes")
+
+    def number(self, key: str, default: Any = REQUIRED, *, above: float = -math.inf, least: float = -math.inf) -> Any:
+        """A finite number, greater than `above` and not less than `least`."""
+        value = self.get(key, default)
+        if key not in self.data:
+            return value
+        limit = f" > {above:g}" if above > -math.inf else f" >= {least:g}" if least > -math.inf else ""
+        if not is_number(value) or not math.isfinite(value) or value <= above or value < least:
+            raise self.wrong(key, f"a finite number{limit}")
+        return float(value)
+
+    def vector(self, key: str, size: int, default: Any = REQUIRED) -> Any:
+        """A list of `size` finite numbers, as a tuple."""
+        value = self.get(key, default)
+        if key not in self.data:
+            return value
+        numbers = isinstance(value, list) and all(is_number(v) and math.isfinite(v) for v in value)
+        if not numbers or len(value) != size:
+            raise self.wrong(key, f"a list of {size} finite numbers")
+        return tuple(float(v) for v in value)
+
+    def flag(self, key: str, default: Any = REQUIRED) -> Any:
+        """true or false."""
+        value = self.get(key, default)
+        if key in self.data and not isinstance(value, bool):
+            raise self.wrong(key, "true or false")
+        return value
+
+    def table(self, key: str, default: Any = REQUIRED) -> Table:
+        """A table inside this one."""
+        value = self.get(key, default)
+        if not isinstance(value, Mapping):
+            raise self.wrong(key, f"a table [{key}]")
+        return Table(value, f"{self.where}, [{key}]")
+
+    def tables(self, key: str, title: str = "name") -> list[Table]:
+        """The entries of an array of tables [[key]], each place named by its key `title` or else its number."""
+        value = self.get(key, [])
+        if not isinstance(value, list) or not all(isinstance(item, Mapping) for item in value):
+            raise self.wrong(key, f"tables headed [[{key}]]")
+        labels = [repr(v[title]) if isinstance(v.get(title), str) else str(i) for i, v in enumerate(value, start=1)]
+        return [Table(item, f"{self.where}, {key} {label}") for item, label in zip(value, labels, strict=True)]
+
+
+def is_number(value: Any) -> bool:
+    """True for int and float, not for bool."""
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def format_value(value: Any) -> str:
+    """A value in TOML: text in quotes, true/false, numbers with all digits, lists and inline tables.
+
+    Raises `TypeError` for anything that TOML cannot hold.
+    """
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if is_number(value):
+        return repr(value)
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(format_value(item) for item in value) + "]"
+    if isinstance(value, Mapping):
+        items = ", ".join(f"{format_key(k)} = {format_value(v)}" for k, v in value.items())
+        return f"{{ {items} }}" if items else "{}"
+    raise TypeError(f"{value!r} cannot be written in TOML")
+
+
+def format_key(key: str) -> str:
+    """A bare key, in quotes where TOML needs them."""
+    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else format_value(key)
+
+
+def format_lines(items: Mapping[str, Any]) -> list[str]:
+    """Lines "key = value"; keys with value None are left out."""
+    return [f"{format_key(key)} = {format_value(value)}" for key, value in items.items() if value is not None]

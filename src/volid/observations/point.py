@@ -1,0 +1,105 @@
+"""`point`: coordinates of the target in the frame of a station (laser tracker, photogrammetry, measuring arm).
+
+(x, y, z) = R(ω) · R0 · (target - station), everything in the frame of the body that the station stands on. R0 comes from the
+readings themselves, by the rigid motion that best carries the nominal points onto them (Kabsch, Acta Cryst. A32 (1976) 922); ω
+and the station's position are unknown. CONVENTIONS 6. Not modelled: range, azimuth and elevation with a u of their own.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from volid.campaign import Campaign, ObservationSet, Station
+from volid.exceptions import InputError
+from volid.geometry import Vector, rotate_small, subtract
+from volid.kinematics import functional_point, transform
+from volid.machine import Machine
+from volid.observations.base import Group, Kind, NuisanceTable
+
+SPREAD = 1e-3  # rad: a virtual station's orientation is drawn within
+_FLAT = 1e-3  # second singular value of the points over the first: below, they lie on a line
+
+
+class PointSettings(NamedTuple):
+    """Static part: the body the station stands on, and the rotation R0 into its frame, row by row."""
+
+    body: int
+    rotation: tuple[float, ...]
+
+
+def predict(
+    machine: Machine, settings: PointSettings, q: Any, tool: Vector, errors: Any, slots: Any, constants: Any
+) -> Any:
+    """Predicted coordinates in the station's frame, shape (3, m) [mm]."""
+    target = transform(machine, q, errors, functional_point(machine, q, tool, errors), start=0, stop=settings.body)
+    arm = subtract(target, (slots[0], slots[1], slots[2]))
+    r = settings.rotation
+    turned = [r[3 * i] * arm[0] + r[3 * i + 1] * arm[1] + r[3 * i + 2] * arm[2] for i in range(3)]
+    point = rotate_small((slots[3], slots[4], slots[5]), (turned[0], turned[1], turned[2]))
+    return jnp.stack([jnp.broadcast_to(c, jnp.shape(q[0])) for c in point])
+
+
+def _nominal(campaign: Campaign, observations: ObservationSet, rows: np.ndarray, body: int) -> np.ndarray:
+    """Nominal targets in the frame of the station's body, (m, 3) [mm]."""
+    q, tool = jnp.asarray(observations.positions[rows].T), tuple(jnp.asarray(observations.tool[rows].T))
+    point = functional_point(campaign.machine, q, tool, stop=body)  # type: ignore[arg-type]
+    return np.stack([np.broadcast_to(np.asarray(c), rows.size) for c in point], axis=1)
+
+
+def _pose(campaign: Campaign, station: Station) -> tuple[np.ndarray, np.ndarray]:
+    """R0 (3, 3) and the station's position (3,) from all its readings; without readings (a plan) as the campaign says.
+
+    Raises `InputError` for fewer than three points that do not lie on one line.
+    """
+    body = campaign.machine.body_index(station.body)
+    given, seen = [np.zeros((0, 3))], [np.zeros((0, 3))]
+    for observations in campaign.sets:
+        if observations.kind == "point":
+            rows = np.flatnonzero(observations.labels["station"] == station.name)
+            given.append(_nominal(campaign, observations, rows, body))
+            seen.append(observations.readings[rows])
+    nominal, read = np.concatenate(given), np.concatenate(seen)
+    nominal, read = nominal[np.isfinite(read).all(axis=1)], read[np.isfinite(read).all(axis=1)]
+    if not len(read):
+        return np.eye(3), np.array(station.position or (0.0, 0.0, 0.0))
+    centre, middle = nominal.mean(axis=0), read.mean(axis=0)
+    spread = np.linalg.svd(nominal - centre, compute_uv=False)
+    if len(read) < 3 or spread[1] < _FLAT * max(spread[0], 1e-300):
+        raise InputError(
+            f"station '{station.name}': its {len(read)} points lie on one line; its orientation needs three that do not"
+        )
+    u, _, vt = np.linalg.svd((nominal - centre).T @ (read - middle))
+    rotation = vt.T @ np.diag([1.0, 1.0, np.sign(np.linalg.det(vt.T @ u.T))]) @ u.T
+    return rotation, centre - rotation.T @ middle
+
+
+def groups(observations: ObservationSet, campaign: Campaign, table: NuisanceTable) -> list[Group]:
+    """Rows of a set by station: its position, shared with other kinds, and its orientation."""
+    result = []
+    for name in dict.fromkeys(observations.labels["station"]):
+        station = campaign.station(name)
+        rotation, place = _pose(campaign, station)
+        known = station.known and station.frame == "machine"
+        start = np.array(station.position) if known else place
+        slots = [
+            table.index(("station", name, c), f"station {name} {c}", "mm", start[i], 0.0 if known else np.inf)
+            for i, c in enumerate("XYZ")
+        ]
+        slots += [table.index(("pose", name, c), f"orientation {name} {c}", "rad", spread=SPREAD) for c in "ABC"]
+        rows = np.flatnonzero(observations.labels["station"] == name)
+        settings = PointSettings(campaign.machine.body_index(station.body), tuple(rotation.ravel().tolist()))
+        result.append(Group(rows, settings, np.tile(np.array(slots)[:, None], len(rows)), np.zeros((0, len(rows)))))
+    return result
+
+
+POINT = Kind(
+    name="point",
+    readings=("x", "y", "z"),
+    labels={"station": None},
+    predict=predict,
+    groups=groups,
+    doc="target in the station's frame [mm]",
+)
