@@ -1,0 +1,166 @@
+"""Is the model adequate? Chi-square overall and by group, and the normalised residual test.
+
+When the model is wrong (cross effects, drift, outliers, too few segments, instruments worse than stated), the residuals
+say so; the verdict is part of every solution and stands before any table is written. ISO/TR 16907 11.3.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.stats import chi2
+
+from volid.campaign import Campaign, ObservationSet
+from volid.fitting.robust import critical_value
+
+REJECT = 1e-3
+BINS = 6
+
+
+@dataclass(frozen=True)
+class GroupTest:
+    """Chi-square of one group of readings: `what` ("station S1"), readings, unit weight, probability if the model holds."""
+
+    what: str
+    n: int
+    unit_weight: float
+    probability: float
+
+
+@dataclass(frozen=True)
+class SuspectReading:
+    """A reading whose normalised residual exceeds the critical value: where, residual [reading's unit], normalised."""
+
+    where: str
+    label: str
+    residual: float
+    normalised: float
+
+
+@dataclass(frozen=True)
+class Adequacy:
+    """Verdict on a fit.
+
+    `chi_square`, `degrees_of_freedom`, `unit_weight` = sqrt(chi²/dof) (NaN without redundancy); `probability` of a chi-square
+    at least this large if the model holds. `groups`: all group tests, least probable first. `suspects`: readings beyond
+    the critical value. `rejected`: the model, with the stated uncertainties, is rejected by the data.
+    """
+
+    chi_square: float
+    degrees_of_freedom: int
+    unit_weight: float
+    probability: float
+    groups: tuple[GroupTest, ...]
+    suspects: tuple[SuspectReading, ...]
+    rejected: bool
+    verdict: str
+
+
+def _groupings(campaign: Campaign, observations: ObservationSet) -> Iterator[tuple[str, np.ndarray]]:
+    """Name and rows of every group of a set: itself, stations, segments' tools, positions, regions, directions, time."""
+    m = len(observations)
+    yield f"set '{observations.name}'", np.ones(m, dtype=bool)
+    for label in ("station", "line", "component"):
+        for value in dict.fromkeys(observations.labels.get(label, ())):
+            yield f"{label} {value}", observations.labels[label] == value
+    tools, index = np.unique(np.round(observations.tool, 6), axis=0, return_inverse=True)
+    for i, tool in enumerate(tools if 1 < len(tools) <= 12 else ()):
+        yield f"tool vector ({tool[0]:g}, {tool[1]:g}, {tool[2]:g}) mm", np.asarray(index).ravel() == i
+    yield from _position_groups(campaign, observations)
+    for i, axis in enumerate(campaign.machine.axes):
+        for sign in (1, -1):
+            rows = observations.directions[:, i] == sign
+            if rows.any() and not rows.all():
+                yield f"{axis.letter} approached in {'+' if sign > 0 else '-'}", rows
+    if observations.time is not None and np.all(np.isfinite(observations.time)):
+        edges = np.quantile(observations.time, np.linspace(0, 1, BINS + 1))
+        yield from _bins("time", "s", observations.time, edges)
+
+
+def _position_groups(campaign: Campaign, observations: ObservationSet) -> Iterator[tuple[str, np.ndarray]]:
+    high = []
+    for i, axis in enumerate(campaign.machine.axes):
+        values = observations.positions[:, i]
+        yield from _bins(axis.letter, axis.unit, values, np.linspace(*axis.travel, BINS + 1))
+        high.append(values > 0.5 * sum(axis.travel))
+    octants = np.stack(high, axis=1)
+    for corner in np.unique(octants, axis=0):
+        name = ", ".join(
+            f"{a.letter} {'high' if c else 'low'}" for a, c in zip(campaign.machine.axes, corner, strict=True)
+        )
+        yield f"region {name}", np.all(octants == corner, axis=1)
+
+
+def _bins(name: str, unit: str, values: np.ndarray, edges: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
+    index = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)
+    for k in range(len(edges) - 1):
+        yield f"{name} {edges[k]:g} … {edges[k + 1]:g} {unit}", index == k
+
+
+def _test(what: str, squares: np.ndarray, redundancy: np.ndarray) -> GroupTest | None:
+    dof = float(redundancy.sum())
+    if dof < 1.0:
+        return None
+    total = float(squares.sum())
+    return GroupTest(what, int(redundancy.size), float(np.sqrt(total / dof)), float(chi2.sf(total, dof)))
+
+
+def _label(observations: ObservationSet, i: int) -> str:
+    return ", ".join(f"{k} {v[i]}" for k, v in observations.labels.items() if k in ("station", "component", "line"))
+
+
+def assess(
+    campaign: Campaign,
+    residuals: list[np.ndarray],
+    leverages: list[np.ndarray],
+    active: list[np.ndarray],
+    degrees_of_freedom: int,
+    prior_chi_square: float = 0.0,
+) -> Adequacy:
+    """Test the whitened residuals (reading - predicted)/u, leverages h and active readings, each (m, k) per set."""
+    squares = [np.where(a, r**2, 0.0) for r, a in zip(residuals, active, strict=True)]
+    redundancy = [np.where(a, 1.0 - h, 0.0) for h, a in zip(leverages, active, strict=True)]
+    total = sum(float(s.sum()) for s in squares) + prior_chi_square
+    dof = degrees_of_freedom
+    probability = float(chi2.sf(total, dof)) if dof > 0 else float("nan")
+    tests: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
+    for s, sq, re in zip(campaign.sets, squares, redundancy, strict=True):
+        for what, rows in _groupings(campaign, s):
+            tests.setdefault(what, []).append((sq[rows].ravel(), re[rows].ravel()))
+    found = [_test(w, *(np.concatenate(x) for x in zip(*parts, strict=True))) for w, parts in tests.items()]
+    groups = tuple(sorted((g for g in found if g), key=lambda g: (g.probability, -g.unit_weight)))
+    suspects = _suspects(campaign, residuals, redundancy, active)
+    worst = groups[0].probability * len(groups) if groups else 1.0
+    rejected = dof > 0 and (probability < REJECT or worst < REJECT)
+    weight = float(np.sqrt(total / dof)) if dof > 0 else float("nan")
+    verdict = _verdict(rejected, weight, probability, groups, suspects, dof)
+    return Adequacy(total, dof, weight, probability, groups, suspects, rejected, verdict)
+
+
+def _suspects(
+    campaign: Campaign, residuals: list[np.ndarray], redundancy: list[np.ndarray], active: list[np.ndarray]
+) -> tuple[SuspectReading, ...]:
+    limit = critical_value(sum(int(a.sum()) for a in active))
+    result: list[SuspectReading] = []
+    for s, r, f, a in zip(campaign.sets, residuals, redundancy, active, strict=True):
+        normalised = np.where(a & (f > 1e-6), r / np.sqrt(np.maximum(f, 1e-6)), 0.0)
+        for i, k in zip(*np.nonzero(np.abs(normalised) > limit), strict=True):
+            result.append(SuspectReading(s.where(i), _label(s, i), float(r[i, k] * s.u[i, k]), float(normalised[i, k])))
+    return tuple(sorted(result, key=lambda x: -abs(x.normalised)))
+
+
+def _verdict(rejected: bool, weight: float, probability: float, groups: Any, suspects: Any, dof: int) -> str:
+    if dof <= 0:
+        return "no redundancy: the readings cannot test the model"
+    if not rejected:
+        if weight < 0.8 and dof > 30:
+            return f"model accepted by the data; unit weight {weight:.2f}: the stated uncertainties are pessimistic"
+        return "model accepted by the data"
+    where = "; ".join(f"{g.what} (unit weight {g.unit_weight:.2f})" for g in groups[:3])
+    text = f"model rejected by the data (unit weight {weight:.2f}, probability {probability:.1e}); worst: {where}"
+    if suspects:
+        text += f"; {len(suspects)} reading(s) beyond the critical value, first {suspects[0].where}"
+    return text

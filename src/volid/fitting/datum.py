@@ -1,0 +1,218 @@
+"""Changing the datum: an S-transformation of solution and covariance, never a new fit (CONVENTIONS 4).
+
+Two datums describe one deviation field up to a rigid motion of the workpiece frame: A θ = A' θ' + R ρ. Solving for θ' and
+ρ at enough points gives the linear map θ' = S θ, and C' = S C Sᵀ. Baarda 1973; Teunissen 1985.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import jax.numpy as jnp
+import numpy as np
+from scipy.stats import qmc
+
+from volid.campaign import Campaign
+from volid.error_model import LOCATION, ErrorModel
+from volid.exceptions import InputError
+from volid.fitting.identifiability import UNIT, parameter_units
+from volid.fitting.prediction import chain_of, gradient_rows
+from volid.iso230 import DIRECTIONS, LINEAR_AXES, ROTARY_AXES
+from volid.kinematics import nominal_point, transform
+from volid.machine import BED, WORKPIECE, Datum, Machine
+from volid.observations.base import Nuisance
+
+ARM = 500.0  # mm: weighs rotations against translations in the comparison of two fields
+
+
+def parse_datum(machine: Machine, text: str) -> Datum:
+    """Datum from "primary=Z,secondary=X,line=end_point,reference_X=0"; parts left out stay as the machine has them.
+
+    Raises `InputError` for an unknown key, an axis the machine does not have, or primary equal to secondary.
+    """
+    values = {"primary": machine.datum.primary, "secondary": machine.datum.secondary, "line": machine.datum.line}
+    reference = dict(machine.datum.reference)
+    for part in filter(None, (p.strip() for p in text.split(","))):
+        key, _, value = (x.strip() for x in part.partition("="))
+        if key.startswith("reference_"):
+            reference[machine.axis(key.removeprefix("reference_")).letter] = _number(key, value)
+        elif key in values:
+            values[key] = value
+        else:
+            raise InputError(f"datum: unknown key '{key}'; expected primary, secondary, line or reference_X, _Y, _Z")
+    for key in ("primary", "secondary"):
+        if values[key] not in machine.letters or values[key] not in LINEAR_AXES:
+            raise InputError(f"datum: {key} = '{values[key]}' is no linear axis of this machine {machine.letters}")
+    if values["primary"] == values["secondary"]:
+        raise InputError(f"datum: primary and secondary axis are both {values['primary']}; they must differ")
+    if values["line"] not in ("least_squares", "end_point"):
+        raise InputError(f"datum: line = '{values['line']}'; expected least_squares or end_point")
+    return Datum(values["primary"], values["secondary"], values["line"], tuple(sorted(reference.items())))
+
+
+def _number(key: str, value: str) -> float:
+    try:
+        return float(value)
+    except ValueError:
+        raise InputError(f"datum: {key} = '{value}' is not a number") from None
+
+
+def rigid_motion_rows(machine: Machine, positions: np.ndarray, tool: np.ndarray) -> np.ndarray:
+    """Deviation caused by a rigid motion (t, ω) of the workpiece frame: R_wᵀ(t + ω × f), and R_wᵀ ω; shape (m, 6, 6).
+
+    f: nominal functional point, workpiece frame; R_w: nominal rotation of the workpiece-side rotary axes (CONVENTIONS 5).
+    """
+    f = nominal_point(machine, positions, tool)
+    rows = np.zeros((len(f), 6, 6))
+    rows[:, :3, :3] = np.eye(3)
+    for k in range(3):
+        rows[:, :3, 3 + k] = np.cross(np.eye(3)[k], f)
+    rows[:, 3:, 3:] = np.eye(3)
+    return _turned(_table_rotation(machine, positions).transpose(0, 2, 1), rows)
+
+
+def tool_rotation_rows(machine: Machine, positions: np.ndarray, tool: np.ndarray) -> np.ndarray:
+    """Deviation caused by a constant tool rotation ω: R_h(ω × tool), and R_h ω; shape (m, 6, 3).
+
+    R_h: nominal rotation of the rotary axes of the head.
+    """
+    rows = np.zeros((len(tool), 6, 3))
+    for k in range(3):
+        rows[:, :3, k] = np.cross(np.eye(3)[k], tool)
+        rows[:, 3 + k, k] = 1.0
+    return _turned(_head_rotation(machine, positions), rows)
+
+
+def _turned(rotation: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Both halves of six-component rows (m, 6, k) turned by `rotation` (m, 3, 3)."""
+    return np.concatenate([rotation @ rows[:, :3], rotation @ rows[:, 3:]], axis=1)
+
+
+def _table_rotation(machine: Machine, positions: np.ndarray) -> np.ndarray:
+    """R_w (m, 3, 3): nominal rotation from machine frame to workpiece frame."""
+    return _nominal_rotation(machine, positions, machine.body_index(BED), 0)
+
+
+def _head_rotation(machine: Machine, positions: np.ndarray) -> np.ndarray:
+    """R_h (m, 3, 3): nominal rotation from tool frame to machine frame."""
+    return _nominal_rotation(machine, positions, len(machine.axes), machine.body_index(BED))
+
+
+def _nominal_rotation(machine: Machine, positions: np.ndarray, start: int, stop: int) -> np.ndarray:
+    q, m = jnp.asarray(positions, dtype=float).T, len(positions)
+    columns = []
+    for unit in np.eye(3):
+        x = tuple(jnp.full(m, c) for c in unit)
+        x = transform(machine, q, None, x, start=start, stop=stop, is_vector=True)  # type: ignore[arg-type,assignment]
+        columns.append(np.stack([np.broadcast_to(np.asarray(c), (m,)) for c in x], axis=1))
+    return np.stack(columns, axis=2)
+
+
+def workpiece_rows(campaign: Campaign, table: Sequence[Nuisance], values: np.ndarray) -> np.ndarray:
+    """∂(nuisance)/∂(rigid motion of the workpiece frame), shape (k, 6): what stands on the workpiece moves with it.
+
+    Stations on the workpiece, the placement of known stations, spheres (or nests) of displacement sets, and the orientation of a
+    sensor that stands on the workpiece.
+    """
+    rows = np.zeros((len(table), 6))
+    index = {entry.name: i for i, entry in enumerate(table)}
+    points = [f"station {s.name}" for s in campaign.stations if s.body == WORKPIECE]
+    points += list(dict.fromkeys(n[:-2] for n in index if n.startswith("sphere ")))
+    for point in points:
+        if f"{point} X" in index:
+            i = [index[f"{point} {c}"] for c in LINEAR_AXES]
+            rows[i, :3] = np.eye(3)
+            for axis in range(3):
+                rows[i, 3 + axis] = np.cross(np.eye(3)[axis], values[i])
+    if "placement X" in index:
+        rows[[index[f"placement {c}"] for c in DIRECTIONS]] = np.eye(6)
+    for s in campaign.sets:
+        if s.options.get("sensor_on") == WORKPIECE and f"rotation {s.name} A" in index:
+            rows[[index[f"rotation {s.name} {c}"] for c in ROTARY_AXES], 3:] = -np.eye(3)
+    return rows
+
+
+def sample_points(machine: Machine, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Well-spread positions, tool vectors and approach directions for comparing fields."""
+    axes = len(machine.axes)
+    unit = qmc.Sobol(axes + 3, seed=1).random(int(2 ** np.ceil(np.log2(n))))
+    low = np.array([a.travel[0] for a in machine.axes])
+    length = np.array([a.length for a in machine.axes])
+    positions = low + np.clip(unit[:, :axes] * 1.1 - 0.05, 0.0, 1.0) * length
+    tool = (unit[:, axes:] - 0.5) * 2.0 * ARM
+    direction = np.random.default_rng(1).choice([-1.0, 1.0], size=positions.shape)
+    return positions, tool, direction
+
+
+def _nominal_gradient(model: ErrorModel, positions: np.ndarray, tool: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """∂(deviation)/∂θ at the nominal machine, (m, 6, n): not compiled, a datum is changed once and its layout is new."""
+    points = [jnp.asarray(v, dtype=float).T for v in (positions, tool, direction)]
+    rows = gradient_rows(chain_of(model.machine), model.layout, jnp.zeros(model.layout.n_coefficients), *points)
+    return np.asarray(rows).transpose(2, 0, 1) @ model.parametrisation
+
+
+def s_transformation(old: ErrorModel, new: ErrorModel) -> tuple[np.ndarray, np.ndarray]:
+    """S with θ' = S θ, shape (n', n), and the rigid motion ρ = R θ of the workpiece frame, shape (6, n).
+
+    Raises `InputError` when the new datum needs a squareness that the old model leaves out.
+    """
+    machine = old.machine
+    n = max(old.n_parameters, new.n_parameters) + 16
+    positions, tool, direction = sample_points(machine, n)
+    weight = np.array([1.0, 1.0, 1.0, ARM, ARM, ARM])[None, :, None]
+
+    def flat(rows: np.ndarray) -> np.ndarray:
+        return np.asarray((rows * weight).reshape(-1, rows.shape[2]))
+
+    before = flat(_nominal_gradient(old, positions, tool, direction))
+    after = flat(_nominal_gradient(new, positions, tool, direction))
+    extra = [flat(rigid_motion_rows(machine, positions, tool))]
+    if not any(name.endswith("0S") for name in new.names):
+        extra.append(flat(tool_rotation_rows(machine, positions, tool)))
+    left = np.hstack([after, *extra])
+    scale = 1.0 / np.maximum(np.linalg.norm(left, axis=0), 1e-300)
+    first = _same_constants(old, new)
+    mapping, *_ = np.linalg.lstsq(left * scale, before - after @ first, rcond=1e-12)
+    mapping = scale[:, None] * mapping
+    mapping[: new.n_parameters] += first
+    misfit = np.linalg.norm(left @ mapping - before, axis=0)
+    if np.any(misfit > 1e-6 * np.maximum(np.linalg.norm(before, axis=0), 1.0)):
+        raise InputError(
+            "datum: the model cannot be expressed in this datum; it leaves out a squareness, straightness or location error that "
+            "the new datum needs (see [model.functions])"
+        )
+    return mapping[: new.n_parameters], mapping[new.n_parameters : new.n_parameters + 6]
+
+
+def split_null_space(model: ErrorModel, null_space: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Undetermined combinations (n, d) as (what only moves the workpiece frame or nothing at all, the rest), in θ's units.
+
+    The first kind is a matter of datum, not of data: the place of a head is the place of the workpiece (EX0C, EY0C, EZ0A of
+    a fork head), and table and head share a direction (EX0C and EX0B of C' … B). Held at 0, it makes no compensation worse.
+    """
+    if not null_space.shape[1]:
+        return null_space, null_space
+    units = parameter_units(model)
+    null, _ = np.linalg.qr(null_space / units[:, None])
+    positions, tool, direction = sample_points(model.machine, 64)
+    weight = np.array([1.0, 1.0, 1.0, ARM, ARM, ARM])[None, :, None]
+    field = _nominal_gradient(model, positions, tool, direction) @ (units[:, None] * null)
+    field = (field * weight).reshape(-1, null.shape[1])
+    rigid = (rigid_motion_rows(model.machine, positions, tool) * weight).reshape(len(field), 6)
+    q, _ = np.linalg.qr(rigid)
+    left = field - q @ (q.T @ field)
+    _, values, vt = np.linalg.svd(left, full_matrices=True)
+    harmless = np.append(values, np.zeros(len(vt) - len(values))) < 1e-6 * np.sqrt(len(field)) * UNIT
+    return units[:, None] * (null @ vt[harmless].T), units[:, None] * (null @ vt[~harmless].T)
+
+
+def _same_constants(old: ErrorModel, new: ErrorModel) -> np.ndarray:
+    """Start of S, shape (n', n): constants that both models have keep their values unless the datum demands otherwise.
+
+    Decides only where the data cannot: the offset of a head from the linear axes, say, is the same as the place of the workpiece.
+    """
+    start = np.zeros((new.n_parameters, old.n_parameters))
+    for (name, part), f in new.by_name.items():
+        if part == LOCATION and (name, part) in old.by_name:
+            start[f.parameters, old.by_name[name, part].parameters] = 1.0
+    return start

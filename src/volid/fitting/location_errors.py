@@ -1,0 +1,204 @@
+"""Location errors of rotary axes as a table in ISO notation: the parameter and the axis line, relative to what was asked for.
+
+Every stator error between the bed and an axis displaces and tilts its line: δ(x) = ± Σ (e + ω × (x - p)), + on the tool side,
+- on the workpiece side, where parameters describe the tool relative to the workpiece and the physical line moves the other way
+(CONVENTIONS 3). The error motions have zero mean, so these are axis average lines (ISO 230-7).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from volid.error_functions import reference_of
+from volid.exceptions import InputError
+from volid.fitting.solution import FunctionValue, Solution
+from volid.iso230 import DIRECTIONS, ROTARY_AXES
+from volid.machine import Axis
+
+MACHINE = "machine"
+
+
+@dataclass(frozen=True)
+class LocationError:
+    """One location error of a rotary axis, with its standard uncertainty; lengths [mm], rotations [rad].
+
+    `name`: ISO 230-1 symbol, such as EX0C. `relative_to`: "machine" or the letter of a rotary axis. `parameter`: the error, tool
+    relative to workpiece. `line`: displacement or tilt of the physical axis line at the nominal `point` of the axis, machine
+    frame directions, other axes at 0; minus the parameter for an axis that carries the workpiece. `u`: of both; NaN where the
+    data do not determine it. `remark`: what else a reader should know.
+    """
+
+    name: str
+    axis: str
+    relative_to: str
+    parameter: float
+    line: float
+    u: float
+    remark: str = ""
+
+    @property
+    def symbol(self) -> str:
+        """The symbol with its datum axis in brackets, EB(0A)C, or as ISO 230-1 has it for the machine frame, EB0C."""
+        if self.relative_to == MACHINE:
+            return self.name
+        return f"{self.name[:2]}(0{self.relative_to}){self.axis}"
+
+
+def location_errors(solution: Solution, relative_to: str | None = None) -> list[LocationError]:
+    """Two positions and two orientations of every rotary axis, relative to the machine frame or to another rotary axis.
+
+    Relative to the machine frame, an axis that another one carries (C' on A', A under C) has the errors of both, at the
+    commanded zero of the carrier; with that carrier as `relative_to`, its own parameters come out. Errors along and about the
+    line of `relative_to` are named: a line alone does not define them, its zero and the machine frame do.
+
+    Raises `InputError` when `relative_to` is no rotary axis of the machine, or stands on the other side: the linear axes lie
+    between, ask for the machine frame then.
+    """
+    machine = solution.machine
+    datum = None if relative_to in (None, MACHINE) else machine.axis(str(relative_to))
+    if datum is not None and datum.is_linear:
+        raise InputError(
+            f"location errors: relative_to = '{relative_to}' is a linear axis; expected a rotary one, or none"
+        )
+    rows: list[LocationError] = []
+    for axis in machine.axes:
+        if axis.is_linear or axis is datum:
+            continue
+        if datum is not None and datum.primed != axis.primed:
+            raise InputError(
+                f"location errors: {axis.letter} and {datum.letter} stand on two sides of the machine; ask for both relative to "
+                "the machine frame"
+            )
+        rows += _of_axis(solution, axis, datum)
+    return rows
+
+
+def _of_axis(solution: Solution, axis: Axis, datum: Axis | None) -> list[LocationError]:
+    functional = _line_rows(solution, axis, axis.point)
+    if datum is not None:
+        functional = functional - _line_rows(solution, datum, axis.point)
+    functional = np.concatenate([axis.frame.T @ functional[:3], axis.frame.T @ functional[3:]])
+    sign = -1.0 if axis.primed else 1.0
+    own = ROTARY_AXES.index(axis.letter)
+    result = []
+    for k in (i for i in range(6) if i % 3 != own):
+        row = functional[k]
+        line, u = float(row @ np.asarray(solution.parameters)), _u(solution, row)
+        if solution.is_lost(row[None])[0]:
+            line, u = np.nan, np.nan
+        name, to = f"E{DIRECTIONS[k]}0{axis.letter}", MACHINE if datum is None else datum.letter
+        result.append(LocationError(name, axis.letter, to, sign * line, line, u, _remark(axis, k, datum)))
+    return result
+
+
+def _line_rows(solution: Solution, axis: Axis, at: tuple[float, float, float]) -> np.ndarray:
+    """Displacement of the axis's physical line at point `at` and its rotation, machine frame, as rows on θ; (6, n)."""
+    machine, rows = solution.machine, np.zeros((6, solution.model.n_parameters))
+    first = machine.index(axis.letter)
+    for i, carrier in enumerate(machine.axes):
+        between = i >= first if axis.primed else i <= first
+        if carrier.is_linear or carrier.primed != axis.primed or not between:
+            continue
+        own = np.zeros_like(rows)
+        for k, d in enumerate(DIRECTIONS):
+            f = solution.model.by_name.get((f"E{d}0{carrier.letter}", "location"))
+            if f is not None:
+                own[k, f.parameters] = 1.0
+        translation, rotation = carrier.frame @ own[:3], carrier.frame @ own[3:]
+        lever = np.asarray(at) - np.asarray(carrier.error_point)
+        rows[:3] += translation + np.cross(rotation, lever[:, None], axis=0)
+        rows[3:] += rotation
+    return -rows if axis.primed else rows
+
+
+def _u(solution: Solution, row: np.ndarray) -> float:
+    return float(np.sqrt(max(row @ solution.parameter_covariance @ row, 0.0)))
+
+
+def _remark(axis: Axis, component: int, datum: Axis | None) -> str:
+    if datum is None:
+        return ""
+    along = abs(axis.frame[:, component % 3] @ np.asarray(datum.unit_vector))
+    if along < 1e-9:
+        return ""
+    how = "about" if component >= 3 else "along"
+    return f"{how} the line of {datum.letter}: refers to its zero and the machine frame, not to its line alone"
+
+
+# ------------------------------------------------------------------------ error motions with mean <-> location errors
+
+
+class Split(NamedTuple):
+    """Error motions of a rotary axis taken apart (CONVENTIONS 4): `location` and `corotating` by symbol, `motions` (m, 6).
+
+    `location`: constants EX0C, …, the zero included. `corotating`: the vectors fixed in the rotor, radial [mm] and tilt
+    [rad], at position 0, shape (2, 3): errors of the neighbouring axis, of the workpiece's or the tool's place.
+    """
+
+    location: dict[str, float]
+    corotating: np.ndarray
+    motions: np.ndarray
+
+
+def motions_with_mean(solution: Solution, letter: str, positions: np.ndarray) -> list[FunctionValue]:
+    """Error motions of a rotary axis with its location errors added: what an instrument on the axis sees, with u.
+
+    Rows by component, then position; approach direction 0. Undetermined values are NaN.
+    """
+    axis, result = solution.machine.axis(letter), []
+    if axis.is_linear:
+        raise InputError(f"error motions with mean: {letter} is a linear axis; expected a rotary one")
+    positions = np.asarray(positions, dtype=float)
+    for d in DIRECTIONS:
+        name = f"E{d}{letter}"
+        rows = solution.motion_rows(name, positions, 0)
+        constant = solution.model.by_name.get((f"E{d}0{letter}", "location"))
+        if constant is not None:
+            rows[:, constant.parameters] += 1.0
+        if not rows.any():
+            continue
+        values, lost = rows @ np.asarray(solution.parameters), solution.is_lost(rows)
+        u = [_u(solution, row) for row in rows]
+        for x, v, s, gone in zip(positions, values, u, lost, strict=True):
+            result.append(FunctionValue(name, letter, float(x), 0, np.nan if gone else float(v), np.nan if gone else s))
+    return result
+
+
+def split_mean(solution: Solution, letter: str, positions: np.ndarray, values: np.ndarray) -> Split:
+    """Take tabulated error motions (m, 6) [mm, rad] apart into location errors, co-rotating parts and zero-mean motions.
+
+    The inverse of `motions_with_mean`, for tables of any origin: even `positions` over the travel, their two ends included (mean
+    by the trapezoidal rule). The zero is the angular positioning at the reference, interpolated.
+    """
+    axis = solution.machine.axis(letter)
+    x, values = np.asarray(positions, dtype=float), np.asarray(values, dtype=float)
+    step = np.diff(x)
+    weight = 0.5 * (np.append(step, 0.0) + np.append(0.0, step)) / np.sum(step)
+    along = axis.frame.T @ np.asarray(axis.unit_vector)
+    across = np.eye(3) - np.outer(along, along)
+    turn = -1.0 if axis.primed else 1.0
+    angle = np.deg2rad(x)
+    rotor = np.cos(angle)[:, None, None] * across + turn * np.sin(angle)[:, None, None] * _cross_matrix(
+        along
+    )  # (m, 3, 3): rotor-fixed vector -> stator
+    reference = reference_of(solution.machine, solution.datum, letter)
+    mean, corotating, motions = np.zeros(6), np.zeros((2, 3)), np.zeros_like(values)
+    for half in (0, 1):
+        part = values[:, 3 * half : 3 * half + 3]
+        design = np.concatenate([np.broadcast_to(across, rotor.shape), rotor], axis=2)
+        normal = np.einsum("m,mki,mkj->ij", weight, design, design)
+        found = np.linalg.pinv(normal, rcond=1e-10) @ np.einsum("m,mki,mk->i", weight, design, part)
+        constant = across @ found[:3]
+        own = part @ along
+        constant = constant + along * (np.interp(reference, x, own) if half else weight @ own)
+        mean[3 * half : 3 * half + 3], corotating[half] = constant, across @ found[3:]
+        motions[:, 3 * half : 3 * half + 3] = part - constant - rotor @ corotating[half]
+    names = {f"E{d}0{letter}": float(v) for d, v in zip(DIRECTIONS, mean, strict=True)}
+    return Split(names, corotating, motions)
+
+
+def _cross_matrix(v: np.ndarray) -> np.ndarray:
+    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
