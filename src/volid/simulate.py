@@ -1,0 +1,196 @@
+"""`simulate`: readings of a virtual machine by virtual instruments, through the predictions that the fit itself uses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from volid.campaign import Campaign, ObservationSet, Station, standard_uncertainty
+from volid.exceptions import InputError
+from volid.fitting.prediction import chain_of
+from volid.machine import Machine
+from volid.observations import KINDS
+from volid.observations.base import Nuisance, NuisanceTable
+from volid.random_truth import generator, random_truth
+from volid.standard_plan import standard_plan
+from volid.truth import Truth
+
+STATION_ERROR = 5.0  # mm
+
+
+def simulate(
+    plan: Campaign | Machine,
+    truth: Truth | None = None,
+    *,
+    seed: int = 0,
+    noise: bool = True,
+    station_error: float | None = STATION_ERROR,
+) -> tuple[Campaign, Truth]:
+    """The campaign that a plan gives on a virtual machine, and the whole truth about it.
+
+    reading = prediction(true errors, true stations, true dead paths) + u·N(0, 1), u constant and proportional to the
+    reading as the plan states. `plan`: readings it holds are replaced; a machine stands for its `standard_plan`. `truth`:
+    a `random_truth` from `seed` by default; its machine is the one that is measured, and must have the plan's axes.
+
+    The plan says where stations and spheres truly stand (stations it leaves open, the truth places). What truth and plan
+    leave open is drawn from `seed`: dead paths, offsets, calibrated lengths, the placement of known stations; they stand in
+    `instruments` of the truth that is returned, beside the spheres. Positions of unknown stations in the campaign are the
+    true ones plus `station_error` · N(0, 1) per coordinate [mm], left out when None; so are those of spheres, but never left
+    out. `noise` False: readings without noise, u as stated.
+
+    Raises `InputError` for axes that differ, a station without position, or a set whose u cannot be known. Not
+    simulated: systematic effects of a set, drift, the resolution of an instrument, hidden lines of sight.
+
+    >>> from volid.io import read_machine
+    >>> machine = read_machine("models/wYXbZt_vertical.toml")
+    >>> campaign, truth = simulate(machine, seed=1)
+    >>> campaign.n_readings, len(truth.stations)
+    (2400, 6)
+    """
+    plan = standard_plan(plan) if isinstance(plan, Machine) else plan
+    truth = random_truth(plan.machine, seed) if truth is None else truth
+    plan = on_machine(plan, truth.machine)
+    real = replace(plan, stations=tuple(_true_station(s, truth, plan) for s in plan.stations))
+    table = NuisanceTable()
+    groups = [_groups(readings, real, table) for readings in real.sets]
+    values = np.array([_true_value(entry, truth, seed) for entry in table.entries])
+    sets = tuple(
+        _about(_measure(readings, _predict(readings, truth, found, values), seed, noise), seed, station_error)
+        for readings, found in zip(plan.sets, groups, strict=True)
+    )
+    record = {"simulated": True, "simulation_seed": seed, "simulation_truth": truth.source or "given"}
+    campaign = replace(
+        plan,
+        sets=sets,
+        stations=tuple(_approximate(s, seed, station_error) for s in real.stations),
+        conditions={**plan.conditions, **record},
+    )
+    recorded = [_is_open(e) or key[0] == "sphere" for key, e in zip(table.keys, table.entries, strict=True)]
+    drawn = {e.name: float(v) for e, v, kept in zip(table.entries, values, recorded, strict=True) if kept}
+    stations = {s.name: s.position for s in real.stations if s.position is not None}
+    return campaign, replace(truth, stations={**truth.stations, **stations}, instruments={**truth.instruments, **drawn})
+
+
+def on_machine(plan: Campaign, machine: Machine) -> Campaign:
+    """The plan for another machine with the same axes, whatever their order.
+
+    Raises `InputError` when the axes differ.
+    """
+    if sorted(plan.machine.letters) != sorted(machine.letters):
+        raise InputError(
+            f"{plan.source or 'plan'}: made for machine '{plan.machine.name}' with axes {', '.join(plan.machine.letters)}, "
+            f"but '{machine.name}' has {', '.join(machine.letters)}; expected the same axes"
+        )
+    order = [plan.machine.index(letter) for letter in machine.letters]
+    sets = tuple(replace(s, positions=s.positions[:, order], directions=s.directions[:, order]) for s in plan.sets)
+    return replace(plan, machine=machine, sets=sets)
+
+
+def _true_station(station: Station, truth: Truth, plan: Campaign) -> Station:
+    position = station.position or truth.stations.get(station.name)
+    if position is None:
+        raise InputError(
+            f"{plan.source or 'plan'}, station '{station.name}': there is no position; a simulation needs the true one, "
+            "position = [x, y, z] in mm"
+        )
+    return replace(station, position=position)
+
+
+def _approximate(station: Station, seed: int, error: float | None) -> Station:
+    """What the campaign says about a station: nothing but the truth when it is known, else about where it stands."""
+    if station.known or station.position is None or error == 0.0:
+        return station
+    if error is None:
+        return replace(station, position=None)
+    offset = error * generator(seed, "approximate position", station.name).standard_normal(3)
+    x, y, z = np.round(np.array(station.position) + offset, 3).tolist()
+    return replace(station, position=(x, y, z))
+
+
+def _about(readings: ObservationSet, seed: int, error: float | None) -> ObservationSet:
+    """The set with its spheres (or nests) standing about where they do."""
+    given = readings.options.get("sphere")
+    if not given or not error:
+        return readings
+
+    def near(name: str, place: Any) -> list[float]:
+        offset = error * generator(seed, "approximate sphere", name).standard_normal(3)
+        return [float(c) for c in np.round(np.asarray(place, dtype=float) + offset, 3)]
+
+    several = isinstance(given, Mapping)
+    spheres = {n: near(n, p) for n, p in given.items()} if several else near(readings.name, given)
+    return replace(readings, options={**readings.options, "sphere": spheres})
+
+
+def _groups(readings: ObservationSet, campaign: Campaign, table: NuisanceTable) -> list[Any]:
+    kind = KINDS[readings.kind]
+    assert kind.groups is not None
+    return kind.groups(readings, campaign, table)
+
+
+def _is_open(entry: Nuisance) -> bool:
+    """True for what the plan leaves to chance: an unknown with a spread, or a calibrated value."""
+    return entry.prior_u > 0.0 and (entry.spread > 0.0 or np.isfinite(entry.prior_u))
+
+
+def _true_value(entry: Nuisance, truth: Truth, seed: int) -> float:
+    if not _is_open(entry):
+        return entry.start
+    if entry.name in truth.instruments:
+        return truth.instruments[entry.name]
+    rng = generator(seed, entry.name)
+    if np.isfinite(entry.prior_u):
+        return entry.start + entry.prior_u * float(rng.standard_normal())
+    return entry.start + float(rng.uniform(-entry.spread, entry.spread))
+
+
+@eqx.filter_jit
+def _prediction(kind: str, machine: Machine, settings: Any, *numbers: Any) -> Any:
+    q, tool, errors, slots, constants = numbers
+    predict = KINDS[kind].predict
+    assert predict is not None
+    return predict(machine, settings, q, tuple(tool), errors, slots, constants)
+
+
+def _predict(readings: ObservationSet, truth: Truth, groups: list[Any], values: np.ndarray) -> np.ndarray:
+    """Readings without noise, shape (m, k)."""
+    errors = truth.errors(readings.positions, readings.directions)
+    result = np.full(readings.readings.shape, np.nan)
+    chain = chain_of(truth.machine)
+    for group in groups:
+        rows = group.rows
+        numbers = (readings.positions[rows].T, readings.tool[rows].T, errors[:, rows], values[group.slots])
+        arrays = [jnp.asarray(a, dtype=float) for a in (*numbers, group.constants)]
+        result[rows] = np.asarray(_prediction(readings.kind, chain, group.settings, *arrays)).T
+    return result
+
+
+def _measure(readings: ObservationSet, exact: np.ndarray, seed: int, noise: bool) -> ObservationSet:
+    """The set with readings: exact ones plus noise of the stated u."""
+    u = _uncertainty(readings, exact)
+    rng = generator(seed, "noise", readings.name)
+    measured = exact + u * rng.standard_normal(exact.shape) if noise else exact
+    return replace(readings, readings=measured, u=_uncertainty(readings, measured))
+
+
+def _uncertainty(readings: ObservationSet, values: np.ndarray) -> np.ndarray:
+    """Standard uncertainties (m, k): those of the plan, and where they depend on the reading, of `values`.
+
+    Raises `InputError` when neither is there.
+    """
+    names = KINDS[readings.kind].readings
+    columns = []
+    for i, name in enumerate(names):
+        given = readings.u[:, i]
+        own = readings.options.get("u" if len(names) == 1 else f"u_{name}", readings.options.get("u"))
+        if own is not None:
+            given = standard_uncertainty(own, values[:, i])
+        if np.isnan(given).any():
+            raise InputError(f"set '{readings.name}': u is not known for every row; state it in the plan")
+        columns.append(given)
+    return np.stack(columns, axis=1)
