@@ -1,0 +1,6 @@
+"""Standard paths as plans: campaigns without readings, ready for `simulate` and for writing as files."""
+
+from volid.planning.ball_bar import cone_frustum
+from volid.planning.rtest import iso10791_path, rtest_static_grid
+
+__all__ = ["cone_frustum", "iso10791_path", "rtest_static_grid"]

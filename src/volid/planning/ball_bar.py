@@ -1,0 +1,114 @@
+"""Cone-frustum path for a ball bar: all five axes at once, the bar square to the tool axis.
+
+The tool axis goes round a cone whose axis is inclined to the table; the ball in the spindle runs on a circle about the cone axis,
+the other ball stands on the cone axis. After the cone-frustum workpiece of NAS 979 and ISO 10791-7.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from volid.campaign import Campaign, ObservationSet, Station
+from volid.exceptions import InputError
+from volid.machine import Machine
+from volid.planning.following import follow, one_turn, rotary_axes, with_rotary, within_travel
+
+_GUESSES = 37  # angles of either axis tried for the first position
+_STEPS = 30  # of Gauss-Newton, at most
+_REACHED = 1e-9  # rad
+
+
+def cone_frustum(
+    machine: Machine,
+    centre: Sequence[float],
+    tool: Sequence[float],
+    *,
+    length: float = 100.0,
+    half_angle: float = 15.0,
+    inclination: float = 10.0,
+    n: int = 73,
+    u: float = 0.0005,
+    calibrated_u: float = 0.0005,
+) -> Campaign:
+    """Plan of a ball-bar test on a cone frustum, `n` readings round one turn.
+
+    `centre`: of the circle, workpiece frame with all axes at 0; `tool`: to the ball in the spindle; `length` of the bar [mm].
+    `half_angle` of the cone, `inclination` of its axis about Y [degrees]. The circle has radius length·cos(half_angle); the
+    station on the workpiece stands length·sin(half_angle) above its centre on the cone axis. Positions outside a travel are
+    left out and named. Raises `InputError` when the machine has not two rotary axes, or cannot turn the tool that far.
+    """
+    if len(rotary_axes(machine)) != 2:
+        raise InputError(f"machine '{machine.name}' needs two rotary axes for a cone frustum")
+    alpha, turn = np.deg2rad(half_angle), 2.0 * np.pi * np.arange(n) / max(n - 1, 1)
+    tilt = Rotation.from_euler("y", inclination, degrees=True)
+    radial = tilt.apply(np.stack([np.cos(turn), np.sin(turn), np.zeros(n)], axis=1))
+    axis = tilt.apply([0.0, 0.0, 1.0])
+    middle = np.asarray(centre, dtype=float)
+    angles = _angles(machine, np.cos(alpha) * axis + np.sin(alpha) * radial)
+    positions = with_rotary(machine, **dict(zip((a.letter for a in rotary_axes(machine)), angles.T, strict=True)))
+    target = middle + length * np.cos(alpha) * radial
+    kept = within_travel(machine, follow(machine, positions, np.asarray(tool), target), "cone frustum")
+    m = len(kept.rows)
+    readings = ObservationSet(
+        name="cone frustum",
+        kind="distance",
+        positions=kept.positions,
+        directions=np.zeros_like(kept.positions),
+        tool=np.tile(np.asarray(tool, dtype=float), (m, 1)),
+        readings=np.full((m, 1), np.nan),
+        u=np.full((m, 1), u),
+        labels={"station": np.full(m, "ball"), "segment": np.full(m, "1")},
+        options={"relative": False, "calibrated_u": calibrated_u},
+        source="cone frustum plan",
+    )
+    x, y, z = (float(c) for c in middle + length * np.sin(alpha) * axis)
+    ball = Station("ball", position=(x, y, z))
+    return Campaign(machine, (ball,), (readings,), "Cone frustum", warnings=kept.warnings, source="cone frustum plan")
+
+
+def _tool_axis(machine: Machine, angles: np.ndarray) -> np.ndarray:
+    """Nominal direction of the tool's z axis in the workpiece frame at rotary positions (m, 2) [degrees], shape (m, 3)."""
+    axes = rotary_axes(machine)
+    direction = np.tile([0.0, 0.0, 1.0], (len(angles), 1))
+    for axis, angle in list(zip(axes, angles.T, strict=True))[::-1]:
+        turn = Rotation.from_rotvec(np.deg2rad(angle)[:, None] * np.asarray(axis.unit_vector))
+        direction = turn.apply(direction)
+    return direction
+
+
+def _angles(machine: Machine, wanted: np.ndarray) -> np.ndarray:
+    """Rotary positions (m, 2) that give the tool axes `wanted` (m, 3), each starting from the one before."""
+    axes = rotary_axes(machine)
+    lines = [np.linspace(*one_turn(axis), _GUESSES) for axis in axes]
+    tried = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 2)
+    angle = tried[np.argmax(_tool_axis(machine, tried) @ wanted[0])]
+    found = np.empty((len(wanted), 2))
+    for i, direction in enumerate(wanted):
+        angle = found[i] = _solve(machine, angle, direction)
+    off = np.linalg.norm(_tool_axis(machine, found) - wanted, axis=1)
+    if off.max() > _REACHED:
+        raise InputError(
+            f"machine '{machine.name}' cannot turn its tool axis along the cone, {np.rad2deg(off.max()):.3g}° are missing; "
+            "choose another half angle or inclination"
+        )
+    for k, axis in enumerate(axes):  # whole turns back into the travel
+        low, high = one_turn(axis)
+        found[:, k] -= 360.0 * np.round((found[:, k] - 0.5 * (low + high)) / 360.0)
+    return found
+
+
+def _solve(machine: Machine, start: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Gauss-Newton from `start`; the derivative of the tool axis by differences of 1e-4 degrees, steps up to 20°."""
+    angle = start
+    for _ in range(_STEPS):
+        trial = _tool_axis(machine, np.stack([angle, *(angle + 1e-4 * np.eye(2)), *(angle - 1e-4 * np.eye(2))]))
+        miss = wanted - trial[0]
+        if np.linalg.norm(miss) < 1e-3 * _REACHED:
+            break
+        slope = (trial[1:3] - trial[3:5]).T / 2e-4
+        step = np.linalg.lstsq(slope, miss, rcond=1e-9)[0]
+        angle = angle + step * min(1.0, 20.0 / max(np.abs(step).max(), 1e-300))
+    return np.asarray(angle)
