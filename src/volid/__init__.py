@@ -1,0 +1,142 @@
+"""volid: identification of machine-tool geometry from tracker, ball-bar, R-test and direct measurements.
+
+The public names, in the order of the work. They are imported on first use, so that `import volid` stays light.
+
+>>> import volid
+>>> machine = volid.load_machine("models/wYXbZt_vertical.toml")
+>>> machine.letters
+('Y', 'X', 'Z')
+"""
+
+import os as _os
+import sys as _sys
+from importlib import import_module as _import_module
+from types import ModuleType as _ModuleType
+from typing import TYPE_CHECKING
+from typing import Any as _Any
+
+# 64 bit throughout: 32 bit cannot hold 0.1 µm in 8 m. Set without importing JAX, so that `volid --help` stays fast.
+_os.environ["JAX_ENABLE_X64"] = "1"
+if "jax" in _sys.modules:
+    _sys.modules["jax"].config.update("jax_enable_x64", True)
+# The dense factorisations here are small (a few hundred columns); on a busy machine BLAS threads cost up to 700 times more
+# than they save. Has no effect when NumPy is already loaded, and an explicit setting wins.
+_os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+if TYPE_CHECKING:
+    from volid.campaign import Campaign, ObservationSet, Station
+    from volid.checks import check_campaign, closures
+    from volid.compensation.grids import Grid, linear_grid
+    from volid.compensation.volume import predict_residual, volumetric_summary
+    from volid.exceptions import InputError, NotDeterminedError, OutputError, VolidError
+    from volid.fitting.datum import parse_datum
+    from volid.fitting.fit import fit
+    from volid.fitting.solution import Solution
+    from volid.io import load_campaign
+    from volid.io import read_machine as load_machine
+    from volid.io import write_campaign as save_campaign
+    from volid.io.grid_files import read_grid as load_grid
+    from volid.io.grid_files import save_grid
+    from volid.io.solution_hdf5 import read_solution as load_solution
+    from volid.io.solution_hdf5 import write_solution as save_solution
+    from volid.machine import Datum, Machine
+    from volid.random_truth import random_truth
+    from volid.report.summary import summary
+    from volid.simulate import simulate
+    from volid.standard_plan import standard_plan
+    from volid.truth import Truth
+
+__all__ = [  # in the order of the work  # noqa: RUF022
+    # machine and campaign
+    "load_machine",
+    "Machine",
+    "Datum",
+    "load_campaign",
+    "save_campaign",
+    "Campaign",
+    "Station",
+    "ObservationSet",
+    "check_campaign",
+    "closures",
+    # a virtual machine instead of a real one
+    "standard_plan",
+    "random_truth",
+    "Truth",
+    "simulate",
+    # identification
+    "fit",
+    "parse_datum",
+    "Solution",
+    "save_solution",
+    "load_solution",
+    "summary",
+    # compensation
+    "linear_grid",
+    "Grid",
+    "save_grid",
+    "load_grid",
+    "volumetric_summary",
+    "predict_residual",
+    # what can go wrong
+    "VolidError",
+    "InputError",
+    "OutputError",
+    "NotDeterminedError",
+]
+_PLACES = {
+    "volid.campaign": ("Campaign", "ObservationSet", "Station"),
+    "volid.checks": ("check_campaign", "closures"),
+    "volid.compensation.grids": ("Grid", "linear_grid"),
+    "volid.compensation.volume": ("predict_residual", "volumetric_summary"),
+    "volid.exceptions": ("VolidError", "InputError", "OutputError", "NotDeterminedError"),
+    "volid.fitting.datum": ("parse_datum",),
+    "volid.fitting.fit": ("fit",),
+    "volid.fitting.solution": ("Solution",),
+    "volid.io": ("load_campaign", "read_machine as load_machine", "write_campaign as save_campaign"),
+    "volid.io.grid_files": ("read_grid as load_grid", "save_grid"),
+    "volid.io.solution_hdf5": ("read_solution as load_solution", "write_solution as save_solution"),
+    "volid.machine": ("Datum", "Machine"),
+    "volid.random_truth": ("random_truth",),
+    "volid.report.summary": ("summary",),
+    "volid.simulate": ("simulate",),
+    "volid.standard_plan": ("standard_plan",),
+    "volid.truth": ("Truth",),
+}
+# public name: (module, name there)
+_SOURCES = {n.split(" as ")[-1]: (module, n.split(" as ")[0]) for module, names in _PLACES.items() for n in names}
+
+
+def __getattr__(name: str) -> _Any:
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("volid")
+    if name not in _SOURCES:
+        raise AttributeError(f"module 'volid' has no attribute '{name}'")
+    module, original = _SOURCES[name]
+    value = globals()[name] = getattr(_import_module(module), original)
+    _complete_solution()
+    return value
+
+
+def __dir__() -> list[str]:
+    return [*__all__, "__version__"]
+
+
+def _complete_solution() -> None:
+    """Give `Solution` the two methods whose work is done in layers above it: `save` and `grid`."""
+    loaded = _sys.modules.get("volid.fitting.solution")
+    if loaded is not None and not hasattr(loaded.Solution, "save"):
+        loaded.Solution.save = _import_module("volid.io.solution_hdf5").write_solution
+        loaded.Solution.grid = _import_module("volid.compensation.grids").linear_grid
+
+
+class _Package(_ModuleType):
+    """`volid.simulate` is the function, also after something has imported the module of that name."""
+
+    def __setattr__(self, name: str, value: _Any) -> None:
+        if not (name in _SOURCES and isinstance(value, _ModuleType)):
+            super().__setattr__(name, value)
+
+
+_sys.modules[__name__].__class__ = _Package

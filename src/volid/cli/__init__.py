@@ -1,0 +1,104 @@
+"""The command line: a dispatcher with one module per verb, each with HELP, add_arguments(parser) and run(args) -> int.
+
+Nothing here imports NumPy, SciPy or JAX, and only the module of the verb that was asked for is imported at all, so that
+`volid --help` answers at once. Exit status: 0 good; 1 written, but the result needs attention and is named, or the data do not
+determine what was asked for; 2 bad input, or an output that cannot be written; 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import re
+import sys
+from collections.abc import Sequence
+
+from volid.cli.environment import prepare, version
+from volid.exceptions import NotDeterminedError, VolidError
+
+# verb: (module, one line of help, the same as the module's HELP)
+VERBS = {
+    "simulate": ("simulate", "a campaign measured on a virtual machine, with the truth stored beside it"),
+    "import": ("import_", "a campaign from text (a manifest and CSV files) to one HDF5 file"),
+    "fit": ("fit", "identify the machine's error model from one or more campaigns"),
+    "summary": ("summary", "what a solution says: verdict, squareness, volumetric accuracy, error functions"),
+    "errors": ("errors", "deviation of the functional point at given axis positions and tool vectors"),
+    "functions": ("functions", "table of the error functions and location errors with their uncertainty"),
+    "grid": ("grid", "spatial grid of compensation (or error) values over the working volume"),
+    "datum": ("datum", "the same solution in another datum, without a new fit"),
+    "multilaterate": (
+        "multilaterate",
+        "coordinates of a distance network, free or with fixed points, without a machine model",
+    ),
+}
+_EPILOG = """\
+example:
+  volid fit campaign.toml -o solution.h5
+  volid grid solution.h5 --type L-VOL --step 50 -o grid.csv
+
+'volid VERB --help' explains a verb. Exit status: 0 good; 1 the result needs attention, which is named; 2 bad input.
+"""
+_OPTION_AND_NEGATIVE = re.compile(r"-\d|-\.\d")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command; returns the exit status."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    verb = next((a for a in arguments if not a.startswith("-")), "")
+    try:
+        args = _parser(verb).parse_args(_join_negative(arguments))
+        if not args.verb:
+            _parser("").print_help(sys.stderr)
+            return 2
+    except SystemExit as stop:  # argparse has printed help or what is wrong
+        return stop.code if isinstance(stop.code, int) else 0
+    prepare()
+    args.command_line = ("volid", *arguments)
+    return _run(verb, args)
+
+
+def _parser(verb: str) -> argparse.ArgumentParser:
+    """The parser, with the arguments of `verb` only."""
+    raw = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(
+        prog="volid",
+        description="Identify the geometric errors of a machine tool from measurements, and compensate them.",
+        epilog=_EPILOG,
+        formatter_class=raw,
+        allow_abbrev=False,
+    )
+    parser.add_argument("--version", action="version", version=f"volid {version()}")
+    verbs = parser.add_subparsers(dest="verb", metavar="VERB", title="verbs")
+    for name, (module, text) in VERBS.items():
+        sub = verbs.add_parser(name, help=text, description=text, formatter_class=raw, allow_abbrev=False)
+        if name == verb:
+            importlib.import_module(f"volid.cli.{module}").add_arguments(sub)
+    return parser
+
+
+def _join_negative(arguments: Sequence[str]) -> list[str]:
+    """`--tool -30,0,-150` as one word, because argparse takes a word that begins with - for an option."""
+    result: list[str] = []
+    for word in arguments:
+        if result and result[-1].startswith("--") and "=" not in result[-1] and _OPTION_AND_NEGATIVE.match(word):
+            result[-1] += f"={word}"
+        else:
+            result.append(word)
+    return result
+
+
+def _run(verb: str, args: argparse.Namespace) -> int:
+    try:
+        status: int = importlib.import_module(f"volid.cli.{VERBS[verb][0]}").run(args)
+        sys.stdout.flush()
+        return status
+    except VolidError as error:
+        print(f"volid {verb}: {str(error).removeprefix(f'{verb}: ')}", file=sys.stderr)
+        return 1 if isinstance(error, NotDeterminedError) else 2
+    except KeyboardInterrupt:
+        print(f"\nvolid {verb}: interrupted", file=sys.stderr)
+        return 130
+    except BrokenPipeError:  # the reader, such as head, has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 141

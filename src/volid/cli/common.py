@@ -1,0 +1,130 @@
+"""What the verbs share: arguments, checks of the output before the work begins, tables and JSON on their way out."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from volid.fitting.solution import Solution
+    from volid.io.tables_csv import Sheet
+
+HDF5 = (".h5", ".hdf5")
+
+
+def explain(parser: argparse.ArgumentParser, text: str) -> None:
+    """The end of a verb's help: details, example, exit status."""
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = text
+
+
+def add_output(parser: argparse.ArgumentParser, metavar: str, text: str, required: bool = False) -> None:
+    """-o, --json and --force, which every verb has."""
+    parser.add_argument("-o", "--output", metavar=metavar, required=required, help=text)
+    parser.add_argument("--json", action="store_true", help="the result as JSON on standard output")
+    parser.add_argument("--force", action="store_true", help="overwrite an existing file")
+
+
+def add_solution(parser: argparse.ArgumentParser) -> None:
+    """SOLUTION.h5."""
+    parser.add_argument("solution", metavar="SOLUTION.h5", help="written by volid fit")
+
+
+def tool_vector(text: str) -> tuple[float, float, float]:
+    """ "0,0,-150" as a tool vector [mm], for argparse."""
+    try:
+        x, y, z = (float(part) for part in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"'{text}' is no tool vector; expected x,y,z in mm, such as 0,0,-150"
+        ) from None
+    return x, y, z
+
+
+class _Stop(Exception):
+    pass
+
+
+def check_output(path: str | Path | None, overwrite: bool, inputs: Iterable[str | Path] = ()) -> None:
+    """Refuse now what could not be written after the work: an existing file, a folder that is missing or closed.
+
+    Raises `OutputError`, also when `path` is one of the `inputs`, even with `overwrite`.
+    """
+    from volid.exceptions import OutputError
+    from volid.io.atomic import atomic_output
+
+    if path is None:
+        return
+    for name in inputs:
+        if Path(name).exists() and Path(path).exists() and Path(name).samefile(path):
+            raise OutputError(f"{path} is an input of this command; choose another name for the output")
+    try:
+        with atomic_output(path, overwrite) as temporary:
+            temporary.touch()
+            raise _Stop
+    except _Stop:
+        return
+
+
+def input_files(paths: Sequence[str]) -> list[Path]:
+    """Every file that campaigns are made of: HDF5 files as they are, manifests with their machine and CSV files."""
+    from volid.io.hdf5_values import is_hdf5
+    from volid.io.toml_table import parse_toml, read_text
+
+    found: list[Path] = []
+    for path in map(Path, paths):
+        found.append(path)
+        if not is_hdf5(path):
+            manifest = parse_toml(read_text(path), str(path))
+            found += [path.parent / name for name in (manifest["machine"], *(s["file"] for s in manifest["set"]))]
+    return list(dict.fromkeys(found))
+
+
+def write_sheet(sheet: Sheet, args: argparse.Namespace) -> None:
+    """A table to -o as CSV, or to standard output as CSV, or as JSON with --json (also beside -o)."""
+    from volid.io.tables_csv import text_output, write_csv
+
+    if args.json:
+        sheet = sheet._replace(rows=list(sheet.rows))
+    if args.output:
+        with text_output(args.output, args.force) as stream:
+            write_csv(stream, sheet)
+    if args.json:
+        print_json({"header": dict(sheet.header), "columns": sheet.columns, "rows": sheet.rows})
+    elif not args.output:
+        write_csv(sys.stdout, sheet)
+
+
+def print_json(data: Any) -> None:
+    """JSON on standard output; null for NaN, which JSON has not."""
+    from volid.report.summary import plain
+
+    print(json.dumps(plain(data), ensure_ascii=False, indent=1, allow_nan=False))
+
+
+def attention(solution: Solution) -> list[str]:
+    """Why numbers of this solution need attention; empty when all is well."""
+    messages = []
+    if solution.adequacy.rejected:
+        messages.append(
+            "the model is REJECTED by the data: the stated uncertainties do not hold (volid summary says where)"
+        )
+    if not solution.statistics.converged:
+        messages.append("the fit has not converged: do not use its numbers")
+    if not solution.fully_determined:
+        directions = solution.null_space.shape[1]
+        messages.append(
+            f"the data do not determine {directions} combination(s) of the parameters (volid summary names them)"
+        )
+    return messages
+
+
+def conclude(args: argparse.Namespace, messages: Sequence[str]) -> int:
+    """Name on standard error what needs attention; the exit status, 1 when there is something."""
+    for message in messages:
+        print(f"volid {args.verb}: attention: {message}", file=sys.stderr)
+    return 1 if messages else 0

@@ -1,0 +1,57 @@
+"""`volid errors`: deviations at given positions."""
+
+from __future__ import annotations
+
+import argparse
+
+from volid.cli.common import add_output, add_solution, attention, check_output, conclude, explain, write_sheet
+from volid.cli.progress import Progress
+
+HELP = "deviation of the functional point at given axis positions and tool vectors"
+
+_EPILOG = """\
+POINTS.csv has the machine's axis letters (mm or degrees), tool_x,tool_y,tool_z (mm), and optional
+X_dir, … (approach direction, +1, -1 or 0). The result repeats it and adds ex,ey,ez (mm), ea,eb,ec
+(rad), actual - nominal in the machine frame, their standard uncertainties u_…, and outside = 1
+where a position lies outside what was measured. A cell is empty where the data do not determine
+the value.
+
+example:
+  volid errors solution.h5 --at points.csv -o deviations.csv
+
+exit status: 0 good; 1 written, but values are not determined or extrapolated, or the model is
+rejected; 2 bad input
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the command."""
+    explain(parser, _EPILOG)
+    add_solution(parser)
+    parser.add_argument("--at", metavar="POINTS.csv", required=True, help="where: axis positions and tool vectors")
+    add_output(parser, "OUT.csv", "table of deviations; default: standard output")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Read, evaluate, write; 1 when values need attention. Raises `InputError`, `OutputError`."""
+    check_output(args.output, args.force, [args.solution, args.at])
+    with Progress() as progress:
+        progress("reading")
+        from volid.io.solution_hdf5 import read_solution
+        from volid.io.tables_csv import deviations_sheet, read_points
+
+        solution = read_solution(args.solution)
+        points = read_points(args.at, solution.machine)
+        progress(f"evaluating {len(points.positions)} points")
+        found = solution.evaluate(points.positions, points.tool, points.directions)
+    write_sheet(deviations_sheet(points, found, solution, args.solution), args)
+    n, lost, outside = len(points.positions), int((~found.determined).any(axis=1).sum()), int(found.outside.sum())
+    messages = [m for m in attention(solution) if "do not determine" not in m]
+    if lost:
+        reason = " ".join(solution.statements)
+        messages.append(f"{lost} of {n} points have components that the data do not determine, left blank. {reason}")
+    if outside:
+        messages.append(f"{outside} of {n} points lie outside the measured positions: extrapolated (outside = 1)")
+    if args.output and not args.json:
+        print(f"{n} points written: {args.output}")
+    return conclude(args, messages)

@@ -1,0 +1,109 @@
+"""`volid fit`: from campaigns to a solution."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from volid.cli.common import (
+    add_output,
+    attention,
+    check_output,
+    conclude,
+    explain,
+    input_files,
+    print_json,
+    tool_vector,
+)
+from volid.cli.progress import PATIENCE, Progress
+
+if TYPE_CHECKING:
+    from volid.fitting.solution import Solution
+
+HELP = "identify the machine's error model from one or more campaigns"
+
+_EPILOG = """\
+CAMPAIGN is an HDF5 file or a manifest; several of one machine are fitted together. The verdict (do
+the residuals agree with the stated uncertainties?) and what the data do not determine stand first
+in the summary that is printed.
+
+example:
+  volid fit campaign.toml ballbar.h5 --robust --datum primary=Z,secondary=X -o solution.h5
+
+exit status: 0 good; 1 written, but the model is rejected by the data, not everything is
+determined, or the iteration has not converged; 2 bad input
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the command."""
+    explain(parser, _EPILOG)
+    parser.add_argument("campaign", metavar="CAMPAIGN", nargs="+", help="campaign, HDF5 or manifest")
+    parser.add_argument("--robust", action="store_true", help="find gross outliers, name them and set them aside")
+    parser.add_argument(
+        "--datum", metavar="KEY=VALUE,…", help="primary, secondary, line, reference_X, …; default: machine's"
+    )
+    parser.add_argument(
+        "--tool", metavar="x,y,z", type=tool_vector, help="mm, for the summary; default: the most used one"
+    )
+    parser.add_argument(
+        "--prior",
+        metavar="SOLUTION0.h5",
+        help="earlier solution of axes of this machine; counts as readings, with its u",
+    )
+    add_output(parser, "SOLUTION.h5", "solution, with its campaign and machine", required=True)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Fit, write, summarise; 1 when something needs attention. Raises `InputError`, `OutputError`."""
+    check_output(args.output, args.force, _inputs(args))
+    began = time.monotonic()
+    with Progress() as progress:
+        solution = _solve(args, progress)
+        _summarise(args, solution, progress)
+    elapsed = time.monotonic() - began
+    if elapsed > PATIENCE:
+        sys.stdout.flush()
+        print(f"volid: done in {elapsed:.0f} s", file=sys.stderr)
+    return conclude(args, attention(solution))
+
+
+def _inputs(args: argparse.Namespace) -> list[str]:
+    return [*args.campaign, *([args.prior] if args.prior else [])]
+
+
+def _solve(args: argparse.Namespace, progress: Progress) -> Solution:
+    """Read, fit and write."""
+    progress("reading the campaign")
+    from volid.fitting.datum import parse_datum
+    from volid.fitting.fit import fit
+    from volid.io import load_campaign
+    from volid.io.provenance import provenance
+    from volid.io.solution_hdf5 import read_solution, write_solution
+
+    prior = read_solution(args.prior) if args.prior else None
+    campaign = load_campaign(*args.campaign)
+    options = {"robust": args.robust, "datum": args.datum, "prior": args.prior}
+    record = provenance(input_files(_inputs(args)), args.command_line, options)
+    datum = parse_datum(campaign.machine, args.datum) if args.datum else None
+    solution = replace(
+        fit(campaign, robust=args.robust, datum=datum, prior=prior, progress=progress), provenance=record
+    )
+    progress("writing the solution")
+    write_solution(solution, args.output, args.force)
+    return solution
+
+
+def _summarise(args: argparse.Namespace, solution: Solution, progress: Progress) -> None:
+    progress("evaluating the working volume")
+    from volid.report.summary import summary_data
+    from volid.report.summary_text import format_summary
+
+    data = summary_data(solution, args.tool)
+    if args.json:
+        print_json({"output": args.output, **data, "attention": attention(solution)})
+    else:
+        print(format_summary(data) + f"\n\nwritten: {args.output}")

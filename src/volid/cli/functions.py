@@ -1,0 +1,53 @@
+"""`volid functions`: the error functions as a table."""
+
+from __future__ import annotations
+
+import argparse
+
+from volid.cli.common import add_output, add_solution, attention, check_output, conclude, explain, write_sheet
+
+HELP = "table of the error functions and location errors with their uncertainty"
+
+_EPILOG = """\
+Columns function,axis,position,direction,value,u: translations in mm, rotations in rad, positions
+in mm or degrees over the whole travel; location errors have an empty position; functions with
+reversal have direction +1 and -1, others 0; a cell is empty where the data do not determine the
+value. Functions of two axes are tabulated at the other axis's reference.
+
+example:
+  volid functions solution.h5 --step 50 -o functions.csv
+
+exit status: 0 good; 1 written, but functions are not determined, or the model is rejected; 2 bad
+input
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the command."""
+    explain(parser, _EPILOG)
+    add_solution(parser)
+    parser.add_argument("--step", metavar="S", type=float, help="spacing, mm or degrees; default: 21 points per travel")
+    add_output(parser, "OUT.csv", "table of functions; default: standard output")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Read, tabulate, write; 1 when functions need attention. Raises `InputError`, `OutputError`."""
+    from volid.exceptions import InputError
+
+    if args.step is not None and not 1e-3 <= args.step < float("inf"):
+        raise InputError(f"--step is {args.step:g}; expected a spacing of at least 0.001 in mm or degrees")
+    check_output(args.output, args.force, [args.solution])
+    from volid.io.solution_hdf5 import read_solution
+    from volid.io.tables_csv import functions_sheet
+
+    solution = read_solution(args.solution)
+    rows = solution.functions(step=args.step)
+    write_sheet(functions_sheet(rows, solution, args.solution), args)
+    messages = [m for m in attention(solution) if "do not determine" not in m]
+    names = list(dict.fromkeys(row.name for row in rows))
+    lost = list(dict.fromkeys(row.name for row in rows if row.value != row.value))
+    if lost:
+        messages.append(f"not determined by the data, wholly or in part, and left blank: {', '.join(lost)}")
+    if args.output and not args.json:
+        print(f"{len(names)} functions and location errors written: {args.output}")
+    return conclude(args, messages)

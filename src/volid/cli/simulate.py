@@ -1,0 +1,137 @@
+"""`volid simulate`: a campaign measured on a virtual machine, with the truth beside it."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from volid.cli.common import HDF5, add_output, check_output, conclude, explain, print_json
+from volid.cli.progress import Progress
+
+if TYPE_CHECKING:
+    from volid.campaign import Campaign
+    from volid.machine import Machine
+    from volid.truth import Truth
+
+HELP = "a campaign measured on a virtual machine, with the truth stored beside it"
+MANIFEST = "campaign.toml"
+
+_EPILOG = """\
+PLAN is a campaign manifest whose CSV files lack the readings (distance, value …). Its positions of
+stations are the true ones; in the campaign, unknown stations stand about 5 mm off. MACHINE is
+measured, whatever machine the plan was made for; both need the same axes.
+
+Without --truth the machine's errors are random. Errors, true stations and dead paths are written
+beside the campaign, with the ending .truth.h5. The same seed gives the same readings.
+
+CAMPAIGN is one HDF5 file when it ends in .h5 or .hdf5, else a folder for campaign.toml and its
+CSV files.
+
+example:
+  volid simulate models/wYXbZt_vertical.toml --plan plan.toml --seed 7 -o campaign.h5
+
+exit status: 0 good; 1 written, but the plan needs attention (positions outside the travel …);
+2 bad input
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the command."""
+    explain(parser, _EPILOG)
+    parser.add_argument("machine", metavar="MACHINE", help="machine file (TOML)")
+    parser.add_argument(
+        "--plan", metavar="PLAN.toml", required=True, help="what to measure, a manifest without readings"
+    )
+    parser.add_argument("--truth", metavar="TRUTH.h5", help="true errors, a truth or a solution; default: random")
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of everything random; default 0")
+    add_output(parser, "CAMPAIGN", "campaign: a file ending in .h5, or a folder for text", required=True)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Simulate, write, summarise; 1 when the plan needs attention. Raises `InputError`, `OutputError`."""
+    from volid.checks import check_campaign
+    from volid.io import load_campaign, read_machine, write_campaign, write_manifest
+    from volid.io.truth_hdf5 import write_truth
+    from volid.simulate import simulate
+
+    paths = _places(Path(args.output))
+    _check_places(paths, args)
+    with Progress() as progress:
+        progress("reading the plan")
+        machine, plan = read_machine(args.machine), load_campaign(args.plan, plan=True)
+        truth = _truth(args, machine)
+        progress(f"simulating {plan.n_readings} readings")
+        campaign, truth = simulate(plan, truth, seed=args.seed)
+        warnings = check_campaign(campaign)
+    if paths[0].name == MANIFEST:
+        write_manifest(campaign, paths[0].parent, overwrite=args.force)
+    else:
+        write_campaign(campaign, paths[0], overwrite=args.force)
+    write_truth(truth, paths[1], overwrite=args.force)
+    if args.json:
+        print_json(_as_json(campaign, truth, args.seed, paths, warnings))
+    else:
+        print("\n".join(_summary(campaign, plan.machine, truth, args.seed, paths)))
+    return conclude(args, warnings)
+
+
+def _truth(args: argparse.Namespace, machine: Machine) -> Truth:
+    """The errors of the file, on the machine that is measured; random ones without a file."""
+    from dataclasses import replace
+
+    from volid.io.truth_hdf5 import load_truth
+    from volid.random_truth import random_truth
+
+    return random_truth(machine, args.seed) if args.truth is None else replace(load_truth(args.truth), machine=machine)
+
+
+def _places(output: Path) -> tuple[Path, Path]:
+    """Where campaign and truth go: CAMPAIGN.h5 and CAMPAIGN.truth.h5, or campaign.toml and campaign.truth.h5 in a folder."""
+    from volid.exceptions import OutputError
+
+    if output.suffix.lower() == ".toml" and output.name != MANIFEST:
+        raise OutputError(f"{output}: a manifest is always called {MANIFEST}; name its folder, or a file ending in .h5")
+    if output.suffix.lower() not in (*HDF5, ".toml"):
+        output = output / MANIFEST
+    return output, output.with_name(f"{output.stem}.truth.h5")
+
+
+def _check_places(paths: tuple[Path, Path], args: argparse.Namespace) -> None:
+    """Before any work: neither file is written when one of them cannot be."""
+    inputs = [path for path in (args.machine, args.plan, args.truth) if path is not None]
+    for path in paths:
+        new_folder = paths[0].name == MANIFEST and not path.parent.exists()
+        check_output(path.parent if new_folder else path, args.force, inputs)
+
+
+def _summary(campaign: Campaign, planned: Machine, truth: Truth, seed: int, paths: tuple[Path, Path]) -> list[str]:
+    """What was measured on what, and where it went, in a few lines."""
+    machine = campaign.machine
+    lines = [f"machine '{machine.name}', {machine.structure}; {truth.source}; seed {seed}"]
+    if planned.structure != machine.structure or planned.name != machine.name:
+        lines.append(
+            f"the plan was made for '{planned.name}', {planned.structure}; its positions are taken as they are"
+        )
+    lines += [f"set '{s.name}': {len(s)} rows of kind {s.kind}" for s in campaign.sets]
+    effects = [e.name for s in campaign.sets for e in s.effects]
+    if effects:
+        lines.append(f"not simulated: systematic effects {', '.join(effects)}")
+    return [*lines, f"campaign: {paths[0]}", f"truth: {paths[1]}"]
+
+
+def _as_json(
+    campaign: Campaign, truth: Truth, seed: int, paths: tuple[Path, Path], warnings: tuple[str, ...]
+) -> dict[str, Any]:
+    return {
+        "campaign": str(paths[0]),
+        "truth": str(paths[1]),
+        "machine": campaign.machine.name,
+        "structure": campaign.machine.structure,
+        "seed": seed,
+        "errors": truth.source,
+        "stations": len(campaign.stations),
+        "readings": campaign.n_readings,
+        "sets": [{"set": s.name, "kind": s.kind, "rows": len(s)} for s in campaign.sets],
+        "warnings": list(warnings),
+    }

@@ -1,0 +1,252 @@
+"""A solution in one screenful: the verdict first, then what was measured, the numbers people ask for, and what is missing.
+
+`summary_data` holds the numbers in mm and rad, ready for JSON (None: not determined); `summary_text` prints them.
+Expanded uncertainties have k = 2; ranges are largest minus smallest value over the travel.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from volid.campaign import Campaign, ObservationSet
+from volid.checks import closures
+from volid.compensation.grids import describe_datum, linear_grid
+from volid.compensation.rotary_grids import rotary_grids
+from volid.compensation.volume import predict_residual, volumetric_summary
+from volid.error_functions import motion_names
+from volid.exceptions import InputError, NotDeterminedError
+from volid.fitting.adequacy import SuspectReading
+from volid.fitting.solution import FunctionValue, Solution
+from volid.iso230 import DIRECTIONS, LINEAR_AXES, ROTARY_AXES, ROTATIONS, SPINDLE, describe, parse
+from volid.observations import KINDS
+from volid.report.summary_text import format_summary
+
+FORMAT = "volid-summary/1"
+K = 2.0
+_POINTS = 101  # of each function, for its range and largest u
+
+
+def most_used_tool(campaign: Campaign) -> tuple[float, float, float]:
+    """The tool vector of most readings [mm]; of equally frequent ones the first in the campaign."""
+    tools = np.concatenate([s.tool for s in campaign.sets])
+    values, first, counts = np.unique(np.round(tools, 6), axis=0, return_index=True, return_counts=True)
+    best = max(range(len(values)), key=lambda i: (counts[i], -first[i]))
+    x, y, z = (values[best] + 0.0).tolist()
+    return x, y, z
+
+
+def summary_data(solution: Solution, tool: Sequence[float] | None = None) -> dict[str, Any]:
+    """The summary as plain objects, mm and rad; `tool`: tool vector [mm] of the volumetric numbers, default: the most used."""
+    at = most_used_tool(solution.campaign) if tool is None else (float(tool[0]), float(tool[1]), float(tool[2]))
+    adequacy, statistics = solution.adequacy, solution.statistics
+    table = _tabulated(solution)
+    constants = [name for name in table if parse(name).location]
+    data = {
+        "format": FORMAT,
+        "accepted": adequacy.degrees_of_freedom > 0 and not adequacy.rejected,
+        "rejected": adequacy.rejected,
+        "verdict": adequacy.verdict,
+        "unit_weight": adequacy.unit_weight,
+        "probability": adequacy.probability,
+        "degrees_of_freedom": adequacy.degrees_of_freedom,
+        "converged": statistics.converged,
+        "iterations": statistics.iterations,
+        "n_readings": statistics.n_readings,
+        "n_parameters": statistics.n_parameters,
+        "machine": {"name": solution.machine.name, "structure": solution.machine.structure},
+        "axes": _axes(solution),
+        "campaign": solution.campaign.title,
+        "datum": describe_datum(solution),
+        "sets": [row for i in range(len(solution.campaign.sets)) for row in _set_rows(solution, i)],
+        "tool": list(at),
+        "squareness": [_constant(solution, n) for n in constants if parse(n).axis in LINEAR_AXES],
+        "location_errors": [_constant(solution, n) for n in constants if parse(n).axis in ROTARY_AXES],
+        "tool_frame": [_constant(solution, n) for n in constants if parse(n).axis == SPINDLE],
+        "volume": _volume(solution, at),
+        "functions": [_function(solution, n, rows) for n, rows in table.items() if not parse(n).location],
+        "weakest": _weakest(row for rows in table.values() for row in rows),
+        "not_determined": list(solution.statements),
+        "held_tool_frame": list(solution.held_tool_rotation),
+        "outliers": [_reading(r) for r in solution.readings.outlier_readings],
+        "suspects": [_reading(r) for r in adequacy.suspects],
+        "repeats": _repeats(solution.campaign),
+        "notes": list(solution.notes),
+        "provenance": dict(solution.provenance),
+    }
+    return {key: plain(value) for key, value in data.items()}
+
+
+def plain(value: Any) -> Any:
+    """The value in types that JSON has: None for NaN and infinities, lists for arrays."""
+    if isinstance(value, dict):
+        return {key: plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _axes(solution: Solution) -> list[dict[str, Any]]:
+    rows = zip(solution.machine.axes, solution.measured_range(), strict=True)
+    found = [{"axis": a.letter, "unit": a.unit, "travel": a.travel, "measured": measured} for a, measured in rows]
+    return sorted(found, key=lambda row: DIRECTIONS.index(row["axis"]))
+
+
+def _parts(readings: ObservationSet) -> Iterator[tuple[str, str, np.ndarray]]:
+    """Kind in words, unit and rows of the parts of a set whose readings share a unit."""
+    components = readings.labels.get("component")
+    if components is None:
+        yield readings.kind, KINDS[readings.kind].unit, np.ones(len(readings), dtype=bool)
+        return
+    for unit, letters in (("mm", DIRECTIONS[:3]), ("rad", ROTATIONS)):
+        rows = np.isin(components, letters)
+        if rows.any():
+            yield f"{readings.kind} {''.join(sorted(set(components[rows])))}", unit, rows
+
+
+def _set_rows(solution: Solution, i: int) -> Iterator[dict[str, Any]]:
+    readings, left = solution.campaign.sets[i], solution.readings
+    for kind, unit, rows in _parts(readings):
+        used = ~left.outliers[i][rows]
+        yield {
+            "set": readings.name,
+            "kind": kind,
+            "n_readings": int(used.size),
+            "n_outliers": int(used.size - used.sum()),
+            "u_rms": _rms(readings.u[rows][used]),
+            "residual_rms": _rms(left.residuals[i][rows][used]),
+            "unit": unit,
+        }
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.square(values)))) if np.size(values) else math.nan
+
+
+def _constant(solution: Solution, name: str) -> dict[str, Any]:
+    found = solution.location(name)
+    words = {"name": name, "description": describe(name), "unit": parse(name).unit}
+    return words | {"value": found.value, "u": found.u, "U": K * found.u, "k": K}
+
+
+def _volume(solution: Solution, tool: tuple[float, float, float]) -> dict[str, Any]:
+    """ISO 230-1 volumetric accuracy, deviation before compensation, and as expected after L-VOL (and R-VOL) grids.
+
+    `left_out`: error motions of the linear axes that are not in the model; `not_predicted`: why `after` is None.
+    """
+    before = volumetric_summary(solution, tool)
+    place = dict(zip(solution.machine.letters, before.before_at.tolist(), strict=True))
+    found = {
+        "accuracy": dict(zip(DIRECTIONS, before.accuracy.tolist(), strict=True)),
+        "before": {"max": before.before_max, "rms": before.before_rms, "at": place},
+        "after": None,
+        "left_out": _left_out(solution),
+        "not_predicted": "not determined for this tool vector",
+    }
+    if found["left_out"]:
+        return found | {"not_predicted": "the model leaves out error functions"}
+    rotary = any(not axis.is_linear for axis in solution.machine.axes)
+    try:
+        grid = linear_grid(solution, tool=tool)
+        tables = rotary_grids(solution) if rotary else ()
+    except NotDeterminedError:
+        return found
+    except InputError:
+        return found | {"not_predicted": "no grid holds the errors of these rotary axes"}
+    after = predict_residual(solution, grid, rotary=tables)
+    if not math.isfinite(after.maximum):
+        return found
+    return found | {
+        "not_predicted": None,
+        "after": {
+            "type": " + ".join(dict.fromkeys([grid.type, *(t.type for t in tables)])),
+            "nodes": [len(nodes) for nodes in grid.nodes],
+            "max": after.maximum,
+            "max_interval_95": after.interval,
+            "rms": after.rms,
+            "interpolation": after.interpolation,
+        },
+    }
+
+
+def _left_out(solution: Solution) -> list[str]:
+    """Error motions of the linear axes that the machine file switches off."""
+    axes = [a for a in LINEAR_AXES if a in solution.machine.letters]
+    used = motion_names(solution.machine)
+    return [f"E{d}{a}" for a in axes for d in DIRECTIONS if f"E{d}{a}" not in used]
+
+
+def _tabulated(solution: Solution) -> dict[str, list[FunctionValue]]:
+    """Rows of every function and constant by name, axis by axis in the order X, Y, Z, tool frame."""
+    found: dict[str, list[FunctionValue]] = {}
+    for row in solution.functions(points=_POINTS):
+        found.setdefault(row.name, []).append(row)
+    order = (*DIRECTIONS, SPINDLE)
+    return {n: found[n] for n in sorted(found, key=lambda n: (order.index(parse(n).axis), parse(n).component))}
+
+
+def _function(solution: Solution, name: str, rows: list[FunctionValue]) -> dict[str, Any]:
+    values, u = np.array([r.value for r in rows]), np.array([r.u for r in rows])
+    ways = {d: values[[r.direction == d for r in rows]] for d in (1, -1)}
+    reversal = ways[1] - ways[-1]
+    known = bool(np.isfinite(values).all())
+    return {
+        "name": name,
+        "description": describe(name),
+        "unit": parse(name).unit,
+        "range": float(np.ptp(values)) if known else math.nan,
+        "largest_u": float(u.max()) if known else math.nan,
+        "largest_reversal": float(np.abs(reversal).max()) if known and reversal.size else None,
+        "segments": list(solution.model.segments[name]),
+    }
+
+
+def _weakest(rows: Iterable[FunctionValue]) -> dict[str, Any] | None:
+    """Where the wholly determined functions and constants have their largest u, 1 µm weighing as much as 1 µrad."""
+    rows = list(rows)
+    partly = {row.name for row in rows if not math.isfinite(row.u)}
+    known = [row for row in rows if row.name not in partly]
+    if not known:
+        return None
+    worst = max(known, key=lambda row: row.u * (1e6 if parse(row.name).is_rotation else 1e3))
+    words = {"name": worst.name, "description": describe(worst.name), "unit": parse(worst.name).unit}
+    return words | {"axis": worst.axis, "position": worst.position, "u": worst.u, "U": K * worst.u, "k": K}
+
+
+def _reading(reading: SuspectReading) -> dict[str, Any]:
+    rotation = any(f"component {letter}" in reading.label for letter in ROTATIONS)
+    return {
+        "where": reading.where,
+        "label": reading.label,
+        "residual": reading.residual,
+        "normalised": reading.normalised,
+        "unit": "rad" if rotation else "mm",
+    }
+
+
+def _repeats(campaign: Campaign) -> list[dict[str, Any]]:
+    """How well readings repeated at one place agree: drift and repeatability, before any model."""
+    units = {s.name: [unit for _, unit, _ in _parts(s)] for s in campaign.sets}
+    return [
+        {
+            "set": c.set,
+            "reading": c.reading,
+            "n": c.n,
+            "unit": units[c.set][0] if len(units[c.set]) == 1 else None,
+            "rms": c.rms,
+            "max": c.max,
+            "rms_over_u": c.rms_ratio,
+            "rows": c.rows,
+        }
+        for c in closures(campaign)
+    ]
+
+
+def summary(solution: Solution, tool: Sequence[float] | None = None) -> str:
+    """The summary as text for a terminal, about 60 lines of at most 100 characters; `tool` as in `summary_data`."""
+    return format_summary(summary_data(solution, tool))

@@ -1,0 +1,210 @@
+"""The summary as text for a terminal: µm and µrad, U with k = 2, aligned columns of at most 100 characters."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from volid.iso230 import DIRECTIONS, ROTATIONS
+from volid.report.text import bullets, micro, paragraph, table, unit_of, vector
+
+_LISTED = 10
+_NAMED = 6  # functions left out of the model
+
+
+def format_summary(data: dict[str, Any]) -> str:
+    """The text of `summary` from the numbers of `summary_data`."""
+    blocks = [
+        _verdict_lines(data),
+        _head_lines(data),
+        _set_lines(data),
+        _missing_lines(data),
+        _constant_lines(data),
+        _volume_lines(data),
+        _function_lines(data),
+        _reading_lines(data),
+        bullets("notes", data["notes"]),
+    ]
+    return "\n\n".join("\n".join(block) for block in blocks if block)
+
+
+def _verdict_lines(data: dict[str, Any]) -> list[str]:
+    lines = []
+    if data["rejected"]:
+        lines.append("*** MODEL REJECTED BY THE DATA: the uncertainties below do not hold ***")
+    lines += paragraph(data["verdict"][:1].upper() + data["verdict"][1:] + ".")
+    if data["not_determined"]:
+        lines.append("Not everything is determined; see below. n.d.: not determined.")
+    if not data["converged"]:
+        lines.append("*** NOT CONVERGED: the iteration stopped early; do not use these numbers ***")
+    return lines
+
+
+def _head_lines(data: dict[str, Any]) -> list[str]:
+    machine = data["machine"]
+    code = machine["structure"].strip().strip("[]")
+    axes = [
+        f"{a['axis']} {_span(a['travel'])} {a['unit']}"
+        + ("" if a["measured"] == a["travel"] else f" (measured {_span(a['measured'])})")
+        for a in data["axes"]
+    ]
+    lines = paragraph(f"{machine['name']}  [{code}]", "machine")
+    lines += paragraph("; ".join(axes), "travel")
+    lines += paragraph(data["campaign"] or "(no title)", "campaign")
+    return lines + paragraph(data["datum"], "datum")
+
+
+def _span(pair: Sequence[float]) -> str:
+    return f"{pair[0]:g} … {pair[1]:g}"
+
+
+def _set_lines(data: dict[str, Any]) -> list[str]:
+    rows = [
+        [
+            s["set"],
+            s["kind"],
+            str(s["n_readings"]),
+            str(s["n_outliers"]),
+            f"{micro(s['u_rms'], s['unit'], 2)} {unit_of(s['unit'])}",
+            f"{micro(s['residual_rms'], s['unit'], 2)} {unit_of(s['unit'])}",
+        ]
+        for s in data["sets"]
+    ]
+    lines = table(["set", "kind", "readings", "outliers", "stated u (RMS)", "residual RMS"], rows, left=2)
+    if data["degrees_of_freedom"] > 0:
+        fit = f"unit weight {data['unit_weight']:.2f} (1: residuals agree with the stated u), "
+        fit += f"probability {data['probability']:.2g}, "
+    else:
+        fit = "no redundancy, "
+    counts = f"{data['n_readings']} readings, {data['n_parameters']} parameters, "
+    fit += f"{counts}{data['degrees_of_freedom']} degrees of freedom, {data['iterations']} iterations"
+    lines += paragraph(fit, "fit")
+    for c in data["repeats"]:
+        size = f"{c['rms_over_u']:.1f} times their u"
+        if c["unit"]:
+            size = f"{micro(c['rms'], c['unit'], 2)} {unit_of(c['unit'])} RMS, {size}"
+            size += f"; largest {micro(c['max'], c['unit'], 2)} {unit_of(c['unit'])}"
+        rows_text = " and ".join(str(r) for r in c["rows"])
+        lines += paragraph(f"set {c['set']}: {c['n']} later minus first readings, {size} (rows {rows_text})", "repeats")
+    return lines
+
+
+def _missing_lines(data: dict[str, Any]) -> list[str]:
+    held = data["held_tool_frame"]
+    texts = list(data["not_determined"])
+    if held:
+        texts.append(
+            f"{', '.join(held)}: tool-frame constants held at 0 and not stated; what is stated is relative to them."
+        )
+    return bullets("NOT DETERMINED by the data", texts)
+
+
+def _constant_lines(data: dict[str, Any]) -> list[str]:
+    lines: list[str] = []
+    for title, key in (("squareness", "squareness"), ("location", "location_errors"), ("tool frame", "tool_frame")):
+        digits = decimals(min((_in_micro(c["U"], c["unit"]) for c in data[key] if c["U"]), default=0.1))
+        rows = [
+            [
+                c["name"],
+                c["description"].removeprefix("squareness: "),
+                micro(c["value"], c["unit"], digits),
+                micro(c["U"], c["unit"], digits),
+                "µm/m" if key == "squareness" else unit_of(c["unit"]),
+            ]
+            for c in data[key]
+        ]
+        if rows:
+            lines += table([title.ljust(10), "", "value", "U (k = 2)", ""], rows, left=2, right=1)
+    return lines
+
+
+def _in_micro(value: float, unit: str) -> float:
+    return value * (1e3 if unit == "mm" else 1e6)
+
+
+def decimals(u: float) -> int:
+    """Decimal places that give `u` two significant digits (GUM 7.2.6), 0 to 3."""
+    return min(max(1 - math.floor(math.log10(u)), 0), 3) if u > 0 else 1
+
+
+def _volume_lines(data: dict[str, Any]) -> list[str]:
+    volume, where = data["volume"], vector(data["tool"])
+    columns = [f"{letter} [{'µrad' if letter in ROTATIONS else 'µm'}]" for letter in DIRECTIONS]
+    units = ["rad" if letter in ROTATIONS else "mm" for letter in DIRECTIONS]
+    left_out = volume["left_out"]
+    ranges = [
+        "–" if left_out and volume["accuracy"][c] == 0.0 else micro(volume["accuracy"][c], unit, 1)
+        for c, unit in zip(DIRECTIONS, units, strict=True)
+    ]
+    name = "V_" + "".join(a["axis"] for a in data["axes"])
+    lines = table([f"volume, tool {where} mm", *columns], [[f"{name}, ranges (ISO 230-1)", *ranges]])
+    if left_out:
+        more = f", … ({len(left_out)} functions)" if len(left_out) > _NAMED else ""
+        lines += paragraph(
+            f"not in the model: {', '.join(left_out[:_NAMED])}{more}; their effect is not in these numbers"
+        )
+    before, after = volume["before"], volume["after"]
+    if before["max"] is None:
+        return [*lines, "deviation of the functional point: not determined for this tool vector"]
+    place = ", ".join(f"{letter} {before['at'][letter]:g}" for letter in sorted(before["at"], key=DIRECTIONS.index))
+    text = f"largest {micro(before['max'], 'mm', 1)} µm at {place}; RMS {micro(before['rms'], 'mm', 1)} µm"
+    indent = 30 if after and "+" in after["type"] else 25
+    lines += paragraph(text, "deviation", indent)
+    if after is not None:
+        low, high = (micro(v, "mm", 1) for v in after["max_interval_95"])
+        nodes = " × ".join(str(n) for n in after["nodes"])
+        text = (
+            f"largest {micro(after['max'], 'mm', 1)} µm (95 %: {low} … {high}); RMS {micro(after['rms'], 'mm', 1)} µm"
+        )
+        lines += paragraph(f"{text}; {nodes} nodes", f"after {after['type']}, expected", indent)
+    else:
+        lines += paragraph(f"not predicted: {volume['not_predicted']}", "after L-VOL, expected", indent)
+    return lines
+
+
+def _function_lines(data: dict[str, Any]) -> list[str]:
+    known = [_in_micro(f["largest_u"], f["unit"]) for f in data["functions"] if f["largest_u"]]
+    digits = decimals(min(known, default=0.1))
+    reversal = any(f["largest_reversal"] is not None for f in data["functions"])
+    rows = []
+    for f in data["functions"]:
+        segments = "×".join(str(n) for n in f["segments"])
+        row = [f["name"], f["description"], *(micro(f[key], f["unit"], digits) for key in ("range", "largest_u"))]
+        row += [unit_of(f["unit"]), segments]
+        if reversal:
+            row.insert(4, "" if f["largest_reversal"] is None else micro(f["largest_reversal"], f["unit"], digits))
+        rows.append(row)
+    columns = ["function".ljust(10), "", "range", "largest u", *(["reversal"] if reversal else []), "", "segments"]
+    lines = table(columns, rows, left=2) if rows else []
+    weakest = data["weakest"]
+    if weakest:
+        place = "" if weakest["position"] is None else f" at {weakest['axis']} = {weakest['position']:g}"
+        u, unit = micro(weakest["u"], weakest["unit"], digits), unit_of(weakest["unit"])
+        lines += paragraph(f"{weakest['name']}{place}: u = {u} {unit} ({weakest['description']})", "weakest")
+    return lines
+
+
+def _reading_lines(data: dict[str, Any]) -> list[str]:
+    lines = []
+    for key, what in (
+        ("outliers", "readings set aside as outliers, and not used"),
+        ("suspects", "readings beyond the critical value, used all the same (--robust sets such aside)"),
+    ):
+        readings = data[key]
+        if not readings:
+            continue
+        shown = readings[:_LISTED]
+        rows = [
+            [
+                f"{micro(r['residual'], r['unit'], 1)} {unit_of(r['unit'])}",
+                f"{r['normalised']:.1f}",
+                r["label"],
+                r["where"],
+            ]
+            for r in shown
+        ]
+        more = f"; the first {len(shown)}" if len(readings) > len(shown) else ""
+        lines += paragraph(f"{len(readings)} {what}{more}:")
+        lines += table(["residual", "normalised", "", "reading"], rows, left=0, right=2)
+    return lines

@@ -1,0 +1,97 @@
+"""The README is true: its Python example runs, its commands exist, its map names what is there."""
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"```{language}\n(.*?)```", README, re.S)
+
+
+@pytest.fixture
+def elsewhere(tmp_path, monkeypatch):
+    """An empty folder with the bundled datasets in it, so that nothing is written into the project."""
+    (tmp_path / "datasets").symlink_to(ROOT / "datasets")
+    (tmp_path / "out").mkdir()
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_python_example_runs_and_finds_the_true_squareness(elsewhere, capsys):
+    (example,) = blocks("python")
+    assert len([line for line in example.splitlines() if line.strip()]) <= 15
+    names: dict = {}
+    exec(compile(example, "README.md", "exec"), names)
+    table = (elsewhere / "datasets/vertical_multilateration/truth_functions.csv").read_text()
+    true = float(re.search(r"^EC0Y,.*,(\S+)$", table, re.M).group(1))
+    printed = capsys.readouterr().out
+    value, expanded = (float(v) for v in re.search(r"EC0Y = (\S+) µm/m, U = (\S+)", printed).groups())
+    assert abs(value - 1e6 * true) < 2 * expanded  # four standard uncertainties
+    assert names["slope"].shape == (6, 3)
+    assert len((elsewhere / "grid.csv").read_text().splitlines()) > 11**3
+
+
+def commands() -> list[list[str]]:
+    found = []
+    for block in blocks("bash"):
+        for part in re.split(r"&&|\n", block):
+            words = shlex.split(part)
+            if words and words[0].endswith("bin/volid"):
+                found.append(words[1:])
+    return found
+
+
+def test_commands_of_the_readme_run(elsewhere):
+    assert len(commands()) == 4
+    for words in commands():
+        run = subprocess.run([sys.executable, "-m", "volid", *words], capture_output=True, text=True, env=os.environ)
+        assert run.returncode == 0, run.stderr
+    assert {p.name for p in (elsewhere / "out").iterdir()} == {
+        "solution.h5",
+        "grid.csv",
+        "positioning.h5",
+        "functions.csv",
+    }
+
+
+def test_ci_calls_the_readmes_test_command():
+    (line,) = [b for b in blocks("bash") if "pytest" in b]
+    command = line.strip().split("&&")[-1].strip()
+    assert command in (ROOT / ".ci" / "run").read_text()
+
+
+def test_map_names_what_is_there():
+    for path in re.findall(r"`((?:src|models|datasets|notebooks|tests)/[\w/.]*)`", README):
+        assert (ROOT / path).exists(), path
+
+
+def test_every_verb_is_listed():
+    from volid.cli import VERBS
+
+    assert all(f"`{verb}`" in README or f"volid {verb}" in README for verb in VERBS)
+
+
+def test_documented_manifests_and_machine_file_are_read(tmp_path):
+    from volid.io import load_campaign
+
+    (machine,) = re.findall(r"```toml\n(.*?)```", (ROOT / "models/README.md").read_text(encoding="utf-8"), re.S)
+    (tmp_path / "machine.toml").write_text(machine, encoding="utf-8")
+    datasets = (ROOT / "datasets/README.md").read_text(encoding="utf-8")
+    examples = re.findall(r"`(\w+\.csv)` begins `([^`]*)`:\n```toml\n(.*?)```", datasets, re.S)
+    assert len(examples) == 3
+    cells = {"component": "X", "line": "1", "segment": "1", "distance": "300", "X_dir": "1", "Y_dir": "0", "Z": "-100"}
+    for name, header, manifest in examples:
+        station = re.search(r'\[\[station\]\]\nname = "(\w+)"', manifest)
+        row = [station[1] if column == "station" else cells.get(column, "0.5") for column in header.split(",")]
+        (tmp_path / name).write_text(f"{header}\n{','.join(row)}\n", encoding="utf-8")
+        (tmp_path / "campaign.toml").write_text(manifest, encoding="utf-8")
+        assert load_campaign(tmp_path / "campaign.toml").n_readings == 1
