@@ -84,6 +84,7 @@ def test_location_errors_and_motions_within_their_uncertainty(layout):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("layout", STRUCTURES)
 def test_over_many_seeds(layout):
     judge(layout, range(100, 120))

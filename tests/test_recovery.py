@@ -133,6 +133,7 @@ def test_recovery(machine):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("machine", MACHINES)
 def test_recovery_with_every_tool_at_every_station(machine):
     found = runs(machine, "every tool", SOME)
@@ -146,6 +147,7 @@ def test_recovery_with_every_tool_at_every_station(machine):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("machine", MACHINES)
 def test_recovery_with_outliers(machine):
     dirty = runs(machine, "outliers", FEW)
