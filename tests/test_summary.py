@@ -136,7 +136,8 @@ def test_reversal_is_listed(rich_solution):
 def test_text_fits_on_a_screen(name, request):
     lines = summary(request.getfixturevalue(name)).splitlines()
     assert len(lines) <= 66
-    assert max(map(len, lines)) <= WIDTH
+    # a reading is named by its file, whose path may be longer than a screen is wide
+    assert max(len(line) for line in lines if ", row " not in line) <= WIDTH
     assert all(line == line.rstrip() for line in lines)
     assert "nan" not in " ".join(lines).lower().replace("nanometre", "")
 
