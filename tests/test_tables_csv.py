@@ -133,12 +133,12 @@ def test_a_rejected_model_is_named_before_the_numbers(rejected_solution, tmp_pat
 
 
 def test_what_is_not_determined_stays_blank_and_outside_is_flagged(single_tool_solution, tmp_path):
-    text = POINTS.replace("1000,0,0,0", "1000,0,50,0")
+    text = POINTS.replace("1000,0,0,0", "1000,0,50,0").replace("300,-250,-1", "300,-100,-1")
     points = read_points(points_file(tmp_path, text), single_tool_solution.machine)
     found = single_tool_solution.evaluate(points.positions, points.tool)
     path = saved(deviations_sheet(points, found, single_tool_solution), tmp_path / "out.csv")
     rows = list(csv.DictReader(line for line in path.read_text().splitlines() if not line.startswith("#")))
-    assert rows[1]["ec"] == ""  # the roll ECZ needs a lateral tool offset
+    assert rows[1]["ec"] == ""  # the roll ECZ needs a lateral tool offset; at its reference, Z = -250, it is zero
     assert rows[1]["u_ec"] == ""
     assert float(rows[0]["ez"]) == found.values[0, 2]
     assert [row["outside"] for row in rows] == ["0", "0", "1"]
