@@ -53,7 +53,7 @@ name = "refraction"
 type = "scale"
 u = 2.0e-7
 per = "station"
-half_life = 3.5
+distribution = "rectangular"
 
 [[set]]
 name = "levels"

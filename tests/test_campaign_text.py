@@ -56,7 +56,7 @@ def test_everything_is_read(tmp_path):
     assert volume.labels["station"].tolist() == volume_rows()["station"]
     assert volume.options["relative"] is True
     assert [asdict(e) for e in volume.effects] == [
-        {"name": "refraction", "type": "scale", "u": 2e-7, "per": "station", "options": {"half_life": 3.5}}
+        {"name": "refraction", "type": "scale", "u": 2e-7, "per": "station", "options": {"distribution": "rectangular"}}
     ]
     assert not volume.directions.any() and volume.time is None
     np.testing.assert_array_equal(volume.rows, np.arange(2, 56))

@@ -364,7 +364,7 @@ def test_command_writes_campaign_and_truth(plan_path, tmp_path, capsys):
     assert run(machine, "--plan", plan_path, "-o", out, "--seed", 7) == 0
     text = capsys.readouterr().out
     assert "set 'volume': 54 rows of kind distance" in text
-    assert "not simulated: systematic effects refraction" in text
+    assert "systematic effects drawn from their u: refraction" in text
     campaign, truth = load_campaign(out), read_truth(tmp_path / "out.truth.h5")
     expected, true = simulate(load_campaign(plan_path, plan=True), seed=7)
     for found, wanted in zip(campaign.sets, expected.sets, strict=True):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -16,6 +16,15 @@ from volid.fitting.prediction import chain_of
 from volid.machine import Machine
 from volid.observations import KINDS
 from volid.observations.base import Nuisance, NuisanceTable
+from volid.observations.distributions import standardised
+from volid.observations.effects import (
+    Extended,
+    Form,
+    effect_samples,
+    groups_of,
+    predict_readings,
+    random_variance,
+)
 from volid.random_truth import generator, random_truth
 from volid.standard_plan import standard_plan
 from volid.truth import Truth
@@ -41,10 +50,10 @@ def simulate(
     leave open is drawn from `seed`: dead paths, offsets, calibrated lengths, the placement of known stations; they stand in
     `instruments` of the truth that is returned, beside the spheres. Positions of unknown stations in the campaign are the
     true ones plus `station_error` · N(0, 1) per coordinate [mm], left out when None; so are those of spheres, but never left
-    out. `noise` False: readings without noise, u as stated.
+    out. `noise` False: readings without noise, u as stated. Systematic effects of a set are drawn too, once per scope.
 
     Raises `InputError` for axes that differ, a station without position, or a set whose u cannot be known. Not
-    simulated: systematic effects of a set, drift, the resolution of an instrument, hidden lines of sight.
+    simulated: the resolution of an instrument, hidden lines of sight.
 
     >>> from volid.io import read_machine
     >>> machine = read_machine("models/wYXbZt_vertical.toml")
@@ -57,11 +66,16 @@ def simulate(
     plan = on_machine(plan, truth.machine)
     real = replace(plan, stations=tuple(_true_station(s, truth, plan) for s in plan.stations))
     table = NuisanceTable()
-    groups = [_groups(readings, real, table) for readings in real.sets]
+    own = [groups_of(readings, real, table, effects=False) for readings in real.sets]
     values = np.array([_true_value(entry, truth, seed) for entry in table.entries])
+    plain = [_predict(readings, truth, found, values) for readings, found in zip(real.sets, own, strict=True)]
+    read = [replace(s, readings=exact) for s, exact in zip(real.sets, plain, strict=True)]
+    groups = [groups_of(readings, real, table) for readings in read]  # what an effect does may depend on the reading
+    samples = effect_samples(plan)
+    values = np.array([_true_value(entry, truth, seed, samples) for entry in table.entries])
     sets = tuple(
-        _about(_measure(readings, _predict(readings, truth, found, values), seed, noise), seed, station_error)
-        for readings, found in zip(plan.sets, groups, strict=True)
+        _about(_measure(given, _exact(with_plain, truth, found, values), seed, noise), seed, station_error)
+        for given, with_plain, found in zip(plan.sets, read, groups, strict=True)
     )
     record = {"simulated": True, "simulation_seed": seed, "simulation_truth": truth.source or "given"}
     campaign = replace(
@@ -127,10 +141,16 @@ def _about(readings: ObservationSet, seed: int, error: float | None) -> Observat
     return replace(readings, options={**readings.options, "sphere": spheres})
 
 
-def _groups(readings: ObservationSet, campaign: Campaign, table: NuisanceTable) -> list[Any]:
-    kind = KINDS[readings.kind]
-    assert kind.groups is not None
-    return kind.groups(readings, campaign, table)
+class _Exact(NamedTuple):
+    """Readings without noise (m, k), and the variance that effects drawn anew for every reading add."""
+
+    readings: np.ndarray
+    variance: np.ndarray
+
+
+def _exact(readings: ObservationSet, truth: Truth, groups: list[Extended], values: np.ndarray) -> _Exact:
+    exact = _predict(readings, truth, groups, values)
+    return _Exact(exact, random_variance(readings, truth.machine, groups, values))
 
 
 def _is_open(entry: Nuisance) -> bool:
@@ -138,26 +158,27 @@ def _is_open(entry: Nuisance) -> bool:
     return entry.prior_u > 0.0 and (entry.spread > 0.0 or np.isfinite(entry.prior_u))
 
 
-def _true_value(entry: Nuisance, truth: Truth, seed: int) -> float:
+def _true_value(
+    entry: Nuisance, truth: Truth, seed: int, samples: Mapping[str, tuple[float, ...]] | None = None
+) -> float:
     if not _is_open(entry):
         return entry.start
     if entry.name in truth.instruments:
         return truth.instruments[entry.name]
     rng = generator(seed, entry.name)
     if np.isfinite(entry.prior_u):
-        return entry.start + entry.prior_u * float(rng.standard_normal())
+        drawn = standardised(entry.distribution, rng, 1, (samples or {}).get(entry.effect, ()))
+        return entry.start + entry.prior_u * float(drawn[0])
     return entry.start + float(rng.uniform(-entry.spread, entry.spread))
 
 
 @eqx.filter_jit
-def _prediction(kind: str, machine: Machine, settings: Any, *numbers: Any) -> Any:
+def _prediction(form: Form, machine: Machine, *numbers: Any) -> Any:
     q, tool, errors, slots, constants = numbers
-    predict = KINDS[kind].predict
-    assert predict is not None
-    return predict(machine, settings, q, tuple(tool), errors, slots, constants)
+    return predict_readings(machine, form, q, tuple(tool), errors, slots, constants)
 
 
-def _predict(readings: ObservationSet, truth: Truth, groups: list[Any], values: np.ndarray) -> np.ndarray:
+def _predict(readings: ObservationSet, truth: Truth, groups: list[Extended], values: np.ndarray) -> np.ndarray:
     """Readings without noise, shape (m, k)."""
     errors = truth.errors(readings.positions, readings.directions)
     result = np.full(readings.readings.shape, np.nan)
@@ -166,15 +187,15 @@ def _predict(readings: ObservationSet, truth: Truth, groups: list[Any], values: 
         rows = group.rows
         numbers = (readings.positions[rows].T, readings.tool[rows].T, errors[:, rows], values[group.slots])
         arrays = [jnp.asarray(a, dtype=float) for a in (*numbers, group.constants)]
-        result[rows] = np.asarray(_prediction(readings.kind, chain, group.settings, *arrays)).T
+        result[rows] = np.asarray(_prediction(group.form, chain, *arrays)).T
     return result
 
 
-def _measure(readings: ObservationSet, exact: np.ndarray, seed: int, noise: bool) -> ObservationSet:
-    """The set with readings: exact ones plus noise of the stated u."""
-    u = _uncertainty(readings, exact)
+def _measure(readings: ObservationSet, exact: _Exact, seed: int, noise: bool) -> ObservationSet:
+    """The set with readings: exact ones plus noise of the stated u and of effects drawn anew for every reading."""
+    u = np.sqrt(_uncertainty(readings, exact.readings) ** 2 + exact.variance)
     rng = generator(seed, "noise", readings.name)
-    measured = exact + u * rng.standard_normal(exact.shape) if noise else exact
+    measured = exact.readings + u * rng.standard_normal(u.shape) if noise else exact.readings
     return replace(readings, readings=measured, u=_uncertainty(readings, measured))
 
 

@@ -114,9 +114,9 @@ def _summary(campaign: Campaign, planned: Machine, truth: Truth, seed: int, path
             f"the plan was made for '{planned.name}', {planned.structure}; its positions are taken as they are"
         )
     lines += [f"set '{s.name}': {len(s)} rows of kind {s.kind}" for s in campaign.sets]
-    effects = [e.name for s in campaign.sets for e in s.effects]
+    effects = dict.fromkeys(e.name for s in campaign.sets for e in s.effects)
     if effects:
-        lines.append(f"not simulated: systematic effects {', '.join(effects)}")
+        lines.append(f"systematic effects drawn from their u: {', '.join(effects)}")
     return [*lines, f"campaign: {paths[0]}", f"truth: {paths[1]}"]
 
 

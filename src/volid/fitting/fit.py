@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -16,9 +17,19 @@ from volid.error_model import build_model
 from volid.exceptions import InputError, VolidError
 from volid.fitting import resolution
 from volid.fitting.adequacy import SuspectReading, assess
+from volid.fitting.holdout import held_out_residuals
 from volid.fitting.identifiability import NAMED, Identifiability, analyse
 from volid.fitting.prior import check_prior, prior_notes, prior_of, shared_names
-from volid.fitting.problem import Problem, build_problem, pad_rows, predict_all, quadratic_forms, reweight, scatter
+from volid.fitting.problem import (
+    Problem,
+    build_problem,
+    pad_rows,
+    predict_all,
+    quadratic_forms,
+    reweight,
+    scatter,
+    with_random_effects,
+)
 from volid.fitting.robust import Weighted, down_weight, name_outliers, set_aside
 from volid.fitting.solution import Residuals, Solution, Statistics
 from volid.fitting.solver import Optimum, solve
@@ -90,6 +101,12 @@ class _Fitter:
         system = reweight(self.problem, self.campaign, self.factors).system
         blocks = quadratic_forms(system, jnp.asarray(self.optimum.z), pad_rows(self.root().T))
         return scatter(self.problem, self.campaign, blocks)
+
+    def held_out(self) -> tuple[np.ndarray, ...]:
+        """Whitened residuals, every rotary position predicted from all others; empty without rotary axes."""
+        assert self.optimum is not None
+        problem = reweight(self.problem, self.campaign, self.factors)
+        return held_out_residuals(problem, self.campaign, self.optimum.z, self.root(), self.whitened())
 
     def weighted(self, factors: list[np.ndarray]) -> Weighted:
         """Refit, then residuals and leverages, for the search of outliers."""
@@ -199,6 +216,7 @@ def fit(
         check_prior(prior, campaign.machine)
         warnings = (*warnings, *prior_notes(prior))
         prior = prior if prior.datum == campaign.machine.datum else prior.in_datum(campaign.machine.datum)
+    measured, campaign = campaign, with_random_effects(campaign, starts)
     resolved = _resolve(_Task(campaign, starts, prior, robust, progress))
     fitter = resolved.fitter
     progress("solving")
@@ -212,6 +230,7 @@ def fit(
     solution = _solution(
         fitter, resolved.resolution, outliers, warnings, {"robust": robust, "prior": prior is not None}
     )
+    solution = replace(solution, campaign=measured)
     return solution if datum in (None, solution.datum) else solution.in_datum(datum)
 
 
@@ -236,10 +255,6 @@ def _notes(fitter: _Fitter, chosen: resolution.Resolution, held: tuple[str, ...]
         notes.append(f"finest resolution on offer taken for {', '.join(chosen.at_limit)}: shorter waves may remain")
     if fitter.found.nuisance_defect:
         notes.append(f"{fitter.found.nuisance_defect} combinations of station or instrument parameters not determined")
-    for s in fitter.campaign.sets:
-        if s.effects:
-            names = ", ".join(e.name for e in s.effects)
-            notes.append(f"set '{s.name}': systematic effects ({names}) are recorded but not yet part of u")
     return tuple(notes)
 
 
@@ -301,9 +316,18 @@ def _solution(
             tuple(r / np.sqrt(np.maximum(1.0 - h, 1e-9)) for r, h in zip(whitened, leverages, strict=True)),
             tuple(outliers),
             _outlier_readings(campaign, whitened, outliers),
+            tuple(h * s.u for h, s in zip(fitter.held_out(), campaign.sets, strict=False)),
         ),
         statements=fitter.found.statements,
         undetermined=fitter.found.undetermined,
         notes=(*campaign.warnings, *warnings, *_notes(fitter, chosen, held, optimum)),
         options=options,
+        prior_root=jnp.asarray(_theta_prior(problem)) if options["prior"] else None,
     )
+
+
+def _theta_prior(problem: Problem) -> np.ndarray:
+    """Pseudo-readings of an earlier solution as rows on θ."""
+    known = sum(bool(np.isfinite(e.prior_u) and e.prior_u > 0) for e in problem.nuisance)
+    n = problem.model.layout.n_coefficients
+    return np.asarray(problem.system.prior_root)[known:, :n] @ problem.model.parametrisation

@@ -7,6 +7,7 @@ from one reverse pass per scalar reading, the chain to coefficients is a product
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -19,18 +20,10 @@ from scipy.linalg import block_diag
 from volid.campaign import Campaign
 from volid.error_model import ErrorModel, Layout, coefficient_rows, error_values, evaluate_bases
 from volid.machine import Machine
-from volid.observations import KINDS
-from volid.observations.base import Group, Nuisance, NuisanceTable
+from volid.observations.base import Nuisance, NuisanceTable
+from volid.observations.effects import Extended, Form, groups_of, predict_readings, random_variance
 
 CHUNK = 2048
-
-
-class BlockForm(NamedTuple):
-    """Static part of a block: observation kind, its settings, scalar readings per row."""
-
-    kind: str
-    settings: Any
-    n_readings: int
 
 
 class Block(eqx.Module):
@@ -39,7 +32,7 @@ class Block(eqx.Module):
     `weight`: 1/u, times the square root of a robust weight, 0 for padding.
     """
 
-    form: BlockForm = eqx.field(static=True)
+    form: Form = eqx.field(static=True)
     q: Any
     direction: Any
     tool: Any
@@ -77,14 +70,14 @@ class Normal(NamedTuple):
     matrix: Any
 
 
-def residual_rows(system: System, form: BlockForm, chunk: Block, z: Any) -> tuple[Any, Any]:
+def residual_rows(system: System, form: Form, chunk: Block, z: Any) -> tuple[Any, Any]:
     """Whitened residuals (prediction - reading)/u of one chunk, shape (k·m,), and their Jacobian, (size, k·m)."""
     n = system.layout.n_coefficients
     # XLA would otherwise evaluate the splines anew inside every row of the Jacobian
     bases = jax.lax.optimization_barrier(evaluate_bases(system.layout, chunk.q, chunk.direction))
     errors = jax.lax.optimization_barrier(error_values(system.layout, z[:n], bases))
     slots = z[n + chunk.slots]
-    predict = partial(KINDS[form.kind].predict, system.machine, form.settings, chunk.q, tuple(chunk.tool))
+    predict = partial(predict_readings, system.machine, form, chunk.q, tuple(chunk.tool))
     prediction, pull_back = jax.vjp(lambda e, s: predict(e, s, chunk.constants), errors, slots)
     ones = jnp.ones_like(prediction)
     blocks = []
@@ -99,13 +92,12 @@ def residual_rows(system: System, form: BlockForm, chunk: Block, z: Any) -> tupl
     return residual, jax.lax.optimization_barrier(jnp.concatenate(blocks, axis=1))
 
 
-def predicted(system: System, form: BlockForm, chunk: Block, z: Any) -> Any:
+def predicted(system: System, form: Form, chunk: Block, z: Any) -> Any:
     """Predicted readings of one chunk, shape (k, m)."""
     n = system.layout.n_coefficients
     errors = error_values(system.layout, z[:n], evaluate_bases(system.layout, chunk.q, chunk.direction))
-    predict = KINDS[form.kind].predict
-    return predict(
-        system.machine, form.settings, chunk.q, tuple(chunk.tool), errors, z[n + chunk.slots], chunk.constants
+    return predict_readings(
+        system.machine, form, chunk.q, tuple(chunk.tool), errors, z[n + chunk.slots], chunk.constants
     )
 
 
@@ -116,7 +108,7 @@ def assemble(system: System, z: Any) -> Normal:
     total = Normal(0.5 * jnp.sum(offset**2), root.T @ offset, root.T @ root)
     for block in system.blocks:
 
-        def add(total: Normal, chunk: Block, form: BlockForm = block.form) -> tuple[Normal, None]:
+        def add(total: Normal, chunk: Block, form: Form = block.form) -> tuple[Normal, None]:
             residual, rows = residual_rows(system, form, chunk, z)
             added = Normal(0.5 * jnp.sum(residual**2), rows @ residual, rows @ rows.T)
             return Normal(*(a + b for a, b in zip(total, added, strict=True))), None
@@ -146,7 +138,7 @@ def quadratic_forms(system: System, z: Any, factor: Any) -> list[Any]:
     With F Fᵀ-covariance of z these are the leverages h_ii.
     """
 
-    def of_chunk(form: BlockForm, chunk: Block) -> Any:
+    def of_chunk(form: Form, chunk: Block) -> Any:
         _, rows = residual_rows(system, form, chunk, z)
         return jnp.sum((factor @ rows) ** 2, axis=0).reshape(form.n_readings, -1)
 
@@ -198,7 +190,7 @@ def _pad(values: np.ndarray, chunks: int, length: int, edge: bool) -> np.ndarray
     return np.ascontiguousarray(full.reshape(width, chunks, length).transpose(1, 0, 2))
 
 
-def _block(campaign: Campaign, number: int, group: Group, weights: np.ndarray) -> Block:
+def _block(campaign: Campaign, number: int, group: Extended, weights: np.ndarray) -> Block:
     observations = campaign.sets[number]
     rows = group.rows
     chunks, length = chunk_shape(len(rows))
@@ -207,7 +199,7 @@ def _block(campaign: Campaign, number: int, group: Group, weights: np.ndarray) -
         return jnp.asarray(_pad(values, chunks, length, edge))
 
     return Block(
-        form=BlockForm(observations.kind, group.settings, observations.readings.shape[1]),
+        form=group.form,
         q=pad(observations.positions[rows].T),
         direction=pad(observations.directions[rows].T.astype(float)),
         tool=pad(observations.tool[rows].T),
@@ -216,6 +208,20 @@ def _block(campaign: Campaign, number: int, group: Group, weights: np.ndarray) -
         slots=pad(group.slots),
         constants=pad(group.constants),
     )
+
+
+def with_random_effects(campaign: Campaign, starts: dict[Any, float] | None = None) -> Campaign:
+    """The campaign with u² of every reading enlarged by effects that are drawn anew for each (`per` = "point")."""
+    if not any(s.effects for s in campaign.sets):
+        return campaign
+    table = NuisanceTable(starts)
+    groups = [groups_of(s, campaign, table) for s in campaign.sets]
+    values = np.array([e.start for e in table.entries])
+    sets = tuple(
+        replace(s, u=np.sqrt(s.u**2 + random_variance(s, campaign.machine, own, values)))
+        for s, own in zip(campaign.sets, groups, strict=True)
+    )
+    return replace(campaign, sets=sets)
 
 
 class Prior(NamedTuple):
@@ -248,8 +254,7 @@ def build_problem(
     table = NuisanceTable(starts)
     blocks, places = [], []
     for number, observations in enumerate(campaign.sets):
-        kind = KINDS[observations.kind]
-        for group in kind.groups(observations, campaign, table):
+        for group in groups_of(observations, campaign, table):
             blocks.append(_block(campaign, number, group, 1.0 / observations.u))
             places.append((number, group.rows))
     n = model.layout.n_coefficients

@@ -63,13 +63,15 @@ class Residuals:
     """What the fit left of every reading, arrays (m, k) per set.
 
     `residuals`: reading - predicted. `normalised`: residual / (u sqrt(1 - h)). `outliers`: set aside by the robust fit, named
-    in `outlier_readings`.
+    in `outlier_readings`. `held_out`: reading - prediction by the fit to all other rotary positions, NaN where one of them
+    alone carries something; empty without rotary axes.
     """
 
     residuals: tuple[np.ndarray, ...]
     normalised: tuple[np.ndarray, ...]
     outliers: tuple[np.ndarray, ...]
     outlier_readings: tuple[SuspectReading, ...] = ()
+    held_out: tuple[np.ndarray, ...] = ()
 
 
 class Solution(eqx.Module):
@@ -99,6 +101,7 @@ class Solution(eqx.Module):
     notes: tuple[str, ...] = eqx.field(static=True, default=())
     options: Mapping[str, Any] = eqx.field(static=True, default_factory=dict)
     provenance: Mapping[str, str] = eqx.field(static=True, default_factory=dict)
+    prior_root: Any = None
 
     @property
     def machine(self) -> Machine:
@@ -122,6 +125,11 @@ class Solution(eqx.Module):
         return tuple(
             n for n, row in zip(names, np.asarray(self.held_directions), strict=False) if np.any(row**2 > NAMED)
         )
+
+    @property
+    def prior_rows(self) -> np.ndarray:
+        """`prior_root`, shape (r, n), with no rows when no earlier solution was used."""
+        return np.zeros((0, self.model.n_parameters)) if self.prior_root is None else np.asarray(self.prior_root)
 
     @property
     def parameter_covariance(self) -> np.ndarray:
@@ -270,6 +278,7 @@ class Solution(eqx.Module):
             covariance=jnp.asarray(full @ np.asarray(self.covariance) @ full.T),
             null_space=jnp.asarray(s @ np.asarray(self.null_space)),
             model=model,
+            prior_root=None if self.prior_root is None else jnp.asarray(self.prior_rows @ np.linalg.pinv(s)),
         )
 
     def _hold_tool_rotation(self, model: ErrorModel) -> np.ndarray:

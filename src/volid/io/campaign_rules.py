@@ -11,6 +11,7 @@ from volid.exceptions import InputError
 from volid.io.toml_table import nearest
 from volid.machine import BED, TOOL, WORKPIECE, Machine
 from volid.observations import KINDS, Kind
+from volid.observations.effects import check_effects
 
 FORMAT = "volid-campaign/1"
 STATION_FRAMES = ("stations", "machine")
@@ -86,4 +87,5 @@ def check_whole(campaign: Campaign) -> Campaign:
         check = KINDS[readings.kind].check
         if check is not None:
             check(readings)
+        check_effects(readings)
     return campaign

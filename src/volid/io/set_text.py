@@ -5,22 +5,23 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from volid.campaign import Effect, ObservationSet, standard_uncertainty
 from volid.exceptions import InputError
+from volid.io import probe_centres
 from volid.io.campaign_rules import check_unique, find_kind
 from volid.io.csv_table import CsvTable, read_csv
+from volid.io.effect_text import read_effect
 from volid.io.toml_table import Table, is_number
 from volid.machine import Machine
 from volid.observations import Kind
 
-EFFECT_TYPES = ("scale", "offset", "drift", "tool_length", "repeatability", "temperature")
-EFFECT_SCOPES = ("campaign", "set", "station", "segment", "point")
 TOOL_COLUMNS = ("tool_x", "tool_y", "tool_z")
-_SET_KEYS = ("name", "kind", "file", "tool", "effect")
+_SET_KEYS = ("name", "kind", "file", "columns", "ignore", "tool", "effect")
+_CENTRES = "displacement"  # the kind that can be fed with sphere centres
 _RECORDED = {"time": "s", "temperature": "°C"}
 
 
@@ -28,31 +29,83 @@ def read_set(table: Table, folder: Path, machine: Machine, *, plan: bool) -> Obs
     """Readings of one set: keys from `table`, rows from the CSV file that it names in `folder`.
 
     With `plan`, the columns of the readings may all be absent; the readings are then NaN, and the key of a proportional
-    uncertainty stays in `options`, evaluated once there are readings. Raises `InputError` naming file, row or key.
+    uncertainty stays in `options`, evaluated once there are readings. `columns` renames columns of the file, `ignore` leaves
+    some out; with `centres = true` a displacement set reads sphere centres (`probe_centres`). Raises `InputError` naming file,
+    row or key.
     """
     kind = find_kind(table.text("kind"), table.where)
-    table.only((*_SET_KEYS, *uncertainty_keys(kind.readings), *kind.options))
-    csv = read_csv(folder / table.text("file"))
+    extra = probe_centres.KEYS if kind.name == _CENTRES else ()
+    table.only((*_SET_KEYS, *extra, *uncertainty_keys(kind.readings), *kind.options))
+    csv = _csv(table, folder)
     purpose = f"every row of a '{kind.name}' set needs one"
-    _check_columns(csv, kind, machine, purpose, plan)
-    readings = _readings(csv, kind, purpose)
-    u, pending = _uncertainty(table, csv, kind, readings)
+    content = _centres(table, csv, kind, machine, purpose, plan) or _content(table, csv, kind, machine, purpose, plan)
+    u, pending = _uncertainty(table, csv, kind, content.readings)
     return ObservationSet(
         name=table.text("name"),
         kind=kind.name,
-        positions=np.stack([csv.numbers(a.letter, a.unit, purpose) for a in machine.axes], axis=1),
+        positions=content.positions,
         directions=read_directions(csv, machine),
-        tool=_tool(table, csv, purpose),
-        readings=readings,
+        tool=content.tool,
+        readings=content.readings,
         u=u,
-        labels=_labels(csv, kind, purpose),
+        labels=content.labels,
         time=_recorded(csv, "time"),
         temperature=_recorded(csv, "temperature"),
-        options=_options(table, kind) | pending,
-        effects=_effects(table),
+        options=_options(table, kind) | content.options | pending,
+        effects=_effects(table, folder, machine),
         source=csv.source,
         rows=csv.rows,
     )
+
+
+class _Content(NamedTuple):
+    """What the rows say: positions (m, n_axes), tool (m, 3), readings (m, k), labels, and options that follow from them."""
+
+    positions: np.ndarray
+    tool: np.ndarray
+    readings: np.ndarray
+    labels: dict[str, np.ndarray]
+    options: dict[str, Any]
+
+
+def _csv(table: Table, folder: Path) -> CsvTable:
+    """The set's file, with its columns named as `columns` says and without those in `ignore`."""
+    csv = read_csv(folder / table.text("file"))
+    columns, ignored = table.table("columns", {}), table.get("ignore", [])
+    names = {key: columns.text(key) for key in columns.data}
+    if not isinstance(ignored, list) or not all(isinstance(name, str) for name in ignored):
+        raise table.wrong("ignore", 'a list of column names, such as ["seq"]')
+    return csv.renamed(names, ignored, table.where)
+
+
+def _content(table: Table, csv: CsvTable, kind: Kind, machine: Machine, purpose: str, plan: bool) -> _Content:
+    _check_columns(csv, kind, machine, purpose, plan)
+    positions = np.stack([csv.numbers(a.letter, a.unit, purpose) for a in machine.axes], axis=1)
+    readings, labels = _readings(csv, kind, purpose), _labels(csv, kind, purpose)
+    return _Content(positions, _tool(table, csv, purpose), readings, labels, {})
+
+
+def _centres(table: Table, csv: CsvTable, kind: Kind, machine: Machine, purpose: str, plan: bool) -> _Content | None:
+    """Sphere centres as displacements of 0 at their axis positions; None for a set of other readings."""
+    if kind.name != _CENTRES or not probe_centres.asked_for(table):
+        return None
+    if plan:
+        raise InputError(f"{table.where}: centres = true is for centres that were found; a plan holds none, remove it")
+    tip = probe_centres.gives_tip(csv, machine, table)
+    named = [a.letter for a in machine.axes if not (tip and a.is_linear)]
+    required = [*named, *(probe_centres.TIP if tip else ())]
+    known = (*required, *(f"{a}_dir" for a in machine.letters), *TOOL_COLUMNS, *kind.labels, "u", *_RECORDED)
+    known = (*known, *(key for key in uncertainty_keys(kind.readings) if key != "u"))
+    csv.require(required, "every row of centres needs one", known)
+    csv.only(known)
+    tool, labels = _tool(table, csv, purpose), _labels(csv, kind, purpose)
+    if tip:
+        positions = probe_centres.axis_positions(csv, machine, tool, table, purpose)
+    else:
+        positions = np.stack([csv.numbers(a.letter, a.unit, purpose) for a in machine.axes], axis=1)
+    found = probe_centres.places(machine, positions, tool, labels["sphere"])
+    options = {} if "sphere" in table.data else {"sphere": found}
+    return _Content(positions, tool, np.zeros((len(csv), len(kind.readings))), labels, options)
 
 
 def uncertainty_keys(readings: tuple[str, ...]) -> tuple[str, ...]:
@@ -185,19 +238,7 @@ def _option(table: Table, name: str, default: Any) -> Any:
     return table.get(name, default)
 
 
-def _effects(table: Table) -> tuple[Effect, ...]:
-    effects = tuple(_effect(entry) for entry in table.tables("effect"))
+def _effects(table: Table, folder: Path, machine: Machine) -> tuple[Effect, ...]:
+    effects = tuple(read_effect(entry, folder, machine) for entry in table.tables("effect"))
     check_unique((effect.name for effect in effects), "effect", table.where)
     return effects
-
-
-def _effect(table: Table) -> Effect:
-    """A systematic effect; keys beyond name, type, u and per are kept as its options."""
-    own = ("name", "type", "u", "per")
-    return Effect(
-        name=table.text("name"),
-        type=table.text("type", choices=EFFECT_TYPES),
-        u=table.number("u", above=0.0),
-        per=table.text("per", choices=EFFECT_SCOPES),
-        options={key: value for key, value in table.data.items() if key not in own},
-    )

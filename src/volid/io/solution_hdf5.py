@@ -19,10 +19,12 @@ Root attributes: `format`; `machine_name`; `axes` (letters, machine axis order);
 - `nuisance/`: `name`, `unit`, `value`, `u`, each (k,), and what the fit began with: `start`, `prior_u` (inf: unknown, 0:
   exact), `spread`.
 - `covariance` (n + k, n + k): of (θ, ν), in the units of both; zero along what is not determined.
+- `prior_root` (r, n), only after a fit with an earlier solution: its pseudo-readings W θ with unit variance.
 - `identifiability/`: `statements` (text, what is not determined); `null_space` (n, d), undetermined combinations of θ;
   `held_directions` (s, h), directions of the s tool-frame constants held at 0; `undetermined/function`, `/directions`.
 - `residuals/1`, `/2`, …, in the order of `campaign/sets`: attributes `set`, `rms`; `residual` (m, r) = reading - predicted,
-  `normalised` (m, r) = residual/(u sqrt(1 - h)), `outlier` (m, r), set aside by the robust fit.
+  `normalised` (m, r) = residual/(u sqrt(1 - h)), `outlier` (m, r), set aside by the robust fit; on machines with rotary
+  axes `held_out` (m, r) = reading - prediction by the fit to all other rotary positions, NaN where one alone carries something.
 - `adequacy/`: attributes `verdict`, `rejected`, `chi_square`, `degrees_of_freedom`, `unit_weight`, `probability`; `groups/`:
   `what`, `n`, `unit_weight`, `probability`, each (g,), least probable first; `suspects/`: `where`, `label`, `residual`,
   `normalised`, each (s,). `outliers/`: the same columns, for the readings that were set aside.
@@ -76,6 +78,8 @@ def write_solution(solution: Solution, path: str | Path, overwrite: bool = False
         _write_datum(file.create_group("datum"), solution.datum)
         _write_functions(file.create_group("functions"), solution)
         _write_parameters(file, solution)
+        if solution.prior_root is not None:
+            write_array(file, "prior_root", solution.prior_root)
         _write_identifiability(file.create_group("identifiability"), solution)
         _write_residuals(file.create_group("residuals"), solution)
         _write_rows(file.create_group("outliers"), SuspectReading, solution.readings.outlier_readings)
@@ -158,6 +162,8 @@ def _write_residuals(group: h5py.Group, solution: Solution) -> None:
         write_array(part, "residual", left.residuals[i], unit=KINDS[readings.kind].unit)
         write_array(part, "normalised", left.normalised[i])
         write_array(part, "outlier", left.outliers[i], bool)
+        if left.held_out:
+            write_array(part, "held_out", left.held_out[i], unit=KINDS[readings.kind].unit)
 
 
 def _write_adequacy(group: h5py.Group, adequacy: Adequacy) -> None:
@@ -204,6 +210,9 @@ def read_solution(path: str | Path) -> Solution:
             undetermined=_read_undetermined(file["identifiability/undetermined"]),
             notes=tuple(read_text(file["notes"]).tolist()),
             options=json.loads(file.attrs["options"]),
+            prior_root=_read_array(file, "prior_root", (None, model.n_parameters), str(path))
+            if "prior_root" in file
+            else None,
             provenance={key: str(value) for key, value in file["provenance"].attrs.items()},
         )
 
@@ -300,7 +309,8 @@ def _read_residuals(file: h5py.File, campaign: Campaign, path: str) -> Residuals
         )
 
     outliers = _read_rows(file["outliers"], SuspectReading)
-    return Residuals(column("residual"), column("normalised"), column("outlier"), outliers)
+    held_out = column("held_out") if "residuals/1/held_out" in file else ()
+    return Residuals(column("residual"), column("normalised"), column("outlier"), outliers, held_out)
 
 
 def _read_undetermined(group: h5py.Group) -> dict[str, float]:

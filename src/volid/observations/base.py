@@ -39,6 +39,7 @@ class Nuisance:
 
     `prior_u`: infinite for an unknown, a number for an artefact's calibration, 0 for a value that is known exactly.
     `spread`: how far from `start` a virtual instrument draws an unknown value (uniform); 0 when `start` is the true one.
+    `distribution`: of what is known beforehand; `effect`: name of the systematic effect that it belongs to.
     """
 
     name: str
@@ -46,6 +47,8 @@ class Nuisance:
     start: float
     prior_u: float = np.inf
     spread: float = 0.0
+    distribution: str = "normal"
+    effect: str = ""
 
 
 class NuisanceTable:
@@ -64,11 +67,15 @@ class NuisanceTable:
         start: float = 0.0,
         prior_u: float = np.inf,
         spread: float = 0.0,
+        distribution: str = "normal",
+        effect: str = "",
     ) -> int:
         """Number of the parameter `key`, made on first use; a start value found from the data wins over `start`."""
         if key not in self.keys:
             self.keys[key] = len(self.entries)
-            self.entries.append(Nuisance(name, unit, float(self.starts.get(key, start)), prior_u, spread))
+            self.entries.append(
+                Nuisance(name, unit, float(self.starts.get(key, start)), prior_u, spread, distribution, effect)
+            )
         return self.keys[key]
 
 

@@ -1,0 +1,1 @@
+"""How sure: propagation, Monte Carlo refits, coverage intervals, budgets, studies of many campaigns."""

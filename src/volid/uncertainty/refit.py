@@ -1,0 +1,372 @@
+"""Least-squares refits of many synthetic data sets that differ from one solved campaign by little: exact, and in batches.
+
+Unknowns x = (θ, ν) with covariance C = H⁻¹ on what the data determine. A trial has whitened noise ε on the readings and on the
+pseudo-readings of prior knowledge. The first step is linear, x₁ = x₀ + C Jᵀε, one matrix product for all trials of a batch; then
+
+    x ← x - C g(x),   g = J(x)ᵀ r(x),   r = w (prediction(x) - reading)
+
+with the exact gradient of every trial and the shared H, until the step is below `TOLERANCE` standard uncertainties. H being that
+of the solution, a step shrinks by the relative change of J, some 1e-4 each; a chord with J frozen would never arrive, because its
+fixed point is another. Trials that do not shrink so are left to the full solver. Robust fits repeat the search for outliers.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from volid.campaign import Campaign
+from volid.error_model import ROWS as ROWS_PER_BODY
+from volid.error_model import Layout, evaluate_bases
+from volid.fitting.problem import (
+    Block,
+    Problem,
+    System,
+    build_problem,
+    pad_rows,
+    predict_all,
+    quadratic_forms,
+    residual_rows,
+    reweight,
+    with_random_effects,
+)
+from volid.fitting.robust import critical_value
+from volid.fitting.solution import Solution
+from volid.fitting.solver import solve
+from volid.fitting.starts import find_starts
+from volid.observations.effects import predict_readings
+
+TOLERANCE = 1e-6  # standard uncertainties
+STEPS = 6  # exact-gradient steps at most, before a trial is solved anew
+ROWS, TRIALS = 256, 64  # of one tile: its intermediate values stay in the processor's cache
+
+
+class Refits(NamedTuple):
+    """`x`: (b, p), θ and ν of every trial. `error`: (b,) estimated distance to the minimum, in standard uncertainties.
+    `chi_square`: (b,). `solved`: (b,) True where the full solver was needed. `outliers`: (b,) readings set aside anew."""
+
+    x: np.ndarray
+    error: np.ndarray
+    chi_square: np.ndarray
+    solved: np.ndarray
+    outliers: np.ndarray
+
+
+class _Frozen(eqx.Module):
+    """What all trials share: system, z at the solution, T with z = T x, C, prior rows in x, predictions, reading numbers."""
+
+    system: System
+    z: Any
+    basis: Any
+    covariance: Any
+    prior: Any
+    predictions: list[Any]
+    numbers: list[Any]
+
+
+def _tiles(block: Block, numbers: np.ndarray) -> tuple[Block, Any]:
+    """A block and its reading numbers cut into chunks of at most `ROWS` rows, those of padding alone left out."""
+    each = min(block.q.shape[2], ROWS)
+
+    def cut(a: np.ndarray) -> np.ndarray:
+        n, width, rows = a.shape
+        parts = a.reshape(n, width, rows // each, each).transpose(0, 2, 1, 3)
+        return parts.reshape(n * (rows // each), width, each)
+
+    used = cut(np.asarray(block.weight)).any(axis=(1, 2))
+    return jax.tree.map(lambda a: jnp.asarray(cut(np.asarray(a))[used]), (block, numbers))
+
+
+@eqx.filter_jit
+def _linear(frozen: _Frozen, noise: Any, prior_noise: Any) -> Any:
+    """C (Jᵀε + Wᵀε_p), shape (p, b); `noise` (b, N), `prior_noise` (b, r)."""
+    total = jnp.zeros((frozen.system.size, noise.shape[0]))
+    for block, numbers in zip(frozen.system.blocks, frozen.numbers, strict=True):
+
+        def add(total: Any, parts: Any, block: Block = block) -> tuple[Any, None]:
+            chunk, own = parts
+            _, rows = residual_rows(frozen.system, block.form, chunk, frozen.z)
+            return total + rows @ noise[:, own.reshape(-1)].T, None
+
+        total, _ = jax.lax.scan(add, total, (block, numbers))
+    return frozen.covariance @ (frozen.basis.T @ total + frozen.prior.T @ prior_noise.T)
+
+
+def _tile_gradient(system: System, chunk: Block, exact: Any, noise: Any, z: Any) -> tuple[Any, Any]:
+    """Gradient (trials, size) and chi-square (trials,) of one tile; `noise` (trials, k, rows), `z` (trials, size).
+
+    Error values and nuisance values stand as one (trials, rows) array each, not as one large array: the reverse pass of indexing
+    into that would add up as many padded arrays as it has rows.
+    """
+    layout, form, n = system.layout, chunk.form, system.layout.n_coefficients
+    shape = (len(z), chunk.q.shape[1])
+    bases = jax.lax.optimization_barrier(evaluate_bases(layout, chunk.q, chunk.direction))
+    errors = jax.lax.optimization_barrier(_error_rows(layout, z[:, :n], bases, shape))
+    slots = tuple(z[:, n:][:, number] for number in chunk.slots)
+
+    def over_trials(values: Any) -> tuple[Any, ...]:
+        return tuple(jnp.broadcast_to(v[None], shape) for v in values)
+
+    q, tool, constants = (over_trials(v) for v in (chunk.q, chunk.tool, chunk.constants))
+
+    def prediction(e: Any, s: Any) -> Any:
+        return predict_readings(system.machine, form, q, tool, e, s, constants)
+
+    value, pull_back = jax.vjp(prediction, errors, slots)
+    weight = chunk.weight[:, None]
+    residual = (value - exact[:, None]) * weight - jnp.where(weight > 0.0, noise.transpose(1, 0, 2), 0.0)
+    residual, pull_back = jax.lax.optimization_barrier((residual, pull_back))
+    d_errors, d_slots = jax.lax.optimization_barrier(pull_back(residual * weight))
+    chi_square = jnp.sum(residual**2, axis=(0, 2))
+    curves = _pull_to_coefficients(layout, d_errors, bases, len(z))
+    if not system.n_nuisance:
+        return curves, chi_square
+    hot = (chunk.slots.reshape(-1)[:, None] == jnp.arange(system.n_nuisance)).astype(float)
+    return jnp.concatenate([curves, jnp.concatenate(d_slots, axis=1) @ hot], axis=1), chi_square
+
+
+def _error_rows(layout: Layout, coefficients: Any, bases: Any, shape: tuple[int, int]) -> tuple[Any, ...]:
+    """Error values of every row of the layout as (trials, rows) arrays, from coefficients (trials, n)."""
+    rows: list[Any] = [jnp.zeros(shape)] * (ROWS_PER_BODY * (layout.n_axes + 1))
+    values = dict(zip(layout.bases, bases, strict=True))
+    for run in layout.runs:
+        last = run[-1].start + run[-1].basis.size
+        own = coefficients[:, run[0].start : last].reshape(shape[0], len(run), -1).transpose(1, 0, 2)
+        curves = own.reshape(len(run) * shape[0], -1) @ values[run[0].basis]
+        for i, term in enumerate(run):
+            rows[term.row] = rows[term.row] + term.sign * curves[i * shape[0] : (i + 1) * shape[0]]
+    return tuple(rows)
+
+
+def _pull_to_coefficients(layout: Layout, partials: Any, bases: Any, trials: int) -> Any:
+    """Chain rule from error rows to coefficients, summed over the tile's rows: (trials, n_coefficients)."""
+    values = dict(zip(layout.bases, bases, strict=True))
+    blocks = [jnp.zeros((trials, 0))]
+    for run in layout.runs:
+        stacked = jnp.concatenate([term.sign * partials[term.row] for term in run])
+        own = (stacked @ values[run[0].basis].T).reshape(len(run), trials, -1)
+        blocks.append(own.transpose(1, 0, 2).reshape(trials, -1))
+    return jnp.concatenate(blocks, axis=1)
+
+
+@eqx.filter_jit
+def _step(frozen: _Frozen, x: Any, noise: Any, prior_noise: Any) -> tuple[Any, Any]:
+    """One exact-gradient step of every trial: (new x - x₀ (b, p), chi-square before the step (b,)); `x` relative to x₀."""
+    system = frozen.system
+    trials = min(TRIALS, x.shape[0])
+
+    def of_trials(parts: Any) -> tuple[Any, Any]:
+        own, eps = parts
+        z = frozen.z + own @ frozen.basis.T
+        gradient, chi = jnp.zeros_like(z), jnp.zeros(len(own))
+        for block, exact, numbers in zip(system.blocks, frozen.predictions, frozen.numbers, strict=True):
+
+            def add(total: Any, tile: Any) -> tuple[Any, None]:
+                chunk, predictions, number = tile
+                g, c = _tile_gradient(system, chunk, predictions, eps[:, number], z)
+                return (total[0] + g, total[1] + c), None
+
+            (gradient, chi), _ = jax.lax.scan(add, (gradient, chi), (block, exact, numbers))
+        return gradient, chi
+
+    shape = (x.shape[0] // trials, trials, -1)
+    gradient, chi = jax.lax.map(of_trials, (x.reshape(shape), noise.reshape(shape)))
+    offset = x @ frozen.prior.T - prior_noise
+    gradient = gradient.reshape(x.shape[0], -1) @ frozen.basis + offset @ frozen.prior
+    return x - gradient @ frozen.covariance, chi.reshape(-1) + jnp.sum(offset**2, axis=1)
+
+
+class Refitter:
+    """Refits synthetic data sets drawn around a solution; see the module.
+
+    `n_readings`: N, scalar readings in the order of the campaign's sets, row by row. `n_prior`: r, pseudo-readings: nuisance
+    parameters known beforehand (effects, calibrated lengths), then those of an earlier solution.
+    """
+
+    def __init__(self, solution: Solution) -> None:
+        self.solution = solution
+        starts = find_starts(solution.campaign)
+        self.campaign = with_random_effects(solution.campaign, starts)
+        factors = [np.where(o, 0.0, 1.0) for o in solution.readings.outliers]
+        if not factors:
+            factors = [np.ones(s.readings.shape) for s in self.campaign.sets]
+        self.factors = factors
+        problem = reweight(build_problem(self.campaign, solution.model, starts), self.campaign, factors)
+        cut = [
+            _tiles(b, n) for b, n in zip(problem.system.blocks, _reading_numbers(problem, self.campaign), strict=True)
+        ]
+        self.problem: Problem = problem._replace(
+            system=eqx.tree_at(lambda s: s.blocks, problem.system, tuple(block for block, _ in cut))
+        )
+        numbers = [number for _, number in cut]
+        theta, nuisance = np.asarray(solution.parameters), np.asarray(solution.nuisance)
+        self.centre = np.concatenate([theta, nuisance])
+        n, k = len(theta), len(nuisance)
+        p = solution.model.parametrisation
+        basis = np.zeros((self.problem.system.size, n + k))
+        basis[: p.shape[0], :n] = p
+        basis[p.shape[0] :, n:] = np.eye(k)
+        self.known = _known_nuisance(solution)
+        self.nuisance_prior = np.zeros((len(self.known), n + k))
+        for i, j in enumerate(self.known):
+            self.nuisance_prior[i, n + j] = 1.0 / solution.nuisance_table[j].prior_u
+        prior = np.vstack([self.nuisance_prior, np.pad(solution.prior_rows, ((0, 0), (0, k)))])
+        self.u = np.sqrt(np.maximum(np.diagonal(np.asarray(solution.covariance)), 0.0))
+        z = jnp.asarray(basis @ self.centre)
+        self.frozen = _Frozen(
+            system=self.problem.system,
+            z=z,
+            basis=jnp.asarray(basis),
+            covariance=jnp.asarray(solution.covariance),
+            prior=jnp.asarray(prior),
+            predictions=predict_all(self.problem.system, z),
+            numbers=numbers,
+        )
+        self.n_readings = self.campaign.n_readings
+        self.n_prior = len(prior)
+        self._robust = bool(solution.options.get("robust", False))
+        self._redundancy: np.ndarray | None = None
+
+    def noise_of(self, readings: list[np.ndarray]) -> np.ndarray:
+        """Whitened noise (b, N) of given readings, one array (b, m, k) per set: (reading - prediction at the solution)/u."""
+        exact = self._flat_predictions()
+        u = np.concatenate([s.u.ravel() for s in self.campaign.sets])
+        flat = np.concatenate([np.asarray(r).reshape(len(r), -1) for r in readings], axis=1)
+        return np.asarray((flat - exact) / u)
+
+    def _flat_predictions(self) -> np.ndarray:
+        values = np.zeros(self.n_readings)
+        for exact, numbers in zip(self.frozen.predictions, self.frozen.numbers, strict=True):
+            values[np.asarray(numbers).ravel()] = np.asarray(exact).ravel()
+        return values
+
+    def refit(self, noise: np.ndarray, prior_noise: np.ndarray | None = None) -> Refits:
+        """Minimum of every trial; `noise` (b, N) and `prior_noise` (b, r), whitened."""
+        b = len(noise)
+        if prior_noise is None:
+            prior_noise = np.zeros((b, self.n_prior))
+        width = b if b <= TRIALS else -(-b // TRIALS) * TRIALS
+        eps, prior_eps = (jnp.asarray(np.pad(a, ((0, width - b), (0, 0)))) for a in (noise, prior_noise))
+        x = _linear(self.frozen, eps, prior_eps).T
+        first = self._size(x)[:b]
+        error, chi = np.full(b, np.inf), np.full(b, np.nan)
+        for _ in range(STEPS):
+            new, chi_square = _step(self.frozen, x, eps, prior_eps)
+            last = self._size(new - x)[:b]
+            x, chi = new, np.asarray(chi_square)[:b]
+            with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+                error = np.where(last < first, last * last / np.maximum(first, 1e-300), np.inf)
+            first = last
+            if np.all(error <= TOLERANCE):
+                break
+        result = Refits(self.centre + np.asarray(x)[:b], error, chi, np.zeros(b, bool), np.zeros(b, int))
+        return self._finish(result, noise, prior_noise)
+
+    def _size(self, step: Any) -> np.ndarray:
+        """Largest change of a parameter in standard uncertainties, per trial."""
+        seen = self.u > 0.0
+        return np.asarray(np.max(np.abs(np.asarray(step)[:, seen]) / self.u[seen], axis=1, initial=0.0))
+
+    def _finish(self, result: Refits, noise: np.ndarray, prior_noise: np.ndarray) -> Refits:
+        """Solve anew what has not converged, and what has outliers in a robust fit."""
+        for i in np.flatnonzero(~(result.error <= TOLERANCE)):
+            result.x[i], result.chi_square[i] = self.solve_fully(noise[i], prior_noise[i], self.factors)
+            result.error[i], result.solved[i] = 0.0, True
+        if self._robust:
+            self._search_outliers(result, noise, prior_noise)
+        return result
+
+    def solve_fully(
+        self, noise: np.ndarray, prior_noise: np.ndarray, factors: list[np.ndarray]
+    ) -> tuple[np.ndarray, float]:
+        """One trial by the solver of the fit itself, from the solution: x and chi-square; NaN when it diverges."""
+        exact = self._flat_predictions()
+        u = np.concatenate([s.u.ravel() for s in self.campaign.sets])
+        flat, readings, start = exact + noise * u, [], 0
+        for s in self.campaign.sets:
+            readings.append(flat[start : start + s.readings.size].reshape(s.readings.shape))
+            start += s.readings.size
+        system = self._with_readings(readings, factors)
+        root = np.asarray(self.frozen.prior) @ np.linalg.pinv(np.asarray(self.frozen.basis))
+        mean = (
+            np.asarray(self.frozen.z) + np.linalg.pinv(root) @ prior_noise if len(root) else np.asarray(self.frozen.z)
+        )
+        system = eqx.tree_at(lambda s: (s.prior_root, s.prior_mean), system, (jnp.asarray(root), jnp.asarray(mean)))
+        values, vectors = np.linalg.eigh(np.asarray(self.frozen.covariance))
+        free = np.asarray(self.frozen.basis) @ (vectors[:, values > 0] * np.sqrt(values[values > 0]))
+        found = solve(self.problem._replace(system=system), np.asarray(self.frozen.z), free)
+        if not found.converged:
+            return np.full(len(self.centre), np.nan), float("nan")
+        x = np.linalg.lstsq(np.asarray(self.frozen.basis), found.z, rcond=None)[0]
+        return x, 2.0 * float(found.normal.cost)
+
+    def _with_readings(self, readings: list[np.ndarray], factors: list[np.ndarray]) -> System:
+        """The system with other readings (m, k) and square-root weights per set."""
+        flat = np.concatenate([r.ravel() for r in readings])
+        weights = np.concatenate([(f / s.u).ravel() for f, s in zip(factors, self.campaign.sets, strict=True)])
+        blocks = []
+        for block, numbers in zip(self.frozen.system.blocks, self.frozen.numbers, strict=True):
+            number = np.asarray(numbers)
+            weight = np.where(np.asarray(block.weight) > 0.0, weights[number], 0.0)
+            new = (jnp.asarray(flat[number]), jnp.asarray(weight))
+            blocks.append(eqx.tree_at(lambda b: (b.reading, b.weight), block, new))
+        return eqx.tree_at(lambda s: s.blocks, self.frozen.system, tuple(blocks))
+
+    def redundancy(self) -> np.ndarray:
+        """1 - h of every reading at the solution, shape (N,)."""
+        if self._redundancy is None:
+            values, vectors = np.linalg.eigh(np.asarray(self.frozen.covariance))
+            root = np.asarray(self.frozen.basis) @ (vectors * np.sqrt(np.maximum(values, 0.0)))
+            h = quadratic_forms(self.frozen.system, self.frozen.z, pad_rows(root.T))
+            flat = np.zeros(self.n_readings)
+            for own, numbers in zip(h, self.frozen.numbers, strict=True):
+                flat[np.asarray(numbers).ravel()] = np.asarray(own).ravel()
+            self._redundancy = np.maximum(1.0 - flat, 1e-6)
+        return self._redundancy
+
+    def _search_outliers(self, result: Refits, noise: np.ndarray, prior_noise: np.ndarray) -> None:
+        """Repeat the search for outliers in every trial: readings beyond the critical value are set aside, the rest refitted."""
+        flat = np.concatenate([f.ravel() for f in self.factors])
+        limit = critical_value(int(flat.sum())) * np.sqrt(self.redundancy())
+        for i in range(len(noise)):
+            residual = self._residuals(result.x[i], noise[i])
+            found = (np.abs(residual) > limit) & (flat > 0.0)
+            if not found.any():
+                continue
+            kept, start, factors = np.where(found, 0.0, flat), 0, []
+            for s in self.campaign.sets:
+                factors.append(kept[start : start + s.readings.size].reshape(s.readings.shape))
+                start += s.readings.size
+            result.x[i], result.chi_square[i] = self.solve_fully(noise[i], prior_noise[i], factors)
+            result.solved[i], result.outliers[i] = True, int(found.sum())
+
+    def _residuals(self, x: np.ndarray, noise: np.ndarray) -> np.ndarray:
+        """Whitened residuals (N,), reading - prediction, of one trial."""
+        blocks = predict_all(self.frozen.system, self.frozen.basis @ jnp.asarray(x))
+        u = np.concatenate([s.u.ravel() for s in self.campaign.sets])
+        values = np.zeros(self.n_readings)
+        for own, numbers in zip(blocks, self.frozen.numbers, strict=True):
+            values[np.asarray(numbers).ravel()] = np.asarray(own).ravel()
+        return np.asarray(noise - (values - self._flat_predictions()) / u)
+
+
+def _known_nuisance(solution: Solution) -> np.ndarray:
+    """Numbers of the nuisance parameters that are known beforehand to within a u."""
+    u = np.array([e.prior_u for e in solution.nuisance_table])
+    return np.flatnonzero(np.isfinite(u) & (u > 0.0))
+
+
+def _reading_numbers(problem: Problem, campaign: Campaign) -> list[np.ndarray]:
+    """Number of the reading, 0 … N - 1, at every place of every block, (n_chunks, k, rows); padding repeats the first."""
+    first = np.cumsum([0, *(s.readings.size for s in campaign.sets)])
+    result = []
+    for block, (number, rows) in zip(problem.system.blocks, problem.places, strict=True):
+        chunks, k, length = block.reading.shape
+        flat = np.full((chunks * length, k), first[number] + rows[0] * k) + np.arange(k)
+        flat[: len(rows)] = first[number] + rows[:, None] * k + np.arange(k)
+        result.append(flat.reshape(chunks, length, k).transpose(0, 2, 1))
+    return result
