@@ -124,10 +124,11 @@ def __dir__() -> list[str]:
 
 
 def _complete_solution() -> None:
-    """Give `Solution` the two methods whose work is done in layers above it: `save` and `grid`."""
+    """Give `Solution` the methods whose work is done in layers above it: `save`, `grid` and `monte_carlo`."""
     loaded = _sys.modules.get("volid.fitting.solution")
     if loaded is not None and not hasattr(loaded.Solution, "save"):
         loaded.Solution.save = _import_module("volid.io.solution_hdf5").write_solution
+        loaded.Solution.monte_carlo = _import_module("volid.uncertainty.monte_carlo").monte_carlo
         loaded.Solution.grid = _import_module("volid.compensation.grids").linear_grid
 
 

@@ -22,6 +22,10 @@ VERBS = {
     "simulate": ("simulate", "a campaign measured on a virtual machine, with the truth stored beside it"),
     "import": ("import_", "a campaign from text (a manifest and CSV files) to one HDF5 file"),
     "fit": ("fit", "identify the machine's error model from one or more campaigns"),
+    "uncertainty": (
+        "uncertainty",
+        "Monte Carlo refits of a solution: coverage intervals beside the propagated uncertainty",
+    ),
     "summary": ("summary", "what a solution says: verdict, squareness, volumetric accuracy, error functions"),
     "errors": ("errors", "deviation of the functional point at given axis positions and tool vectors"),
     "functions": ("functions", "table of the error functions and location errors with their uncertainty"),

@@ -102,6 +102,7 @@ class Solution(eqx.Module):
     options: Mapping[str, Any] = eqx.field(static=True, default_factory=dict)
     provenance: Mapping[str, str] = eqx.field(static=True, default_factory=dict)
     prior_root: Any = None
+    samples: Any = eqx.field(static=True, default=None)
 
     @property
     def machine(self) -> Machine:
@@ -278,6 +279,7 @@ class Solution(eqx.Module):
             covariance=jnp.asarray(full @ np.asarray(self.covariance) @ full.T),
             null_space=jnp.asarray(s @ np.asarray(self.null_space)),
             model=model,
+            samples=None if self.samples is None else self.samples.mapped(full),
             prior_root=None if self.prior_root is None else jnp.asarray(self.prior_rows @ np.linalg.pinv(s)),
         )
 

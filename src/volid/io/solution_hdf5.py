@@ -29,13 +29,16 @@ Root attributes: `format`; `machine_name`; `axes` (letters, machine axis order);
   `what`, `n`, `unit_weight`, `probability`, each (g,), least probable first; `suspects/`: `where`, `label`, `residual`,
   `normalised`, each (s,). `outliers/`: the same columns, for the readings that were set aside.
 - `statistics/`: attributes `n_readings`, `n_parameters`, `iterations`, `converged`. `notes`: text, (t,).
+- `monte_carlo/`, once run: attributes `trials` M, `seed`, `tolerance` (numerical tolerance reached over the one wanted, NaN for a
+  fixed M); `samples` (M, n + k) of (θ, ν); `chi_square`, `error` (distance to the minimum in standard uncertainties), `solved`
+  (by the full solver), `outliers` (set aside in the trial), each (M,).
 - `provenance/`: attributes: date, versions, command, SHA-256 of the inputs.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -55,6 +58,7 @@ from volid.iso230 import describe, parse
 from volid.machine import Datum
 from volid.observations import KINDS
 from volid.observations.base import Nuisance
+from volid.uncertainty.samples import Samples
 
 FORMAT = "volid-solution/1"
 POINTS = 101  # of each function in `functions/`
@@ -88,6 +92,43 @@ def write_solution(solution: Solution, path: str | Path, overwrite: bool = False
             file.require_group("statistics").attrs[name] = getattr(solution.statistics, name)
         write_text(file, "notes", list(solution.notes))
         file.create_group("provenance").attrs.update(solution.provenance)
+        if solution.samples is not None:
+            _write_samples(file.create_group("monte_carlo"), solution.samples, np.asarray(solution.covariance).shape[0])
+
+
+def _write_samples(group: h5py.Group, samples: Samples, width: int) -> None:
+    """Batch by batch, so that memory stays bounded."""
+    for name in ("trials", "seed", "tolerance"):
+        group.attrs[name] = getattr(samples, name)
+    for name in ("chi_square", "error", "solved", "outliers"):
+        write_array(group, name, getattr(samples, name), getattr(samples, name).dtype)
+    whole = group.create_dataset("samples", (samples.trials, width), "f8", chunks=(min(samples.trials, 1024), width))
+    start = 0
+    for batch in samples.batches():
+        whole[start : start + len(batch)] = batch
+        start += len(batch)
+
+
+def _read_samples(file: h5py.File, path: str) -> Samples | None:
+    """Samples that stay in the file until they are asked for."""
+    if "monte_carlo" not in file:
+        return None
+    group = file["monte_carlo"]
+    columns = {name: group[name][()] for name in ("chi_square", "error", "solved", "outliers")}
+    trials = int(group.attrs["trials"])
+
+    def batches() -> Iterator[np.ndarray]:
+        with reading(path, "solution", FORMAT) as again:
+            for start in range(0, trials, 1024):
+                yield again["monte_carlo/samples"][start : start + 1024]
+
+    return Samples(
+        trials=trials,
+        batches=batches,
+        seed=int(group.attrs["seed"]),
+        tolerance=float(group.attrs["tolerance"]),
+        **columns,
+    )
 
 
 def _write_datum(group: h5py.Group, datum: Datum) -> None:
@@ -210,6 +251,7 @@ def read_solution(path: str | Path) -> Solution:
             undetermined=_read_undetermined(file["identifiability/undetermined"]),
             notes=tuple(read_text(file["notes"]).tolist()),
             options=json.loads(file.attrs["options"]),
+            samples=_read_samples(file, str(path)),
             prior_root=_read_array(file, "prior_root", (None, model.n_parameters), str(path))
             if "prior_root" in file
             else None,

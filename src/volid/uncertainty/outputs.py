@@ -1,0 +1,89 @@
+"""What people ask of a solution, as functions of its parameters: location errors, error motions, the working volume."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import qmc
+
+from volid.fitting.prediction import deviation_values, gradient_matrix
+from volid.fitting.solution import Solution
+from volid.iso230 import parse
+
+POSITIONS = 7  # of every error motion
+POINTS = 256  # in the working volume, Sobol
+
+
+@dataclass(frozen=True, eq=False)
+class Outputs:
+    """q outputs: linear ones, then those of the deviation field.
+
+    `names`, `units` (mm or rad), `positions` (NaN for constants): one entry each. `rows`: (l, p) linear outputs. `field`:
+    (3 P, p) gradient of the deviation at P points, `offset` (3 P,) with deviation = offset + field · x; empty without a field.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    positions: np.ndarray
+    rows: np.ndarray
+    field: np.ndarray
+    offset: np.ndarray
+
+    def values(self, x: np.ndarray) -> np.ndarray:
+        """Outputs of parameters x, (b, p) -> (b, q). The field's outputs: largest and RMS length, and three ranges."""
+        linear = x @ self.rows.T
+        if not len(self.field):
+            return linear
+        length = self.offset + x @ self.field.T
+        vectors = length.reshape(len(x), -1, 3)
+        size = np.linalg.norm(vectors, axis=2)
+        whole = np.column_stack([size.max(axis=1), np.sqrt(np.mean(size**2, axis=1)), np.ptp(vectors, axis=1)])
+        return np.concatenate([linear, whole], axis=1)
+
+
+FIELD = ("largest deviation", "RMS deviation", "V_X", "V_Y", "V_Z")
+
+
+def headline_outputs(solution: Solution, tool: np.ndarray | None = None) -> Outputs:
+    """Location errors, every error motion at `POSITIONS` places, and the deviation field for one tool vector.
+
+    What the data do not determine is left out. `tool`: (3,) [mm], the first set's first one by default.
+    """
+    names: list[str] = []
+    positions: list[float] = []
+    rows: list[np.ndarray] = []
+    n, k = solution.model.n_parameters, len(solution.nuisance_table)
+    for name in solution.model.names:
+        error = parse(name)
+        if error.location:
+            own, at = np.eye(n)[[solution.model.by_name[name, "location"].parameters.start]], np.array([np.nan])
+        else:
+            at = np.linspace(*solution.machine.axis(error.axis).travel, POSITIONS)
+            own = solution.motion_rows(name, at, 0)
+        kept = ~solution.is_lost(own) & (name not in solution.held_tool_rotation)
+        rows += list(own[kept])
+        names += [name] * int(kept.sum())
+        positions += at[kept].tolist()
+    matrix = np.pad(np.array(rows).reshape(-1, n), ((0, 0), (0, k)))
+    field, offset = _field(solution, tool)
+    units = [parse(name).unit for name in names]
+    if len(field):
+        names, units, positions = names + list(FIELD), units + ["mm"] * len(FIELD), positions + [np.nan] * len(FIELD)
+    return Outputs(tuple(names), tuple(units), np.array(positions), matrix, field, offset)
+
+
+def _field(solution: Solution, tool: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    """Gradient (3 P, p) and offset (3 P,) of the deviation in the working volume; empty when it is not determined."""
+    low = np.array([axis.travel[0] for axis in solution.machine.axes])
+    length = np.array([axis.length for axis in solution.machine.axes])
+    positions = low + qmc.Sobol(len(low), seed=0).random(POINTS) * length
+    vector = solution.campaign.sets[0].tool[0] if tool is None else np.asarray(tool, dtype=float)
+    tools, still = np.broadcast_to(vector, (POINTS, 3)), np.zeros_like(positions)
+    if not solution.evaluate(positions, tools).determined[:, :3].all():
+        p = len(solution.parameters) + len(solution.nuisance_table)
+        return np.zeros((0, p)), np.zeros(0)
+    theta = np.asarray(solution.parameters)
+    values = deviation_values(solution.model, theta, positions, tools, still)[:, :3]
+    gradient = gradient_matrix(solution.model, theta, positions, tools, still)[:, :3].reshape(3 * POINTS, -1)
+    return np.pad(gradient, ((0, 0), (0, len(solution.nuisance_table)))), values.ravel() - gradient @ theta

@@ -1,0 +1,117 @@
+"""Samples of the parameters, by Monte Carlo: kept on disk in batches, read batch by batch, so that memory stays bounded.
+
+A folder of trials holds `run.json` (what makes the trials: seed, hash of the solution) and one file per finished batch, written
+whole or not at all: a killed run loses the batches in work and nothing else.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import uuid
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from volid.exceptions import InputError
+
+RECORD = "run.json"
+LARGEST = 32_000_000  # values of one group of output columns in memory: 256 MB
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Monte Carlo samples of x = (θ, ν).
+
+    `trials`: M. `batches`: function that yields (b, p) arrays, in the order of the trials. `chi_square`, `error` (distance to
+    the exact minimum in standard uncertainties), `solved` (by the full solver), `outliers` (set aside in the trial): (M,).
+    `seed`: of the run. `tolerance`: achieved numerical tolerance over the one aimed at, NaN for a fixed number of trials.
+    """
+
+    trials: int
+    batches: Callable[[], Iterator[np.ndarray]]
+    chi_square: np.ndarray
+    error: np.ndarray
+    solved: np.ndarray
+    outliers: np.ndarray
+    seed: int
+    tolerance: float = float("nan")
+
+    def outputs(self, values: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+        """`values`, a function from (b, p) to (b, q), for all trials that converged, shape (M', q)."""
+        return np.concatenate([np.asarray(values(x[np.isfinite(x).all(axis=1)])) for x in self.batches()])
+
+    def linear(self, rows: np.ndarray) -> Iterator[tuple[slice, np.ndarray]]:
+        """Linear outputs `rows` (q, p) by groups of columns small enough for memory: (slice, samples (M', columns))."""
+        width = max(1, LARGEST // max(self.trials, 1))
+        for start in range(0, len(rows), width):
+            part = slice(start, min(start + width, len(rows)))
+            own = rows[part].T
+            yield part, self.outputs(lambda x, own=own: x @ own)  # type: ignore[misc]
+
+    def mapped(self, matrix: np.ndarray) -> Samples:
+        """Samples of matrix · x."""
+        source = self.batches
+
+        def batches() -> Iterator[np.ndarray]:
+            return (x @ matrix.T for x in source())
+
+        return Samples(
+            self.trials, batches, self.chi_square, self.error, self.solved, self.outliers, self.seed, self.tolerance
+        )
+
+
+class TrialFolder:
+    """Finished batches of a run on disk; `record`: seed, batch size and fingerprint of the solution.
+
+    Raises `InputError` when the folder holds trials and `resume` is not asked for, or those of another run.
+    """
+
+    def __init__(self, path: Path, record: dict[str, Any], resume: bool) -> None:
+        self.path, self.fingerprint = path, str(record["solution"])
+        existing = path / RECORD
+        if existing.exists():
+            found = json.loads(existing.read_text(encoding="utf-8"))
+            if not resume:
+                raise InputError(f"{path} holds the trials of an interrupted run; go on with --resume, or remove it")
+            if found != record:
+                different = ", ".join(k for k in record if found.get(k) != record[k])
+                raise InputError(
+                    f"{path} holds trials of another run ({different} differs); remove it or start without it"
+                )
+        path.mkdir(parents=True, exist_ok=True)
+        self._write(existing, lambda p: p.write_text(json.dumps(record), encoding="utf-8"))
+        for left in path.glob(".*.part"):
+            left.unlink(missing_ok=True)
+
+    def _write(self, place: Path, write: Callable[[Path], Any]) -> None:
+        temporary = self.path / f".{uuid.uuid4().hex[:12]}.part"
+        write(temporary)
+        os.replace(temporary, place)
+
+    def place(self, batch: int) -> Path:
+        """File of a batch."""
+        return self.path / f"{batch:07d}.npz"
+
+    def done(self, batch: int) -> bool:
+        """Whether a batch is there."""
+        return self.place(batch).exists()
+
+    def save(self, batch: int, arrays: dict[str, np.ndarray]) -> None:
+        """Keep a finished batch."""
+
+        def write(place: Path) -> None:
+            with place.open("wb") as file:
+                np.savez(file, **arrays)  # type: ignore[arg-type]
+                file.flush()
+                os.fsync(file.fileno())
+
+        self._write(self.place(batch), write)
+
+    def load(self, batch: int) -> dict[str, np.ndarray]:
+        """Arrays of a finished batch."""
+        with np.load(self.place(batch)) as file:
+            return {name: file[name] for name in file.files}

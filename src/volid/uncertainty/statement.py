@@ -1,0 +1,134 @@
+"""The statement of uncertainty: headline outputs with u by propagation and by Monte Carlo, intervals, and how they agree."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from volid.fitting.solution import Solution
+from volid.uncertainty.coverage import PROBABILITY, coverage_intervals, gum_validity
+from volid.uncertainty.outputs import FIELD, Outputs, headline_outputs
+
+
+class Row(NamedTuple):
+    """One output; lengths [mm], rotations [rad], positions [mm or degrees].
+
+    `u`: by propagation (NaN for outputs that are not linear), `u_mc`: by Monte Carlo; `low` … `shortest_high`: 95 % intervals;
+    `valid`: propagation would have been enough (JCGM 101, 8; one significant digit); `decided`: enough trials to tell.
+    """
+
+    name: str
+    unit: str
+    position: float
+    value: float
+    u: float
+    u_mc: float
+    low: float
+    high: float
+    shortest_low: float
+    shortest_high: float
+    valid: bool
+    decided: bool
+
+
+class Statement(NamedTuple):
+    """`rows`: outputs in the order of `headline_outputs`; `trials`, those `failed` (not converged) and `solved` by the full
+    solver; `tolerance`: see `Samples`; `lack_of_fit`: factor on u when the residuals exceed the stated uncertainties, else 1."""
+
+    rows: tuple[Row, ...]
+    trials: int
+    failed: int
+    solved: int
+    tolerance: float
+    lack_of_fit: float
+
+
+def lack_of_fit(solution: Solution) -> float:
+    """Factor by which unmodelled error enlarges u: the unit weight where it exceeds 1 by more than chance (5 %), else 1.
+
+    The residuals measure the model's lack of fit where there are readings; scaling u with them takes it as random from reading
+    to reading, and as large elsewhere. Never applied silently: it stands beside u. JCGM GUM-6:2020 11.7; GUM-1:2023.
+    """
+    found = solution.adequacy
+    return float(found.unit_weight) if found.unit_weight > 1.0 and found.probability < 0.05 else 1.0
+
+
+def statement(solution: Solution, tool: np.ndarray | None = None, outputs: Outputs | None = None) -> Statement:
+    """Evaluate the samples of a solution. Raises `ValueError` when there are none, or fewer than an interval needs."""
+    samples = solution.samples
+    if samples is None:
+        raise ValueError("the solution has no Monte Carlo samples")
+    outputs = headline_outputs(solution, tool) if outputs is None else outputs
+    values = samples.outputs(outputs.values)
+    centre = np.concatenate([np.asarray(solution.parameters), np.asarray(solution.nuisance)])
+    estimate = outputs.values(centre[None])[0]
+    u = np.full(len(estimate), np.nan)
+    u[: len(outputs.rows)] = _propagated(solution, outputs.rows)
+    found = coverage_intervals(values)
+    spread = values.std(axis=0, ddof=1)
+    checked = gum_validity(estimate, np.where(np.isnan(u), spread, u), found, len(values))
+    rows = tuple(
+        Row(*row)
+        for row in zip(
+            outputs.names, outputs.units, outputs.positions.tolist(), estimate.tolist(), u.tolist(), spread.tolist(),
+            *(c.tolist() for c in found), checked.valid.tolist(), checked.decided.tolist(), strict=True,
+        )
+    )  # fmt: skip
+    failed = samples.trials - len(values)
+    return Statement(rows, samples.trials, failed, int(samples.solved.sum()), samples.tolerance, lack_of_fit(solution))
+
+
+def _propagated(solution: Solution, rows: np.ndarray) -> np.ndarray:
+    covariance = np.asarray(solution.covariance)
+    return np.sqrt(np.maximum(np.einsum("qi,ij,qj->q", rows, covariance, rows, optimize=True), 0.0))
+
+
+def format_statement(found: Statement) -> str:
+    """The statement as text: constants and the working volume one by one, error motions at their worst place."""
+    worst: dict[str, Row] = {}
+    for row in found.rows:
+        if row.name not in worst or row.u_mc > worst[row.name].u_mc:
+            worst[row.name] = row
+    lines = [
+        f"Monte Carlo: {found.trials} refits{_how(found)}; {PROBABILITY:.0%} coverage intervals",
+        "",
+        f"{'':20s} {'value':>9s} {'u':>8s} {'u (MC)':>8s}   {'symmetric':^19s}   {'shortest':^19s}",
+    ]
+    for name, row in worst.items():
+        where = "" if np.isnan(row.position) else f" at {row.position:g}"
+        scale, unit = (1e6, "µrad") if row.unit == "rad" else (1e3, "µm")
+        numbers = [scale * v for v in row[3:10]]
+        u = f"{numbers[1]:8.3f}" if np.isfinite(numbers[1]) else f"{'–':>8s}"
+        mark = "" if row.valid or not row.decided or name in FIELD else "   propagation differs"
+        lines.append(
+            f"{name + where:20s} {numbers[0]:9.3f} {u} {numbers[2]:8.3f}   {numbers[3]:9.3f} …{numbers[4]:9.3f}   "
+            f"{numbers[5]:9.3f} …{numbers[6]:9.3f} {unit}{mark}"
+        )
+    linear = [row for row in found.rows if np.isfinite(row.u)]
+    decided = [row for row in linear if row.decided]
+    valid = sum(row.valid for row in decided)
+    lines += ["", f"propagation would have been enough (JCGM 101, 8) for {valid} of {len(decided)} outputs"]
+    if len(decided) < len(linear):
+        lines[-1] += f"; {len(linear) - len(decided)} need more trials to tell"
+    if found.lack_of_fit > 1.0:
+        lines.append(
+            f"lack of fit: residuals exceed the stated uncertainties; with it every u is {found.lack_of_fit:.2f} times as large"
+        )
+    return "\n".join(lines)
+
+
+def _how(found: Statement) -> str:
+    parts = []
+    if found.solved:
+        parts.append(f"{found.solved} by the full solver")
+    if found.failed:
+        parts.append(f"{found.failed} did not converge and are left out")
+    if np.isfinite(found.tolerance):
+        parts.append(f"numerical tolerance {found.tolerance:.2f} of the wanted one")
+    return f" ({', '.join(parts)})" if parts else ""
+
+
+def as_data(found: Statement) -> dict[str, Any]:
+    """The statement as plain data, for JSON."""
+    return {**found._asdict(), "rows": [row._asdict() for row in found.rows]}
