@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from volid.campaign import Campaign, ObservationSet
 from volid.exceptions import InputError
 from volid.iso230 import DIRECTIONS
+from volid.kinematics import nominal_point
 from volid.machine import Machine
 from volid.observations import KINDS
 from volid.rotary_slips import check_displacements, check_motion, scattered
@@ -170,14 +171,25 @@ def closures(campaign: Campaign) -> tuple[Closure, ...]:
 
     The same place: same labels (station, segment, line …), axis positions within 1 µm or 1e-6°, same tool vector, same
     approach direction. The difference is later - earliest, in order of time where every row has one, else of the file;
-    its u takes the two readings as independent.
+    its u takes the two readings as independent. Sphere centres (displacements that are all 0) repeat at the same
+    rotary positions; compared are the nominal places of the centre in the workpiece frame.
     """
     result: list[Closure] = []
     for readings in campaign.sets:
+        readings = _centres_as_readings(readings, campaign.machine)
         later, earlier = _repeats(readings, campaign.machine)
         columns = KINDS[readings.kind].readings
         result += [_closure(readings, i, name, later, earlier) for i, name in enumerate(columns) if len(later)]
     return tuple(result)
+
+
+def _centres_as_readings(readings: ObservationSet, machine: Machine) -> ObservationSet:
+    """Sphere centres as what was found at rotary positions: their places as readings, linear positions 0; else as it is."""
+    if readings.kind != "displacement" or readings.readings.any():
+        return readings
+    rotary = [not axis.is_linear for axis in machine.axes]
+    places = nominal_point(machine, readings.positions, readings.tool)
+    return replace(readings, positions=readings.positions * rotary, readings=places)
 
 
 def _closure(readings: ObservationSet, i: int, name: str, later: np.ndarray, earlier: np.ndarray) -> Closure:

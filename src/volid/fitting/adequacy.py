@@ -15,9 +15,12 @@ from scipy.stats import chi2
 
 from volid.campaign import Campaign, ObservationSet
 from volid.fitting.robust import critical_value
+from volid.iso230 import LINEAR_AXES, ROTARY_AXES
+from volid.observations import KINDS
 
 REJECT = 1e-3
 BINS = 6
+WORST = 4  # groups named in the verdict
 
 
 @dataclass(frozen=True)
@@ -60,12 +63,19 @@ class Adequacy:
 
 
 def _groupings(campaign: Campaign, observations: ObservationSet) -> Iterator[tuple[str, np.ndarray]]:
-    """Name and rows of every group of a set: itself, stations, segments' tools, positions, regions, directions, time."""
+    """Name and rows of every group of a set: itself, stations, segments' tools, positions, regions, directions, time.
+
+    Rows: bool (m,), or (m, k) for the columns of the readings (directions of the sensor, coordinates).
+    """
     m = len(observations)
     yield f"set '{observations.name}'", np.ones(m, dtype=bool)
-    for label in ("station", "line", "component"):
-        for value in dict.fromkeys(observations.labels.get(label, ())):
+    for label in ("station", "line", "component", "sphere"):
+        values = dict.fromkeys(observations.labels.get(label, ()))
+        for value in values if label != "sphere" or len(values) > 1 else ():
             yield f"{label} {value}", observations.labels[label] == value
+    columns = KINDS[observations.kind].readings
+    for k, name in enumerate(columns if len(columns) > 1 else ()):
+        yield f"direction {name}", np.tile(np.arange(len(columns)) == k, (m, 1))
     tools, index = np.unique(np.round(observations.tool, 6), axis=0, return_inverse=True)
     for i, tool in enumerate(tools if 1 < len(tools) <= 12 else ()):
         yield f"tool vector ({tool[0]:g}, {tool[1]:g}, {tool[2]:g}) mm", np.asarray(index).ravel() == i
@@ -159,8 +169,18 @@ def _verdict(rejected: bool, weight: float, probability: float, groups: Any, sus
         if weight < 0.8 and dof > 30:
             return f"model accepted by the data; unit weight {weight:.2f}: the stated uncertainties are pessimistic"
         return "model accepted by the data"
-    where = "; ".join(f"{g.what} (unit weight {g.unit_weight:.2f})" for g in groups[:3])
-    text = f"model rejected by the data (unit weight {weight:.2f}, probability {probability:.1e}); worst: {where}"
+    where = "; ".join(f"{g.what} (unit weight {g.unit_weight:.2f})" for g in _worst(groups))
+    chance = f"probability {probability:.1e}" if probability > 0.0 else "probability below 1e-300"
+    text = f"model rejected by the data (unit weight {weight:.2f}, {chance}); worst: {where}"
     if suspects:
         text += f"; {len(suspects)} reading(s) beyond the critical value, first {suspects[0].where}"
     return text
+
+
+def _worst(groups: tuple[GroupTest, ...]) -> list[GroupTest]:
+    """The least probable groups, one of each sort: region, linear positions, angles, direction, station, … Whole sets last."""
+    found: dict[str, GroupTest] = {}
+    for group in sorted(groups, key=lambda g: g.what.startswith("set ")):
+        first = group.what.split()[0]
+        found.setdefault("linear" if first in LINEAR_AXES else "rotary" if first in ROTARY_AXES else first, group)
+    return list(found.values())[:WORST]

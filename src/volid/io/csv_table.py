@@ -9,8 +9,8 @@ from __future__ import annotations
 import csv
 import math
 import re
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +33,30 @@ class CsvTable:
     def __len__(self) -> int:
         return len(self.rows)
 
+    def renamed(self, columns: Mapping[str, str], ignored: Iterable[str], where: str) -> CsvTable:
+        """The table with other names: `columns`, name -> what stands in the header; `ignored` ones are left out.
+
+        Raises `InputError` for a name that the header lacks, or one given to two columns; `where` names the keys' place.
+        """
+        ignored = tuple(ignored)
+        for key, name in [*(("columns", c) for c in columns.values()), *(("ignore", c) for c in ignored)]:
+            if name not in self.columns:
+                hint = nearest(name, self.columns) or ";"
+                raise InputError(
+                    f"{where}: {key} names '{name}', which is no column of {self.source}{hint} its columns: "
+                    f"{', '.join(self.columns)}"
+                )
+        own = {found: name for name, found in columns.items()}
+        result: dict[str, tuple[str, ...]] = {}
+        for found, cells in self.columns.items():
+            name = own.get(found, found)
+            if found in ignored:
+                continue
+            if name in result or (name != found and name in self.columns and name not in (*own, *ignored)):
+                raise InputError(f"{where}: columns would give {self.source} two columns '{name}'; ignore one of them")
+            result[name] = cells
+        return replace(self, columns=result)
+
     def only(self, known: Iterable[str]) -> None:
         """Raises `InputError` for a column that is not in `known`, naming the nearest one."""
         known = tuple(known)
@@ -40,7 +64,8 @@ class CsvTable:
             if name not in known:
                 hint = nearest(name, [k for k in known if k not in self.columns])
                 raise InputError(
-                    f"{self.source}, header: unknown column '{name}'{hint or ';'} known columns: {', '.join(known)}"
+                    f"{self.source}, header: unknown column '{name}'{hint or ';'} known columns: {', '.join(known)}; "
+                    "`columns` of the set renames others, `ignore` leaves them out"
                 )
 
     def require(self, names: Iterable[str], purpose: str, known: Sequence[str] = ()) -> None:

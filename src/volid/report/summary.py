@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from volid.compensation.volume import predict_residual, volumetric_summary
 from volid.error_functions import motion_names
 from volid.exceptions import InputError, NotDeterminedError
 from volid.fitting.adequacy import SuspectReading
+from volid.fitting.holdout import by_angle, rotary_poses, total
 from volid.fitting.solution import FunctionValue, Solution
 from volid.iso230 import DIRECTIONS, LINEAR_AXES, ROTARY_AXES, ROTATIONS, SPINDLE, describe, parse
 from volid.observations import KINDS
@@ -74,6 +76,7 @@ def summary_data(solution: Solution, tool: Sequence[float] | None = None) -> dic
         "outliers": [_reading(r) for r in solution.readings.outlier_readings],
         "suspects": [_reading(r) for r in adequacy.suspects],
         "repeats": _repeats(solution.campaign),
+        "held_out": _held_out(solution),
         "notes": list(solution.notes),
         "provenance": dict(solution.provenance),
     }
@@ -227,6 +230,23 @@ def _reading(reading: SuspectReading) -> dict[str, Any]:
         "normalised": reading.normalised,
         "unit": "rad" if rotation else "mm",
     }
+
+
+def _held_out(solution: Solution) -> list[dict[str, Any]]:
+    """Residuals of every set with rotary motion, within the fit and held out, all together (axis "") and by angle."""
+    left, found = solution.readings, []
+    poses = rotary_poses(solution.campaign) if left.held_out else []
+    for i, readings in enumerate(solution.campaign.sets if left.held_out else ()):
+        units = [unit for _, unit, _ in _parts(readings)]
+        held, residual = left.held_out[i], left.residuals[i]
+        known = np.isfinite(held).all(axis=1)
+        used = known & ~left.outliers[i].any(axis=1)
+        if len(units) > 1 or not used.any():
+            continue
+        bins = by_angle(solution.machine, readings, poses[i], residual, held, used)
+        whole = [total(readings.name, poses[i], residual, held, used)] if bins else []
+        found += [asdict(b) | {"unit": units[0], "alone": int((~known).sum())} for b in (*whole, *bins)]
+    return found
 
 
 def _repeats(campaign: Campaign) -> list[dict[str, Any]]:

@@ -19,6 +19,7 @@ def format_summary(data: dict[str, Any]) -> str:
         _verdict_lines(data),
         _head_lines(data),
         _set_lines(data),
+        _held_out_lines(data),
         _missing_lines(data),
         _constant_lines(data),
         _volume_lines(data),
@@ -86,8 +87,40 @@ def _set_lines(data: dict[str, Any]) -> list[str]:
             size = f"{micro(c['rms'], c['unit'], 2)} {unit_of(c['unit'])} RMS, {size}"
             size += f"; largest {micro(c['max'], c['unit'], 2)} {unit_of(c['unit'])}"
         rows_text = " and ".join(str(r) for r in c["rows"])
-        lines += paragraph(f"set {c['set']}: {c['n']} later minus first readings, {size} (rows {rows_text})", "repeats")
+        several = sum(other["set"] == c["set"] for other in data["repeats"]) > 1
+        name = f"{c['set']}, {c['reading']}" if several else c["set"]
+        lines += paragraph(f"set {name}: {c['n']} later minus first readings, {size} (rows {rows_text})", "repeats")
     return lines
+
+
+def _held_out_lines(data: dict[str, Any]) -> list[str]:
+    """Residuals by angle: within the fit, and predicted from all other rotary positions; µm, lengths of vectors."""
+    lines: list[str] = []
+    for name in dict.fromkeys(b["set"] for b in data["held_out"]):
+        bins = [b for b in data["held_out"] if b["set"] == name]
+        unit, k = bins[0]["unit"], len(bins[0]["mean"])
+        rows = [
+            [
+                f"{b['axis']} {_angles(b)}" if b["axis"] else "all",
+                str(b["poses"]),
+                *(micro(b[key], unit, 2) for key in ("residual", "held_out")),
+                *(micro(m, unit, 2) for m in b["mean"]),
+            ]
+            for b in bins
+        ]
+        columns = [f"residuals of {name} by angle", "positions", "RMS", "held out"]
+        columns += [f"mean {c}" for c in (("x", "y", "z") if k == 3 else [""] * k)]
+        lines += table([c.strip() for c in columns], rows, left=1)
+        vectors = "lengths of vectors; " if k == 3 else ""
+        text = f"{unit_of(unit)}; {vectors}held out: the whole rotary position predicted from the others"
+        if bins[0]["alone"]:
+            text += f"; {bins[0]['alone']} rows left out, whose position alone determines something"
+        lines += paragraph(text, "")
+    return lines
+
+
+def _angles(b: dict[str, Any]) -> str:
+    return f"{b['low']:g}°" if b["low"] == b["high"] else f"{b['low']:g} … {b['high']:g}°"
 
 
 def _missing_lines(data: dict[str, Any]) -> list[str]:
