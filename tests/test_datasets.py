@@ -19,6 +19,7 @@ from volid.io import load_campaign
 DATASETS = Path(__file__).parents[1] / "datasets"
 NAMES = sorted(path.parent.name for path in DATASETS.glob("*/campaign.toml"))
 MULTILATERATION = DATASETS / "vertical_multilateration"
+RTEST = DATASETS / "five_axis_rtest"
 CHANCE = 1e-3  # of a correct result outside the bounds; the data are fixed
 
 
@@ -170,3 +171,47 @@ def test_enclosed_functions_and_points_tell_the_same_truth(points):
     # second order, and linear interpolation in the tables: (5 mm)²/8 · curvature, below 0.02 µm for these waves
     np.testing.assert_allclose(true[:, :3], expected, rtol=0, atol=5e-5)
     np.testing.assert_allclose(true[:, 3:], spindle + sum(rotation.values()), rtol=0, atol=1e-7)
+
+
+# ------------------------------------------------------------------------------------------------------------- R-test
+
+
+@pytest.fixture(scope="module")
+def rtest():
+    return fit(load_campaign(RTEST / "campaign.toml"))
+
+
+def test_rtest_is_what_its_readme_says():
+    campaign = load_campaign(RTEST / "campaign.toml")
+    assert campaign.conditions["synthetic"] is True and campaign.title.startswith("SYNTHETIC")
+    model = tomllib.loads((DATASETS.parent / "models/wCAYXbZt_trunnion.toml").read_text(encoding="utf-8"))
+    assert campaign.machine.structure == model["structure"]
+    for axis in campaign.machine.axes:
+        assert list(axis.travel) == model["axis"][axis.letter]["travel"]
+    (readings,) = campaign.sets
+    c, a = (readings.positions[:, campaign.machine.index(letter)] for letter in "CA")
+    assert len(readings) == 37 * 13 * 3 and len(np.unique(c)) == 37 and len(np.unique(a)) == 13
+    assert np.abs(readings.readings).max() < 1.0  # mm: the approximate spheres are off by 0.5 mm
+
+
+def test_rtest_gives_the_location_errors_within_the_required_uncertainty(rtest):
+    """37 × 13 positions with 0.5 µm of noise: u below 0.2 µm and 1 µrad, and the truth within them."""
+    assert not rtest.adequacy.rejected and rtest.fully_determined
+    truth = read(RTEST / "truth_functions.csv")
+    known = {n: float(v) for n, p, v in zip(truth["function"], truth["position"], truth["value"], strict=True) if not p}
+    assert set(known) == {"EX0C", "EY0C", "EA0C", "EB0C", "EY0A", "EZ0A", "EB0A", "EC0A"}
+    for name, true in known.items():
+        found = rtest.location(name)
+        assert found.u < (1e-6 if name[1] in "ABC" else 2e-4), name
+        assert abs(found.value - true) < 3.8 * found.u, name  # eight of them: normal quantile of 1e-3
+
+
+def test_rtest_deviations_agree_with_the_truth(rtest):
+    """At any place and tool vector: what was given as workpiece frame and nest is exact, so nothing is removed."""
+    columns = {name: values.astype(float) for name, values in read(RTEST / "truth_points.csv").items()}
+    q = rtest.machine.order(**{a: columns[a] for a in "XYZAC"})
+    tool = np.stack([columns[f"tool_{c}"] for c in "xyz"], axis=1)
+    true = np.stack([columns[f"e{c}"] for c in "xyz"], axis=1)
+    size = np.linalg.norm(np.asarray(rtest.deviation(q, tool))[:, :3] - true, axis=1)
+    assert np.sqrt(np.mean(size**2)) < 8.7e-4  # mm: 0.5 µm in three directions, one reading
+    assert np.sqrt(np.mean(np.sum(true**2, axis=1))) > 0.03  # what there was to find
