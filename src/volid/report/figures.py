@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from volid.compensation.rotary_grids import RotaryGrid
 from volid.fitting.solution import Solution
-from volid.iso230 import DIRECTIONS, describe, motion, parse
+from volid.iso230 import DIRECTIONS, ROTARY_AXES, describe, motion, parse
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -27,15 +28,18 @@ def _subplots(*args: Any, **kwargs: Any) -> Any:
 
 
 def error_functions(
-    solution: Solution, truth: Mapping[str, Callable[[np.ndarray], np.ndarray]] | None = None
+    solution: Solution, truth: Mapping[str, Callable[[np.ndarray], np.ndarray]] | None = None, axes: str = "XYZ"
 ) -> Figure:
-    """All error motions over their axes with bands of ± U (k = 2); `truth` adds known functions, position -> mm or rad."""
-    axes = [a for a in solution.machine.axes if a.is_linear]
-    figure, panels = _subplots(len(DIRECTIONS), len(axes), figsize=(4.2 * len(axes), 11), squeeze=False, sharex="col")
-    for column, axis in enumerate(sorted(axes, key=lambda a: a.letter)):
+    """All error motions of `axes` over their positions with bands of ± U (k = 2).
+
+    `truth` adds known functions, position [mm or degrees] -> mm or rad. `axes`: letters; those the machine lacks do not count.
+    """
+    shown = sorted((a for a in solution.machine.axes if a.letter in axes), key=lambda a: DIRECTIONS.index(a.letter))
+    figure, panels = _subplots(len(DIRECTIONS), len(shown), figsize=(4.2 * len(shown), 11), squeeze=False, sharex="col")
+    for column, axis in enumerate(shown):
         for row, direction in enumerate(DIRECTIONS):
             _function_panel(panels[row][column], solution, motion(direction, axis.letter), truth or {})
-        panels[-1][column].set_xlabel(f"{axis.letter} position / mm")
+        panels[-1][column].set_xlabel(f"{axis.letter} position / {axis.unit}")
     figure.suptitle(f"{solution.machine.name}: error motions with U (k = 2)")
     return figure
 
@@ -65,6 +69,84 @@ def _function_panel(panel: Any, solution: Solution, name: str, truth: Mapping[st
         panel.plot(x, scale * truth[name](x), color="black", lw=0.9, ls="--", label="truth")
     if panel.get_legend_handles_labels()[0]:
         panel.legend(fontsize=7, frameon=False)
+
+
+def location_errors(solution: Solution, truth: Mapping[str, float] | None = None) -> Figure:
+    """Location errors of the rotary axes with bars of ± U (k = 2), positions and orientations apart; `truth`: by symbol.
+
+    Below each the identified value minus `truth`, in units that show the bars.
+    """
+    rows = [solution.location(n) for n in solution.model.names if parse(n).location and parse(n).axis in ROTARY_AXES]
+    figure, panels = _subplots(2 if truth else 1, 2, figsize=(10, 5.6 if truth else 3.2), squeeze=False)
+    for column, rotation in enumerate((False, True)):
+        shown = [r for r in rows if parse(r.name).is_rotation == rotation and np.isfinite(r.value)]
+        x, scale = np.arange(len(shown)), 1e6 if rotation else 1e3
+        value, u = (scale * np.array([getattr(r, key) for r in shown]) for key in ("value", "u"))
+        top = panels[0][column]
+        top.bar(x, value, yerr=K * u, color=COLUMNS[0], alpha=0.55, capsize=4, width=0.5, label="identified")
+        if truth:
+            true = scale * np.array([truth.get(r.name, np.nan) for r in shown])
+            top.plot(x, true, "_", color="black", ms=26, mew=1.6, label="truth")
+            top.legend(fontsize=8, frameon=False, markerscale=0.6)
+            below = panels[1][column]
+            below.errorbar(x, value - true, yerr=K * u, fmt="o", color=COLUMNS[0], capsize=4)
+            below.set_ylabel(f"identified − truth / {'µrad' if rotation else 'µm'}")
+        for panel in panels[:, column]:
+            panel.axhline(0.0, color="0.6", lw=0.8)
+            panel.set_xticks(x, [r.name for r in shown])
+            panel.set_xlim(-0.6, len(shown) - 0.4)
+        top.set_ylabel("µrad" if rotation else "µm")
+        top.set_title("orientations" if rotation else "positions", fontsize=9, loc="left", color="0.35")
+    figure.suptitle(f"{solution.machine.name}: location errors with U (k = 2)")
+    return figure
+
+
+def angle_map(solution: Solution, number: int = 0, held_out: bool = True) -> Figure:
+    """Residuals of a set over the angles of its two rotary axes: length of the residual vector, RMS over the readings there.
+
+    `number`: of the set. `held_out`: predicted from all other rotary positions, else within the fit.
+    """
+    readings = solution.campaign.sets[number]
+    source = solution.readings.held_out if held_out else solution.readings.residuals
+    rotary = [i for i, axis in enumerate(solution.machine.axes) if not axis.is_linear][:2]
+    angles, index = np.unique(np.round(readings.positions[:, rotary], 3), axis=0, return_inverse=True)
+    square = np.sum(np.asarray(source[number]) ** 2, axis=1)
+    count = np.bincount(index.ravel())
+    size = 1e3 * np.sqrt(np.bincount(index.ravel(), weights=square) / count)
+    figure, panel = _subplots(1, 1, figsize=(9, 3.8))
+    first, second = (solution.machine.axes[i] for i in rotary)
+    spots = panel.scatter(*angles.T, c=size, s=90, marker="s", cmap="viridis", vmin=0.0)
+    panel.set_xlabel(f"{first.letter} / °")
+    panel.set_ylabel(f"{second.letter} / °")
+    what = "residuals, each position predicted from the others" if held_out else "residuals of the fit"
+    panel.set_title(f"set '{readings.name}': {what}", fontsize=9, loc="left")
+    figure.colorbar(spots, ax=panel, label="RMS length / µm")
+    return figure
+
+
+def rotary_grid(grid: RotaryGrid) -> Figure:
+    """The six components of a rotary spatial grid over its two axes, ERROR values, µm and µrad."""
+    from matplotlib.ticker import MaxNLocator
+
+    shape = tuple(len(n) for n in reversed(grid.nodes))
+    figure, panels = _subplots(2, 3, figsize=(13, 6.2), sharex=True, sharey=True)
+    for k, panel in enumerate(panels.ravel()):
+        values = (1e6 if k >= 3 else 1e3) * grid.values[:, k].reshape(shape)
+        largest = float(np.nanmax(np.abs(values)))
+        levels = MaxNLocator(nbins=20, symmetric=True).tick_values(-largest, largest)
+        colours = panel.contourf(grid.nodes[1], grid.nodes[0], values.T, levels=levels, cmap="RdBu_r")
+        figure.colorbar(colours, ax=panel, ticks=MaxNLocator(nbins=8, symmetric=True))
+        unit = "µrad" if k >= 3 else "µm"
+        panel.set_title(
+            f"{'rotation about' if k >= 3 else 'translation in'} {'XYZ'[k % 3]} / {unit}", fontsize=9, loc="left"
+        )
+        if k >= 3:
+            panel.set_xlabel(f"{grid.axes[1]} / °")
+        if k % 3 == 0:
+            panel.set_ylabel(f"{grid.axes[0]} / °")
+    point = ", ".join(f"{c:g}" for c in grid.reference_point)
+    figure.suptitle(f"{grid.type}, {grid.side}: error of the point ({point}) mm in the {grid.frame} frame")
+    return figure
 
 
 def volume_sections(solution: Solution, tool: tuple[float, float, float], scale: float | None = None) -> Figure:
