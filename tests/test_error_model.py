@@ -263,3 +263,22 @@ def test_full_rank_for_every_arrangement(structure):
     assert found.full_rank and found.tool_rotation.shape[1] == 0
     assert found.nuisance_defect == 0
     assert found.basis.shape[1] == model.n_parameters + 6 * (3 + 3)
+
+
+@pytest.mark.parametrize(
+    ("lines", "asked"),
+    [
+        ('"E[ABC]0[ABC]" = true', True),
+        ('"E?0C" = true', True),
+        ('"E[ABC]0[ABC]" = true\nEC0C = false', False),
+        ('"E[ABC]*" = { segments = 6 }', False),
+        ('"E*" = true', False),
+        ("", False),
+    ],
+)
+def test_zeros_are_asked_for_by_name_or_by_a_pattern_for_constants(lines, asked):
+    text = f"[model.functions]\n{lines}\n" if lines else ""
+    machine = volid_machine(ExactMachine("w C' b X Y Z t", TRAVEL | {"C": (0.0, 360.0)}), text)
+    model = build_model(machine, {f"E{d}{a}": (4,) for d in "XYZABC" for a in machine.letters})
+    assert ("EC0C" in model.names) == asked
+    assert {"EX0C", "EY0C", "EA0C", "EB0C"} <= set(model.names)

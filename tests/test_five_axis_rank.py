@@ -178,3 +178,24 @@ def test_squareness_alone_is_seen_by_turning_the_table():
     one = {"P1": SPHERES["P1"]}
     _, found, _ = decide(TILTING, functions, spheres=one, tools=TOOLS[:1], nest_u=float("inf"))
     assert not {"EC0Y", "EA0Z", "EB0Z"} & set(found.undetermined)
+
+
+def test_place_of_a_head_is_named_as_the_place_of_the_sphere():
+    _model, found, _ = decide(FORK, MOTIONS_OFF + LINEAR_OFF)
+    (statement,) = found.statements
+    assert statement.startswith("EX0C, EY0C, EZ0A: same as the unknown place of the sphere on the workpiece")
+    assert "set EX0C = false" in statement and "one sphere" not in statement
+
+
+def test_too_many_segments_for_the_positions_are_named():
+    """13 positions of the tilting axis cannot carry 12 cubic segments, 15 coefficients."""
+    exact = exact_machine(TILTING)
+    machine = volid_machine(exact, '"E?[XYZ]" = false\n' + LINEAR_OFF, segments=12)
+    data = r_test(exact, Truth(), np.random.default_rng(0), counts={"A": 13, "C": 15}, noise=0.0)
+    campaign = r_test_campaign(machine, data, off_by=0.0)
+    model = build_model(machine, {f"E{d}{a}": (12,) for d in "XYZABC" for a in machine.letters})
+    found = analyse(build_problem(campaign, model), campaign)
+    text = " ".join(found.statements)
+    assert not found.full_rank
+    assert "12 segments on axis A need at least 15 positions and 13 were measured" in text
+    assert "axis C need" not in text  # periodic: 12 coefficients for 14 positions of a turn

@@ -7,6 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from exact_chain import Smooth, Truth, random_truth, tracker_campaign
+from five_axis import exact_machine, r_test, r_test_campaign
+from five_axis import volid_machine as five_axis_machine
 from virtual_campaigns import VERTICAL, distance_campaign, fixed, simulated, volid_machine
 
 from volid.error_functions import motion_names
@@ -46,6 +48,16 @@ def test_never_more_than_the_positions_carry(n_grid, finest):
     assert automatic == set(motion_names(campaign.machine))
     assert set(carrier.values()) == {(finest,)}
     assert finest + 3 <= n_grid or finest == 1
+
+
+@pytest.mark.parametrize(("n_a", "finest"), [(13, 8), (11, 6), (5, 1)])
+def test_a_tilting_axis_keeps_two_positions_to_spare(n_a, finest):
+    """13 positions of a static R-test grid carry 8 segments (11 coefficients), not 10 or 12; a full turn of 37 carries 24."""
+    exact = exact_machine("w C' A' Y' X' b Z t")
+    data = r_test(exact, Truth(), np.random.default_rng(0), counts={"A": n_a, "C": 37}, noise=0.0)
+    carrier, _ = resolution.limits(r_test_campaign(five_axis_machine(exact, segments="auto"), data))
+    assert {carrier[f"E{d}A"] for d in "XYZABC"} == {(finest,)}
+    assert {carrier[f"E{d}C"] for d in "XYZABC"} == {(24,)}
 
 
 def test_every_axis_has_its_own_limit_and_degree_counts():

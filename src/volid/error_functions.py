@@ -100,8 +100,13 @@ def location_names(machine: Machine) -> tuple[str, ...]:
             across = [d for triple in (TRANSLATIONS, ROTATIONS) for k, d in enumerate(triple) if k != own]
             names += [f"E{d}0{axis.letter}" for d in across if settings_for(machine, f"E{d}0{axis.letter}").use]
             zero = f"E{axis.letter}0{axis.letter}"
-            names += [zero] if zero in machine.model.functions and settings_for(machine, zero).use else []
+            names += [zero] if _asked_for(machine, zero) and settings_for(machine, zero).use else []
     return tuple(names)
+
+
+def _asked_for(machine: Machine, zero: str) -> bool:
+    """Whether an entry for constants, a name or pattern with a 0 in it, says true; "E[ABC]*" = { segments = 6 } does not."""
+    return any("0" in p and s.use is True and fnmatchcase(zero, p) for p, s in machine.model.functions.items())
 
 
 def spindle_names(machine: Machine) -> tuple[str, ...]:

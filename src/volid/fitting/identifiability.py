@@ -152,7 +152,7 @@ def analyse(problem: Problem, campaign: Campaign) -> Identifiability:
         basis=basis,
         null_space=units[:, None] * scaled_null,
         tool_rotation=tool,
-        statements=explain(model, scaled_null, campaign),
+        statements=explain(model, scaled_null, campaign, tool.shape[1] > 0),
         nuisance_defect=lost.shape[1],
         undetermined=involvement(model, scaled_null),
     )
@@ -187,11 +187,13 @@ def involvement(model: ErrorModel, null: np.ndarray) -> dict[str, float]:
     return shares
 
 
-def explain(model: ErrorModel, null: np.ndarray, campaign: Campaign) -> tuple[str, ...]:
-    """The null space in words: wholly undetermined functions first, then combinations of functions, each with a reason."""
+def explain(model: ErrorModel, null: np.ndarray, campaign: Campaign, held: bool = False) -> tuple[str, ...]:
+    """The null space in words: wholly undetermined functions first, then combinations of functions, each with a reason.
+
+    `held`: constants of the tool frame are held at 0 besides.
+    """
     if not null.size:
         return ()
-    reason = "; ".join(likely_reasons(campaign)) or "the readings do not separate them"
     whole, partly, count = [], [], null.shape[1]
     for names, part, parameters in model.groups:
         size = parameters.stop - parameters.start
@@ -202,14 +204,52 @@ def explain(model: ErrorModel, null: np.ndarray, campaign: Campaign) -> tuple[st
             count -= size
         elif share > NAMED:
             partly.append(name)
+    lost = [f.name for f in model.functions if f.part != LOCATION and np.sum(null[f.parameters] ** 2) > NAMED]
+    reasons = [*_segment_reasons(model, campaign, lost), *likely_reasons(campaign)]
+    reason = "; ".join(reasons) or "the readings do not separate them"
     lines = []
+    place = [n for n in whole if _is_place_of_workpiece(campaign, n)]
+    if place:
+        whole = [n for n in whole if n not in place]
+        lines.append(
+            f"{', '.join(place)}: same as the unknown place of the sphere on the workpiece. No reading tells them apart, and "
+            f"no compensation needs them; set {place[0]} = false and the like."
+        )
     if whole:
         first = whole[0].split(" (")[0].split(",")[0]
         setting = f"{first.split()[0]} = {{ reversal = false }}" if "reversal" in first else f"{first} = false"
         lines.append(f"{', '.join(whole)}: {reason}. Measure what is missing, or set {setting} and the like.")
     if partly and count:
         lines.append(f"{count} combination{'s' if count > 1 else ''} among {', '.join(partly)}: {reason}.")
+    if held and place and len(lines) == 1:
+        lines.append(f"Constants of the tool frame, held at 0: {reason}.")
     return tuple(lines)
+
+
+def _is_place_of_workpiece(campaign: Campaign, name: str) -> bool:
+    """Whether a constant translates a head: with spheres alone, their unknown places are the same."""
+    error, machine = parse(name.split()[0]), campaign.machine
+    if not error.location or error.is_rotation or error.axis not in machine.letters:
+        return False
+    axis = machine.axis(error.axis)
+    return not axis.is_linear and not axis.primed and all(s.kind == "displacement" for s in campaign.sets)
+
+
+def _segment_reasons(model: ErrorModel, campaign: Campaign, names: list[str]) -> list[str]:
+    """Splines with more coefficients than there are positions of their axis, among the functions `names`."""
+    reasons = []
+    for letter in campaign.machine.letters:
+        values = np.concatenate([s.positions[:, campaign.machine.index(letter)] for s in campaign.sets])
+        count = len(np.unique(np.round(values, 3)))
+        sizes = [s for f in model.functions if f.name in names for s in f.splines]
+        sizes = [s for s in sizes if campaign.machine.letters[s.axis] == letter and s.size > count]
+        if sizes:
+            worst = max(sizes, key=lambda s: s.size)
+            reasons.append(
+                f"{worst.segments} segments on axis {letter} need at least {worst.size} positions and {count} were measured; "
+                'take fewer segments (or "auto") or more positions'
+            )
+    return reasons
 
 
 def likely_reasons(campaign: Campaign) -> list[str]:

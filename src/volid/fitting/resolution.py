@@ -25,6 +25,7 @@ from volid.iso230 import parse
 from volid.machine import Machine
 
 FINEST = (24, 16, 12, 10, 8, 6, 5, 4, 3, 2, 1)
+FULL_TURN = 360.0  # degrees
 N_FOLDS = 5
 SWEEPS = 3
 FIRST = 8  # segments at which the search starts, and that a function keeps without evidence for fewer
@@ -56,8 +57,14 @@ def distinct_positions(campaign: Campaign) -> dict[str, int]:
 
 
 def _finest(machine: Machine, name: str, letter: str, n_positions: int) -> int:
-    degree = settings_for(machine, name).degree or 3
-    return next((n for n in FINEST if n + degree <= n_positions), 1)
+    """Finest resolution that the positions carry: no more coefficients than positions.
+
+    Two fewer along a rotary axis of partial travel: indexed at a few positions it would otherwise be interpolated, and readings
+    held out at the same positions of that axis do not show the waves between them.
+    """
+    degree, axis = settings_for(machine, name).degree or 3, machine.axis(letter)
+    spare = 0 if axis.is_linear or axis.length >= FULL_TURN else 2
+    return next((n for n in FINEST if n + degree + spare <= n_positions), 1)
 
 
 def _requested(machine: Machine, name: str) -> tuple[int, ...] | None:
