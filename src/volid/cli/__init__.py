@@ -19,12 +19,17 @@ from volid.exceptions import NotDeterminedError, VolidError
 
 # verb: (module, one line of help, the same as the module's HELP)
 VERBS = {
+    "plan": ("plan", "what to measure: a standard path or grid as a manifest without readings"),
     "simulate": ("simulate", "a campaign measured on a virtual machine, with the truth stored beside it"),
     "import": ("import_", "a campaign from text (a manifest and CSV files) to one HDF5 file"),
     "fit": ("fit", "identify the machine's error model from one or more campaigns"),
     "uncertainty": (
         "uncertainty",
         "Monte Carlo refits of a solution: coverage intervals beside the propagated uncertainty",
+    ),
+    "study": (
+        "study",
+        "many simulated campaigns, each fitted and held against its truth: bias, spread, coverage",
     ),
     "summary": ("summary", "what a solution says: verdict, squareness, volumetric accuracy, error functions"),
     "errors": ("errors", "deviation of the functional point at given axis positions and tool vectors"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import uuid
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -53,6 +53,28 @@ def atomic_folder(path: str | Path, overwrite: bool = False) -> Iterator[Path]:
         temporary.mkdir()
         yield temporary
         _move(temporary, path)
+    except OSError as error:
+        raise _cannot_write(path, error) from error
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+@contextmanager
+def atomic_with_companions(path: str | Path, companions: Sequence[str], overwrite: bool = False) -> Iterator[Path]:
+    """A temporary folder, to be filled with a file named as `path` and its `companions`; all move beside `path`, it last.
+
+    Raises `OutputError` when one of them exists (unless `overwrite`), is a folder, or cannot be written.
+    """
+    path = Path(path)
+    targets = [*(path.with_name(name) for name in companions), path]
+    for target in targets:
+        _refuse_existing(target, overwrite)
+    temporary = _temporary(path)
+    try:
+        temporary.mkdir()
+        yield temporary
+        for target in targets:
+            os.replace(temporary / target.name, target)
     except OSError as error:
         raise _cannot_write(path, error) from error
     finally:

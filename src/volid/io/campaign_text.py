@@ -11,7 +11,7 @@ import numpy as np
 
 from volid.campaign import Campaign, ObservationSet, Station, standard_uncertainty
 from volid.exceptions import InputError, OutputError
-from volid.io.atomic import atomic_folder
+from volid.io.atomic import atomic_folder, atomic_with_companions
 from volid.io.campaign_rules import FORMAT, STATION_FRAMES, check_whole
 from volid.io.machine_toml import format_machine, read_machine
 from volid.io.set_text import read_set, uncertainty_key_of
@@ -32,7 +32,7 @@ def read_manifest(path: str | Path, *, plan: bool = False) -> Campaign:
     path = Path(path)
     top = Table(parse_toml(read_text(path), str(path)), str(path))
     check_format(top, FORMAT)
-    top.only(("format", "machine", "title", "conditions", "station", "set"))
+    top.only(("format", "machine", "title", "warnings", "conditions", "station", "set"))
     machine = read_machine(path.parent / top.text("machine"))
     sets = top.tables("set")
     if not sets:
@@ -44,9 +44,17 @@ def read_manifest(path: str | Path, *, plan: bool = False) -> Campaign:
             sets=tuple(read_set(table, path.parent, machine, plan=plan) for table in sets),
             title=top.text("title", ""),
             conditions=dict(top.table("conditions", {}).data),
+            warnings=_warnings(top),
             source=str(path),
         )
     )
+
+
+def _warnings(top: Table) -> tuple[str, ...]:
+    given = top.get("warnings", [])
+    if not isinstance(given, list) or not all(isinstance(text, str) for text in given):
+        raise top.wrong("warnings", "a list of texts")
+    return tuple(given)
 
 
 def _station(table: Table, machine: Machine) -> Station:
@@ -60,23 +68,33 @@ def _station(table: Table, machine: Machine) -> Station:
     )
 
 
-def write_manifest(campaign: Campaign, folder: str | Path, *, overwrite: bool = False) -> Path:
-    """Write `campaign.toml`, `machine.toml` and one CSV file per set into `folder`; returns the manifest's path.
+def write_manifest(campaign: Campaign, place: str | Path, *, overwrite: bool = False) -> Path:
+    """Write a manifest, the machine file and one CSV file per set of readings; returns the manifest's path.
 
-    Numbers keep all their digits. Not kept: the line numbers and file names of the readings' first source. Raises
-    `OutputError` when the folder exists (unless `overwrite`), cannot be written, or a value has no text form.
+    `place` is a folder for `campaign.toml`, `machine.toml` and the sets; or, ending in .toml, the manifest itself: the others
+    then stand beside it and begin with its name, PLAN.toml, PLAN.machine.toml, PLAN.volume.csv. Numbers keep all their
+    digits. Not kept: the line numbers and file names of the readings' first source. Raises `OutputError` when a file or a filled
+    folder exists (unless `overwrite`), cannot be written, or a value has no text form.
     """
-    folder = Path(folder)
-    names = _file_names(campaign)
-    with atomic_folder(folder, overwrite) as temporary:
-        try:
-            (temporary / MANIFEST).write_text(_manifest(campaign, names), encoding="utf-8")
-            (temporary / MACHINE).write_text(format_machine(campaign.machine), encoding="utf-8")
-            for readings, name in zip(campaign.sets, names, strict=True):
-                _write_csv(readings, campaign.machine, temporary / name)
-        except TypeError as error:
-            raise OutputError(f"{folder} cannot be written: {error}; keep the campaign in HDF5") from None
-    return folder / MANIFEST
+    place = Path(place)
+    if place.suffix.lower() == ".toml":
+        names = [f"{place.stem}.{name}" for name in (MACHINE, *_file_names(campaign))]
+        with atomic_with_companions(place, names, overwrite) as temporary:
+            _write(campaign, temporary, place.name, names[0], names[1:])
+        return place
+    with atomic_folder(place, overwrite) as temporary:
+        _write(campaign, temporary, MANIFEST, MACHINE, _file_names(campaign))
+    return place / MANIFEST
+
+
+def _write(campaign: Campaign, folder: Path, manifest: str, machine: str, names: list[str]) -> None:
+    try:
+        (folder / manifest).write_text(_manifest(campaign, machine, names), encoding="utf-8")
+        (folder / machine).write_text(format_machine(campaign.machine), encoding="utf-8")
+        for readings, name in zip(campaign.sets, names, strict=True):
+            _write_csv(readings, campaign.machine, folder / name)
+    except TypeError as error:
+        raise OutputError(f"{manifest} cannot be written: {error}; keep the campaign in HDF5") from None
 
 
 def _file_names(campaign: Campaign) -> list[str]:
@@ -89,8 +107,9 @@ def _file_names(campaign: Campaign) -> list[str]:
     return names
 
 
-def _manifest(campaign: Campaign, names: list[str]) -> str:
-    lines = format_lines({"format": FORMAT, "machine": MACHINE, "title": campaign.title or None})
+def _manifest(campaign: Campaign, machine: str, names: list[str]) -> str:
+    head = {"format": FORMAT, "machine": machine, "title": campaign.title or None}
+    lines = format_lines(head | {"warnings": campaign.warnings or None})
     if campaign.conditions:
         lines += ["", "[conditions]", *format_lines(campaign.conditions)]
     for station in campaign.stations:

@@ -15,6 +15,7 @@ from volid.campaign import Campaign, ObservationSet, Station
 from volid.exceptions import InputError
 from volid.machine import Machine
 from volid.planning.following import follow, one_turn, rotary_axes, with_rotary, within_travel
+from volid.planning.places import reachable
 
 _GUESSES = 37  # angles of either axis tried for the first position
 _STEPS = 30  # of Gauss-Newton, at most
@@ -23,8 +24,8 @@ _REACHED = 1e-9  # rad
 
 def cone_frustum(
     machine: Machine,
-    centre: Sequence[float],
-    tool: Sequence[float],
+    centre: Sequence[float] | None = None,
+    tool: Sequence[float] = (0.0, 0.0, -150.0),
     *,
     length: float = 100.0,
     half_angle: float = 15.0,
@@ -35,7 +36,8 @@ def cone_frustum(
 ) -> Campaign:
     """Plan of a ball-bar test on a cone frustum, `n` readings round one turn.
 
-    `centre`: of the circle, workpiece frame with all axes at 0; `tool`: to the ball in the spindle; `length` of the bar [mm].
+    `centre`: of the circle, workpiece frame with all axes at 0, by default one that the travels reach; `tool`: to the ball in
+    the spindle; `length` of the bar [mm].
     `half_angle` of the cone, `inclination` of its axis about Y [degrees]. The circle has radius length·cos(half_angle); the
     station on the workpiece stands length·sin(half_angle) above its centre on the cone axis. Positions outside a travel are
     left out and named. Raises `InputError` when the machine has not two rotary axes, or cannot turn the tool that far.
@@ -46,10 +48,13 @@ def cone_frustum(
     tilt = Rotation.from_euler("y", inclination, degrees=True)
     radial = tilt.apply(np.stack([np.cos(turn), np.sin(turn), np.zeros(n)], axis=1))
     axis = tilt.apply([0.0, 0.0, 1.0])
-    middle = np.asarray(centre, dtype=float)
     angles = _angles(machine, np.cos(alpha) * axis + np.sin(alpha) * radial)
     positions = with_rotary(machine, **dict(zip((a.letter for a in rotary_axes(machine)), angles.T, strict=True)))
-    target = middle + length * np.cos(alpha) * radial
+    circle = length * np.cos(alpha) * radial
+    if centre is None:
+        centre = reachable(machine, positions, tool, circle)
+    middle = np.asarray(centre, dtype=float)
+    target = middle + circle
     kept = within_travel(machine, follow(machine, positions, np.asarray(tool), target), "cone frustum")
     m = len(kept.rows)
     readings = ObservationSet(
@@ -61,7 +66,7 @@ def cone_frustum(
         readings=np.full((m, 1), np.nan),
         u=np.full((m, 1), u),
         labels={"station": np.full(m, "ball"), "segment": np.full(m, "1")},
-        options={"relative": False, "calibrated_u": calibrated_u},
+        options={"relative": False, "calibrated_u": calibrated_u, "u": u},
         source="cone frustum plan",
     )
     x, y, z = (float(c) for c in middle + length * np.sin(alpha) * axis)

@@ -15,6 +15,7 @@ from volid.exceptions import InputError
 from volid.machine import Axis, Machine
 from volid.observations.displacement import RANGE
 from volid.planning.following import follow, one_turn, rotary_axes, with_rotary, within_travel
+from volid.planning.places import spheres_and_tools
 
 Vector = Sequence[float]
 U = 0.0005  # mm, of one coordinate of the sensor nest
@@ -23,8 +24,8 @@ TESTS = ("K1", "K2", "K4")
 
 def rtest_static_grid(
     machine: Machine,
-    spheres: Mapping[str, Vector],
-    tools: Vector | Sequence[Vector],
+    spheres: Mapping[str, Vector] | None = None,
+    tools: Vector | Sequence[Vector] | None = None,
     n1: int = 13,
     n2: int = 13,
     *,
@@ -35,9 +36,10 @@ def rtest_static_grid(
 
     Evenly over the travel, over one turn of a longer one, ends included; every other line backwards. `spheres`: places on
     the workpiece by name, (x, y, z) [mm] with all axes at 0. `tools`: vectors to the nest (or to the sphere in the spindle)
-    [mm], one for all spheres, one per sphere, or several for a single sphere. The linear axes follow: without errors every
-    displacement is 0. Positions outside a travel are left out and named in `warnings`. Raises `InputError` when nothing is
-    left, or the machine has not one or two rotary axes. Not considered: collisions.
+    [mm], one for all spheres, one per sphere, or several for a single sphere. What is None is chosen (`spheres_and_tools`).
+    The linear axes follow: without errors every displacement is 0. Positions outside a travel are left out and named in
+    `warnings`. Raises `InputError` when nothing is left, or the machine has not one or two rotary axes. Not considered:
+    collisions.
 
     >>> from volid.io import read_machine
     >>> plan = rtest_static_grid(read_machine("models/wCAYXbZt_trunnion.toml"), {"P1": (60, 0, 40)}, (0, 0, -120), 13, 7)
@@ -59,8 +61,8 @@ def rtest_static_grid(
 def iso10791_path(
     machine: Machine,
     test: str,
-    sphere: Vector,
-    tool: Vector,
+    sphere: Vector | None = None,
+    tool: Vector | None = None,
     n: int = 73,
     *,
     sensor_on: str = "tool",
@@ -72,6 +74,7 @@ def iso10791_path(
     other rotary axis turns; K4, both turn together. Before it stands the letter of the layout, A two rotary axes in the head, B
     two in the table, C one on each side: "BK1"; a letter that is not the machine's is an `InputError`. Angles run over the
     travel, over one turn of a longer one; the standing axis is at 0. Positions outside a travel are left out and named.
+    A sphere or tool that is None is chosen (`spheres_and_tools`).
     """
     turning, standing = _axes_of(machine, test)
     there = {axis.letter: np.linspace(*one_turn(axis), n) for axis in turning}
@@ -80,7 +83,8 @@ def iso10791_path(
     way = np.zeros_like(positions)
     for axis in turning:
         way[:, machine.index(axis.letter)] = np.repeat([1.0, -1.0], n)
-    return _plan(machine, positions, way, test, {"P1": sphere}, tool, sensor_on, u)
+    spheres = None if sphere is None else {"P1": sphere}
+    return _plan(machine, positions, way, test, spheres, tool, sensor_on, u, runs=1)
 
 
 def _axes_of(machine: Machine, test: str) -> tuple[list[Axis], list[Axis]]:
@@ -122,12 +126,15 @@ def _plan(
     positions: np.ndarray,
     directions: np.ndarray,
     name: str,
-    spheres: Mapping[str, Vector],
-    tools: Vector | Sequence[Vector],
+    spheres: Mapping[str, Vector] | None,
+    tools: Vector | Sequence[Vector] | None,
     sensor_on: str,
     u: float,
+    runs: int = 3,
 ) -> Campaign:
-    """One displacement set: the rotary positions run through for every sphere and tool vector."""
+    """One displacement set: the rotary positions run through for every sphere and tool vector, `runs` when none is given."""
+    if spheres is None or tools is None:
+        spheres, tools = spheres_and_tools(machine, positions, spheres, tools, runs)
     q, way, tool, label = [], [], [], []
     warnings: tuple[str, ...] = ()
     for sphere, place, vector in _paired(spheres, tools):
@@ -148,7 +155,7 @@ def _plan(
         readings=unread,
         u=np.full_like(unread, u),
         labels={"sphere": np.array(label)},
-        options={**options, "nest_u": 0.0, "rotation_u": 0.0, "scale_u": 0.0},
+        options={**options, "nest_u": 0.0, "rotation_u": 0.0, "scale_u": 0.0, "u": u},
         source=f"{name} plan",
     )
     return Campaign(machine, (), (planned,), title=f"R-test, {name}", warnings=warnings, source=f"{name} plan")
