@@ -14,9 +14,9 @@
 # %% [markdown]
 # # From an R-test to the grid of the rotary axes
 #
-# A sphere stands on a tilting rotary table, three displacement sensors in the spindle watch it while both rotary axes take
-# 37 × 13 positions and X, Y, Z follow. From three places of the sphere this notebook finds where the two axes of rotation lie, how
-# they move while they turn, and ends with the spatial grid R-VOL that a control applies.
+# A sphere stands on a tilting rotary table, three displacement sensors in the spindle watch it while both rotary axes
+# take 37 × 13 positions and X, Y, Z follow. From three places of the sphere this notebook finds where the two axes of
+# rotation lie, how they move while they turn, and ends with the spatial grid R-VOL that a control applies.
 #
 # **The data are synthetic.** They come from a separate exact chain of 4×4 matrices with error motions that are no splines
 # (`datasets/five_axis_rtest/make.py`), so that the result can be compared with the truth.
@@ -56,9 +56,9 @@ for s in campaign.sets:
 
 # %% [markdown]
 # ## Identification
-# The places of the spheres are unknown and found from the data, with two positions and two orientations and six error motions of
-# each axis. The summary begins with the verdict; *held out* is the residual at a rotary position that is predicted from all other
-# positions.
+# The places of the spheres are unknown and found from the data, with two positions and two orientations and six error
+# motions of each axis. The summary begins with the verdict; *held out* is the residual at a rotary position that is
+# predicted from all other positions.
 
 # %%
 solution = volid.fit(campaign)
@@ -66,8 +66,8 @@ print(summary(solution))
 
 # %% [markdown]
 # ## Location errors
-# Where the axes of rotation stand against where they should be, with bars of ± *U* (k = 2) that are hardly visible above and are
-# seen below, where the truth is taken away.
+# Where the axes of rotation stand against where they should be, with bars of ± *U* (k = 2) that are hardly visible
+# above and are seen below, where the truth is taken away.
 
 
 # %%
@@ -81,8 +81,8 @@ true_locations = {row["function"]: float(row["value"]) for row in table if not r
 figure = location_errors(solution, true_locations)
 
 # %% [markdown]
-# A location error describes the tool relative to the workpiece. Under the workpiece the physical line of the axis is displaced the
-# other way, and C rides on A: in the machine frame its line has the errors of both.
+# A location error describes the tool relative to the workpiece. Under the workpiece the physical line of the axis is
+# displaced the other way, and C rides on A: in the machine frame its line has the errors of both.
 
 # %%
 print("error       parameter        line    U (k = 2)")
@@ -104,8 +104,8 @@ figure = error_functions(solution, truth, axes="AC")
 
 # %% [markdown]
 # ## Does it predict where it has not measured?
-# Every square is one pair of angles, left out of the fit. Noise of 0.5 µm in three directions has a length of 0.87 µm; a pattern here
-# would mean that the model does not hold.
+# Every square is one pair of angles, left out of the fit. Noise of 0.5 µm in three directions has a length of 0.87 µm;
+# a pattern here would mean that the model does not hold.
 
 # %%
 figure = angle_map(solution)
@@ -131,8 +131,8 @@ figure = rotary_grid(grid)
 
 # %% [markdown]
 # ## Against the truth
-# `truth_points.csv` holds the exact deviations at random positions of all five axes with random tool vectors. What would be left if a
-# control applied the grid: the exact deviation less what the grid gives there.
+# `truth_points.csv` holds the exact deviations at random positions of all five axes with random tool vectors. What
+# would be left if a control applied the grid: the exact deviation less what the grid gives there.
 
 # %%
 rows = read(dataset / "truth_points.csv")
