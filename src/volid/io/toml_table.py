@@ -21,6 +21,8 @@ FILE_TYPES = {  # format tag without version: (what it is, where it comes from)
     "volid-campaign": ("a campaign", "a manifest (TOML) or the HDF5 file that volid import makes of it"),
     "volid-solution": ("a solution", "which volid fit makes of a campaign"),
     "volid-truth": ("a truth", "which volid simulate writes beside a campaign"),
+    "volid-study": ("a study", "written by hand (TOML)"),
+    "volid-study-results": ("results of a study", "which volid study writes"),
     "volid-grid": ("a grid", "which volid grid makes of a solution"),
 }
 
