@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from volid.campaign import Campaign, ObservationSet, Station
     from volid.checks import check_campaign, closures
     from volid.compensation.grids import Grid, linear_grid
+    from volid.compensation.rotary_grids import RotaryGrid, rotary_grids
     from volid.compensation.volume import predict_residual, volumetric_summary
     from volid.exceptions import InputError, NotDeterminedError, OutputError, VolidError
     from volid.fitting.datum import parse_datum
@@ -73,6 +74,8 @@ __all__ = [  # in the order of the work  # noqa: RUF022
     # compensation
     "linear_grid",
     "Grid",
+    "rotary_grids",
+    "RotaryGrid",
     "save_grid",
     "load_grid",
     "volumetric_summary",
@@ -87,6 +90,7 @@ _PLACES = {
     "volid.campaign": ("Campaign", "ObservationSet", "Station"),
     "volid.checks": ("check_campaign", "closures"),
     "volid.compensation.grids": ("Grid", "linear_grid"),
+    "volid.compensation.rotary_grids": ("RotaryGrid", "rotary_grids"),
     "volid.compensation.volume": ("predict_residual", "volumetric_summary"),
     "volid.exceptions": ("VolidError", "InputError", "OutputError", "NotDeterminedError"),
     "volid.fitting.datum": ("parse_datum",),

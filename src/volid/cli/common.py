@@ -86,17 +86,22 @@ def input_files(paths: Sequence[str]) -> list[Path]:
 
 def write_sheet(sheet: Sheet, args: argparse.Namespace) -> None:
     """A table to -o as CSV, or to standard output as CSV, or as JSON with --json (also beside -o)."""
+    write_sheets([sheet], [Path(args.output)] if args.output else [], args)
+
+
+def write_sheets(sheets: Sequence[Sheet], paths: Sequence[Path], args: argparse.Namespace, key: str = "") -> None:
+    """Tables to their paths as CSV, or one to standard output; with --json as a list under `key`, or one without it."""
     from volid.io.tables_csv import text_output, write_csv
 
-    if args.json:
-        sheet = sheet._replace(rows=list(sheet.rows))
-    if args.output:
-        with text_output(args.output, args.force) as stream:
+    sheets = [sheet._replace(rows=list(sheet.rows)) for sheet in sheets]
+    for sheet, path in zip(sheets, paths, strict=False):
+        with text_output(path, args.force) as stream:
             write_csv(stream, sheet)
     if args.json:
-        print_json({"header": dict(sheet.header), "columns": sheet.columns, "rows": sheet.rows})
-    elif not args.output:
-        write_csv(sys.stdout, sheet)
+        found = [{"header": dict(s.header), "columns": s.columns, "rows": s.rows} for s in sheets]
+        print_json({key: found} if key else found[0])
+    elif not paths:
+        write_csv(sys.stdout, sheets[0])
 
 
 def print_json(data: Any) -> None:

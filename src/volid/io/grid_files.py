@@ -1,23 +1,27 @@
 """Spatial grids as CSV, for people and controls, and as HDF5 (`volid-grid/1`): positions, six components, u, `outside`.
 
-Both forms hold lengths in mm and rotations in DEGREES (ISO/TR 16907 Table 2), X varying fastest, absolute values, and say
-whether they are error values (actual - nominal) or compensation values (minus that). A cell is empty (NaN) where the data do not
-determine the value; `outside` = 1 marks nodes outside what was measured. CSV: lines "# key: value", then the columns
-`X,Y,Z,dX,dY,dZ,dA,dB,dC,u_dX,…,u_dC,outside`. HDF5: the same keys as attributes of the root (blanks as `_`), and the datasets
-`positions` (n, axes) [mm], `values` and `u` (n, 6) [mm, degrees], their attribute `columns` naming the columns, `outside` (n,).
-A `Grid` in memory always holds error values, mm and rad; reading back restores them.
+Both forms hold lengths in mm and rotations in DEGREES (ISO/TR 16907 Tables 2 and 3), the first axis varying fastest, absolute
+values, and say whether they are error values (actual - nominal) or compensation values (minus that). A cell is empty (NaN) where
+the data do not determine the value; `outside` = 1 marks nodes outside what was measured. CSV: lines "# key: value", then the
+columns `X,Y,Z,dX,dY,dZ,dA,dB,dC,u_dX,…,u_dC,outside`; of the rotary axes `A,C,dX,…` with A, B, C in degrees. HDF5: the same keys
+as attributes of the root (blanks as `_`), and the datasets `positions` (n, axes) [mm or degrees], `values` and `u` (n, 6) [mm,
+degrees], their attribute `columns` naming the columns, `outside` (n,). A grid in memory always holds error values, mm and rad;
+reading back restores them. One file holds one grid: of a machine with rotary axes on both sides, one file per side.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
 
 from volid.compensation.grids import Grid, grid_positions
+from volid.compensation.parts import HEAD, TABLE
+from volid.compensation.rotary_grids import RotaryGrid
 from volid.exceptions import InputError
 from volid.fitting.solution import Solution
 from volid.io.atomic import atomic_output
@@ -25,7 +29,7 @@ from volid.io.csv_table import CsvTable, read_csv
 from volid.io.hdf5_values import is_hdf5, reading, write_array
 from volid.io.tables_csv import OUTSIDE, REJECTED, Sheet, read_flags, source_lines, text_output, write_csv
 from volid.io.toml_table import read_text
-from volid.iso230 import DIRECTIONS, LINEAR_AXES
+from volid.iso230 import DIRECTIONS, LINEAR_AXES, ROTARY_AXES
 
 FORMAT = "volid-grid/1"
 ERROR, COMPENSATION = "error", "compensation"
@@ -39,19 +43,24 @@ _SIGN = {
 }
 _TOOL = "{} mm; another tool vector t: d(t) = d + (dA, dB, dC in rad) x (t - this tool vector)"
 _ROTATED = "; tool vectors as the rotary axes of the head turn them; the linear axes' errors only"
+_ROTARY = "R-VOL"
+_REFERENCE = "{} mm, in the frame of the body that bears the rotary axes: the machine's, with the linear axes at 0"
+_EFFECT = "; at a functional point: d + (dA, dB, dC in rad) x lever arm"
+_NAMED = ("format", "type", "values", "frame", "datum")
+
+AnyGrid = Grid | RotaryGrid
 
 
-def grid_header(grid: Grid, values: str, solution: Solution, source: str | Path | None = None) -> dict[str, str]:
+def grid_header(grid: AnyGrid, values: str, solution: Solution, source: str | Path | None = None) -> dict[str, str]:
     """What a grid file says about itself; `values`: "error" or "compensation"; `source`: the solution's file."""
-    rotary = any(not axis.is_linear for axis in solution.machine.axes)
     lines = {
         "format": FORMAT,
         "type": grid.type,
         "values": values,
         "sign": _SIGN[values],
         "absolute": "absolute values, not increments",
-        "units": f"{', '.join(grid.axes)}, dX, dY, dZ mm; dA, dB, dC degrees; u_… standard uncertainty (k = 1)",
-        "tool vector": _TOOL.format(", ".join(f"{v:.12g}" for v in grid.tool)) + (_ROTATED if rotary else ""),
+        "units": f"{_units(grid)} dX, dY, dZ mm; dA, dB, dC degrees; u_… standard uncertainty (k = 1)",
+        **(_rotary_lines(grid) if isinstance(grid, RotaryGrid) else _tool_lines(grid, solution)),
         "frame": grid.frame,
     }
     lines |= source_lines(solution, source) | {"datum": grid.datum}
@@ -60,7 +69,40 @@ def grid_header(grid: Grid, values: str, solution: Solution, source: str | Path 
     return lines | {f"note {i}": note for i, note in enumerate(grid.notes, start=1)}
 
 
-def grid_sheet(grid: Grid, header: Mapping[str, str]) -> Sheet:
+def _units(grid: AnyGrid) -> str:
+    axes = ", ".join(grid.axes)
+    return f"{axes} degrees;" if isinstance(grid, RotaryGrid) else f"{axes},"
+
+
+def _tool_lines(grid: Grid, solution: Solution) -> dict[str, str]:
+    rotary = any(not axis.is_linear for axis in solution.machine.axes)
+    return {"tool vector": _TOOL.format(_three(grid.tool)) + (_ROTATED if rotary else "")}
+
+
+def _rotary_lines(grid: RotaryGrid) -> dict[str, str]:
+    """Side, reference point, lever arm, and the period of each axis: 360 degrees for one that turns fully, else 0."""
+    period = ", ".join(f"{axis} {p:g}" for axis, p in zip(grid.axes, grid.period, strict=True))
+    return {
+        "side": grid.side,
+        "reference point": _REFERENCE.format(_three(grid.reference_point)),
+        "lever arm": grid.lever_arm + _EFFECT,
+        "period": f"{period} degrees",
+    }
+
+
+def _three(values: Sequence[float]) -> str:
+    return ", ".join(f"{v:.12g}" for v in values)
+
+
+def grid_paths(grids: Sequence[AnyGrid], path: str | Path) -> list[Path]:
+    """Where grids go: `path` for one; for the two sides of a machine OUT.table.csv and OUT.head.csv instead of OUT.csv."""
+    path = Path(path)
+    if len(grids) == 1:
+        return [path]
+    return [path.with_name(f"{path.stem}.{getattr(grid, 'side', grid.type)}{path.suffix}") for grid in grids]
+
+
+def grid_sheet(grid: AnyGrid, header: Mapping[str, str]) -> Sheet:
     """The grid as a table, `header` from `grid_header`; in CSV, components keep 1e-9 mm and 1e-12 degrees."""
     values, u = _outward(grid, header["values"])
     rows = zip(grid.positions, values, u, grid.outside.astype(int).tolist(), strict=True)
@@ -72,12 +114,13 @@ def grid_sheet(grid: Grid, header: Mapping[str, str]) -> Sheet:
     )
 
 
-def write_grid_hdf5(grid: Grid, header: Mapping[str, str], path: str | Path, overwrite: bool = False) -> None:
+def write_grid_hdf5(grid: AnyGrid, header: Mapping[str, str], path: str | Path, overwrite: bool = False) -> None:
     """Write a grid to an HDF5 file, whole or not at all. Raises `OutputError` when `path` cannot be written."""
     with atomic_output(path, overwrite) as temporary, h5py.File(temporary, "w") as file:
         for key, text in header.items():
             file.attrs[key.replace(" ", "_")] = text
-        write_array(file, "positions", grid.positions, unit="mm").attrs["columns"] = list(grid.axes)
+        unit = "degrees" if isinstance(grid, RotaryGrid) else "mm"
+        write_array(file, "positions", grid.positions, unit=unit).attrs["columns"] = list(grid.axes)
         for name, columns, block in zip(
             ("values", "u"), (COLUMNS, U_COLUMNS), _outward(grid, header["values"]), strict=True
         ):
@@ -86,7 +129,7 @@ def write_grid_hdf5(grid: Grid, header: Mapping[str, str], path: str | Path, ove
 
 
 def save_grid(
-    grid: Grid,
+    grid: AnyGrid,
     solution: Solution,
     path: str | Path,
     *,
@@ -106,22 +149,22 @@ def save_grid(
         write_csv(stream, grid_sheet(grid, header))
 
 
-def _outward(grid: Grid, values: str) -> tuple[np.ndarray, np.ndarray]:
+def _outward(grid: AnyGrid, values: str) -> tuple[np.ndarray, np.ndarray]:
     """Values with the sign asked for, and u, both (n, 6) [mm, degrees]."""
     sign = {ERROR: 1.0, COMPENSATION: -1.0}[values]
     return sign * grid.values * _IN_DEGREES, grid.u * _IN_DEGREES
 
 
-def read_grid(path: str | Path) -> Grid:
-    """A grid from CSV or HDF5, as error values in mm and rad whatever the file holds.
+def read_grid(path: str | Path) -> AnyGrid:
+    """A grid from CSV or HDF5, as error values in mm and rad whatever the file holds; a `RotaryGrid` for R-VOL.
 
     Raises `InputError` when the file is damaged or of another format, a header line or column is missing, or the nodes
-    are no regular grid with X varying fastest.
+    are no regular grid with the first axis varying fastest.
     """
     return _read_hdf5(path) if is_hdf5(path) else _read_csv(path)
 
 
-def _read_hdf5(path: str | Path) -> Grid:
+def _read_hdf5(path: str | Path) -> AnyGrid:
     with reading(path, "grid", FORMAT) as file:
         header = {key.replace("_", " "): str(value) for key, value in file.attrs.items()}
         axes = tuple(str(a) for a in file["positions"].attrs["columns"])
@@ -129,15 +172,18 @@ def _read_hdf5(path: str | Path) -> Grid:
     return _assemble(str(path), header, axes, *arrays)
 
 
-def _read_csv(path: str | Path) -> Grid:
+def _read_csv(path: str | Path) -> AnyGrid:
     comments = [line[1:].strip() for line in read_text(Path(path)).split("\n") if line.startswith("#")]
     header = dict(line.split(": ", 1) for line in comments if ": " in line)
     table = read_csv(path)
-    axes = tuple(letter for letter in LINEAR_AXES if letter in table)
+    letters, unit = (ROTARY_AXES, "degrees") if header.get("type") == _ROTARY else (LINEAR_AXES, "mm")
+    axes = tuple(letter for letter in letters if letter in table)
     known = (*axes, *COLUMNS, *U_COLUMNS, OUTSIDE)
     table.only(known)
     table.require((*COLUMNS, *U_COLUMNS, OUTSIDE), "a grid has them all", known)
-    positions = np.stack([table.numbers(a, "mm", "every node has a position") for a in axes], axis=1)
+    if not axes:
+        raise InputError(f"{path}, header: there is no column of positions; expected {' or '.join(letters)}")
+    positions = np.stack([table.numbers(a, unit, "every node has a position") for a in axes], axis=1)
     return _assemble(
         str(path), header, axes, positions, _six(table, COLUMNS), _six(table, U_COLUMNS), read_flags(table, OUTSIDE)
     )
@@ -155,8 +201,9 @@ def _assemble(
     values: np.ndarray,
     u: np.ndarray,
     outside: np.ndarray,
-) -> Grid:
-    for key in ("format", "type", "values", "tool vector", "frame", "datum"):
+) -> AnyGrid:
+    rotary = header.get("type") == _ROTARY
+    for key in (*_NAMED, *(("side", "reference point", "period") if rotary else ("tool vector",))):
         if key not in header:
             raise InputError(f"{path}: header '{key}' is missing; expected a grid written by volid, '{FORMAT}'")
     if header["format"] != FORMAT:
@@ -169,26 +216,47 @@ def _assemble(
             f"{path}: the nodes are no regular grid with {axes[0]} varying fastest; expected every node once"
         )
     sign = 1.0 if header["values"] == ERROR else -1.0
-    return Grid(
-        type=header["type"],
-        axes=axes,
-        nodes=nodes,
-        positions=positions,
-        values=sign * values / _IN_DEGREES,
-        u=u / _IN_DEGREES,
-        outside=outside,
-        tool=_tool_vector(header["tool vector"], path),
-        frame=header["frame"],
-        datum=header["datum"],
-        notes=tuple(text for key, text in header.items() if re.fullmatch(r"note \d+", key)),
+    common: dict[str, Any] = {
+        "type": header["type"],
+        "axes": axes,
+        "nodes": nodes,
+        "positions": positions,
+        "values": sign * values / _IN_DEGREES,
+        "u": u / _IN_DEGREES,
+        "outside": outside,
+        "frame": header["frame"],
+        "datum": header["datum"],
+        "notes": tuple(text for key, text in header.items() if re.fullmatch(r"note \d+", key)),
+    }
+    if not rotary:
+        return Grid(**common, tool=_vector(header, "tool vector", path))
+    if header["side"] not in (TABLE, HEAD):
+        raise InputError(f"{path}: side is '{header['side']}'; expected {TABLE} or {HEAD}")
+    return RotaryGrid(
+        **common,
+        side=header["side"],
+        determined=np.isfinite(values),
+        reference_point=_vector(header, "reference point", path),
+        period=_period(header["period"], axes, path),
     )
 
 
-def _tool_vector(text: str, path: str) -> tuple[float, float, float]:
+def _vector(header: Mapping[str, str], key: str, path: str) -> tuple[float, float, float]:
     try:
-        x, y, z = (float(part) for part in text.split(" mm")[0].split(","))
+        x, y, z = (float(part) for part in header[key].split(" mm")[0].split(","))
     except ValueError:
         raise InputError(
-            f"{path}: tool vector is '{text}'; expected three numbers in mm, such as 0, 0, -150 mm"
+            f"{path}: {key} is '{header[key]}'; expected three numbers in mm, such as 0, 0, -150 mm"
         ) from None
     return x, y, z
+
+
+def _period(text: str, axes: tuple[str, ...], path: str) -> tuple[float, ...]:
+    try:
+        found = dict(part.split() for part in text.removesuffix(" degrees").split(","))
+        return tuple(float(found[axis]) for axis in axes)
+    except (ValueError, KeyError):
+        expected = ", ".join(f"{axis} 360" for axis in axes)
+        raise InputError(
+            f"{path}: period is '{text}'; expected one of every axis, such as {expected} degrees"
+        ) from None
