@@ -99,6 +99,12 @@ def level_rows() -> dict[str, list[Any]]:
     }
 
 
+def edited(text: str, old: str, new: str) -> str:
+    """The text with `old` replaced once; it must be there."""
+    assert old in text
+    return text.replace(old, new, 1)
+
+
 def csv_text(columns: Mapping[str, list[Any]]) -> str:
     """The columns as CSV text, numbers with all their digits."""
     lines = [",".join(columns)]

@@ -5,18 +5,13 @@ from dataclasses import asdict
 
 import numpy as np
 import pytest
-from campaign_files import MACHINE, MANIFEST, STATIONS, csv_text, grid, level_rows, volume_rows, write_files
+from campaign_files import MACHINE, MANIFEST, STATIONS, csv_text, edited, grid, level_rows, volume_rows, write_files
 
 from volid.campaign import Station
 from volid.exceptions import InputError, OutputError
 from volid.io import read_manifest, write_manifest
 
 VOLUME = csv_text(volume_rows())
-
-
-def edited(text: str, old: str, new: str) -> str:
-    assert old in text
-    return text.replace(old, new, 1)
 
 
 def without(name: str) -> str:

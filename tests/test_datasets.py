@@ -2,6 +2,7 @@
 
 import csv
 import importlib.util
+import re
 import tomllib
 from pathlib import Path
 
@@ -20,6 +21,7 @@ DATASETS = Path(__file__).parents[1] / "datasets"
 NAMES = sorted(path.parent.name for path in DATASETS.glob("*/campaign.toml"))
 MULTILATERATION = DATASETS / "vertical_multilateration"
 RTEST = DATASETS / "five_axis_rtest"
+NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
 CHANCE = 1e-3  # of a correct result outside the bounds; the data are fixed
 
 
@@ -41,8 +43,18 @@ def test_dataset_loads_without_warning_and_is_in_the_table(name):
     assert sum(path.stat().st_size for path in (DATASETS / name).iterdir() if path.is_file()) < 1_000_000
 
 
+def assert_same_but_last_digits(made: str, kept: str, file: str) -> None:
+    """The same text but for one unit in the last digit of numbers: mathematical libraries differ in the last bit."""
+    new, old = (NUMBER.sub("#", text) for text in (made, kept))
+    assert new == old, file
+    for a, b in zip(NUMBER.findall(made), NUMBER.findall(kept), strict=True):
+        if a != b:
+            digits = len(b.partition(".")[2])
+            assert abs(float(a) - float(b)) < 1.5 * 10.0**-digits, (file, a, b)
+
+
 @pytest.mark.parametrize("name", NAMES)
-def test_program_makes_the_dataset_again_byte_for_byte(name, tmp_path):
+def test_program_makes_the_dataset_again(name, tmp_path):
     spec = importlib.util.spec_from_file_location(f"make_{name}", DATASETS / name / "make.py")
     make = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(make)
@@ -50,7 +62,7 @@ def test_program_makes_the_dataset_again_byte_for_byte(name, tmp_path):
     made = {path.name for path in tmp_path.iterdir()}
     assert {path.name for path in (DATASETS / name).glob("*.csv")} <= made
     for file in made:
-        assert (tmp_path / file).read_bytes() == (DATASETS / name / file).read_bytes(), file
+        assert_same_but_last_digits((tmp_path / file).read_text(), (DATASETS / name / file).read_text(), file)
 
 
 @pytest.fixture(scope="module")

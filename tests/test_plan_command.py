@@ -92,7 +92,7 @@ def test_from_plan_to_fit(run, tmp_path):
     header = (tmp_path / "my plan.static_grid.csv").read_text().splitlines()[0]
     assert header == "C,A,Y,X,Z,tool_x,tool_y,tool_z,sphere"  # no readings, u is a key
     status, _, err = run("simulate", machine, "--plan", plan, "--seed", 3, "-o", tmp_path / "c.h5")
-    assert (status, err) == (0, "")
+    assert status == 0, err  # progress is shown when it takes long
     assert run("fit", tmp_path / "c.h5", "-o", tmp_path / "s.h5")[0] == 0
     solution, truth = read_solution(tmp_path / "s.h5"), load_truth(tmp_path / "c.truth.h5")
     for name in ("EX0C", "EY0C", "EA0C", "EB0C", "EY0A", "EZ0A", "EB0A", "EC0A"):

@@ -14,6 +14,7 @@ from volid.exceptions import InputError, OutputError
 from volid.io import write_campaign
 from volid.io.solution_hdf5 import read_solution, write_solution
 from volid.machine import Datum
+from volid.uncertainty.samples import Samples
 
 SOLUTIONS = (
     "solution",
@@ -87,10 +88,29 @@ def test_the_campaign_is_inside(pair):
                 assert x == y
 
 
+def test_prior_and_samples_are_kept(solution, tmp_path):
+    """Pseudo-readings of an earlier solution, and Monte Carlo samples over more than one chunk, read batch by batch."""
+    rng = np.random.default_rng(8)
+    n, p = solution.model.n_parameters, solution.covariance.shape[0]
+    x, columns = rng.standard_normal((1500, p)), rng.random((4, 1500))
+    samples = Samples(
+        trials=1500, batches=lambda: iter([x[:700], x[700:]]), chi_square=columns[0], error=columns[1],
+        solved=columns[2] > 0.5, outliers=(3 * columns[3]).astype(int), seed=11, tolerance=0.5,
+    )  # fmt: skip
+    root = rng.standard_normal((3, n))
+    write_solution(replace(solution, samples=samples, prior_root=root), tmp_path / "s.h5")
+    after = read_solution(tmp_path / "s.h5")
+    np.testing.assert_array_equal(np.asarray(after.prior_root), root)
+    np.testing.assert_array_equal(after.samples.outputs(lambda v: v), x)
+    for name in ("chi_square", "error", "solved", "outliers"):
+        np.testing.assert_array_equal(getattr(after.samples, name), getattr(samples, name))
+    assert (after.samples.trials, after.samples.seed, after.samples.tolerance) == (1500, 11, 0.5)
+
+
 def test_no_field_of_a_solution_is_forgotten(solution, solution_file):
     after = read_solution(solution_file)
     compared = {"model", "campaign", "nuisance_table", "adequacy", "statistics", "readings", "statements"}
-    compared |= {"undetermined", "notes", "options", "provenance", *ARRAYS}
+    compared |= {"undetermined", "notes", "options", "provenance", "prior_root", "samples", *ARRAYS}
     assert {field.name for field in fields(after)} == compared, "a new field: write it, read it, compare it above"
 
 
