@@ -10,7 +10,7 @@ import csv
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TextIO
+from typing import NamedTuple, TextIO
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -122,13 +122,23 @@ def _fixed(table: CsvTable, names: Sequence[str], x: Float[np.ndarray, "p d"]) -
     return tuple(fixed)
 
 
-def write_coordinates(path: str | Path, solution: NetworkSolution, overwrite: bool = False) -> None:
-    """Write `point,x,y,z,u_x,u_y,u_z,fixed`, whole or not at all; readable again as approximate coordinates."""
+class Spread(NamedTuple):
+    """What Monte Carlo adds to coordinates, (p, d) each: standard deviation and ends of the symmetric 95 % interval."""
+
+    u: Float[np.ndarray, "p d"]
+    low: Float[np.ndarray, "p d"]
+    high: Float[np.ndarray, "p d"]
+
+
+def write_coordinates(
+    path: str | Path, solution: NetworkSolution, overwrite: bool = False, spread: Spread | None = None
+) -> None:
+    """Write `point,x,y,z,u_x,u_y,u_z,fixed`, with `spread` also `u_mc_x,low_x,high_x,…`, whole or not at all."""
     with atomic_output(path, overwrite) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
-        coordinates_csv(stream, solution)
+        coordinates_csv(stream, solution, spread)
 
 
-def coordinates_csv(stream: TextIO, solution: NetworkSolution) -> None:
+def coordinates_csv(stream: TextIO, solution: NetworkSolution, spread: Spread | None = None) -> None:
     """The same to an open text stream, u a priori; lines that begin with # say what the numbers rest on."""
     axes = "xyz"[: solution.coordinates.shape[1]]
     stream.write(f"# adjusted coordinates and their standard uncertainty from the stated u ({_UNIT})\n")
@@ -136,12 +146,23 @@ def coordinates_csv(stream: TextIO, solution: NetworkSolution) -> None:
     stream.write(f"# rank {solution.rank}, defect {solution.defect}{datum}, ")
     stream.write(f"{solution.degrees_of_freedom} degrees of freedom, unit weight {solution.unit_weight:.4g}\n")
     header = ["point", *axes, *(f"u_{axis}" for axis in axes), "fixed"]
+    if spread is not None:
+        stream.write("# u_mc_, low_, high_: standard deviation and symmetric 95 % interval by Monte Carlo\n")
+        header += [f"{what}_{axis}" for axis in axes for what in ("u_mc", "low", "high")]
     u = solution.standard_uncertainty
     rows = (
         [name, *_numbers(solution.coordinates[i], 13), *_numbers(u[i], 6), int(name not in solution.unknown)]
+        + (_spread_cells(spread, i) if spread is not None else [])
         for i, name in enumerate(solution.points)
     )
     _write(stream, header, rows)
+
+
+def _spread_cells(spread: Spread, i: int) -> list[str]:
+    cells = []
+    for u, low, high in zip(spread.u[i], spread.low[i], spread.high[i], strict=True):
+        cells += [*_numbers([u], 6), *_numbers([low, high], 13)]
+    return cells
 
 
 def write_residuals(path: str | Path, solution: NetworkSolution, overwrite: bool = False) -> None:

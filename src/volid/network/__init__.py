@@ -2,5 +2,6 @@
 
 from volid.network.adjustment import NetworkSolution, adjust_network
 from volid.network.start import starting_coordinates
+from volid.network.trials import NetworkTrials, network_trials
 
-__all__ = ["NetworkSolution", "adjust_network", "starting_coordinates"]
+__all__ = ["NetworkSolution", "NetworkTrials", "adjust_network", "network_trials", "starting_coordinates"]
