@@ -82,8 +82,8 @@ def predict_readings(machine: Machine, form: Form, q: Any, tool: Any, errors: An
     values = predict(machine, form.settings, q, tuple(vector), errors, slots[:own], constants[:own_constants])
     first = own + len(form.tool)
     for j in range(n):
-        factor = constants[own_constants + j * k : own_constants + (j + 1) * k]
-        values = values + factor * slots[first + j]
+        factors = constants[own_constants + j * k : own_constants + (j + 1) * k]
+        values = values + jnp.stack([factor * slots[first + j] for factor in factors])
     return values
 
 

@@ -49,10 +49,8 @@ def budget(solution: Solution) -> Budget:
         blocks = tuple(
             b for b, number in zip(frozen.system.blocks, numbers, strict=True) if first[i] <= number < first[i + 1]
         )
-        empty = (jnp.zeros((0, frozen.system.size)), blocks)
-        system = eqx.tree_at(
-            lambda t: (t.prior_root, t.blocks), frozen.system, empty, is_leaf=lambda t: isinstance(t, tuple)
-        )
+        alone = (jnp.zeros((0, frozen.system.size)), blocks)
+        system = eqx.tree_at(lambda t: (t.prior_root, t.blocks), frozen.system, alone)
         matrix = basis.T @ np.asarray(normal_equations(system, frozen.z).matrix) @ basis
         sources.append(f"readings of set '{s.name}'")
         parts.append(covariance @ matrix @ covariance)

@@ -34,7 +34,7 @@ from volid.fitting.problem import (
     reweight,
     with_random_effects,
 )
-from volid.fitting.robust import critical_value
+from volid.fitting.robust import Weighted, critical_value, down_weight, name_outliers, set_aside
 from volid.fitting.solution import Solution
 from volid.fitting.solver import solve
 from volid.fitting.starts import find_starts
@@ -42,6 +42,7 @@ from volid.observations.effects import predict_readings
 
 TOLERANCE = 1e-6  # standard uncertainties
 STEPS = 6  # exact-gradient steps at most, before a trial is solved anew
+_SINGULAR = 1e-12  # of the largest eigenvalue of the correlation matrix: below, rounding
 ROWS, TRIALS = 256, 64  # of one tile: its intermediate values stay in the processor's cache
 
 
@@ -263,7 +264,7 @@ class Refitter:
             first = last
             if np.all(error <= TOLERANCE):
                 break
-        result = Refits(self.centre + np.asarray(x)[:b], error, chi, np.zeros(b, bool), np.zeros(b, int))
+        result = Refits(self.centre + np.asarray(x)[:b], error, chi.copy(), np.zeros(b, bool), np.zeros(b, int))
         return self._finish(result, noise, prior_noise)
 
     def _size(self, step: Any) -> np.ndarray:
@@ -286,23 +287,25 @@ class Refitter:
         """One trial by the solver of the fit itself, from the solution: x and chi-square; NaN when it diverges."""
         exact = self._flat_predictions()
         u = np.concatenate([s.u.ravel() for s in self.campaign.sets])
-        flat, readings, start = exact + noise * u, [], 0
-        for s in self.campaign.sets:
-            readings.append(flat[start : start + s.readings.size].reshape(s.readings.shape))
-            start += s.readings.size
-        system = self._with_readings(readings, factors)
+        system = self._with_readings(self._by_set(exact + noise * u), factors)
         root = np.asarray(self.frozen.prior) @ np.linalg.pinv(np.asarray(self.frozen.basis))
         mean = (
             np.asarray(self.frozen.z) + np.linalg.pinv(root) @ prior_noise if len(root) else np.asarray(self.frozen.z)
         )
         system = eqx.tree_at(lambda s: (s.prior_root, s.prior_mean), system, (jnp.asarray(root), jnp.asarray(mean)))
-        values, vectors = np.linalg.eigh(np.asarray(self.frozen.covariance))
-        free = np.asarray(self.frozen.basis) @ (vectors[:, values > 0] * np.sqrt(values[values > 0]))
+        free = np.asarray(self.frozen.basis) @ self._whitened_directions()
         found = solve(self.problem._replace(system=system), np.asarray(self.frozen.z), free)
         if not found.converged:
             return np.full(len(self.centre), np.nan), float("nan")
         x = np.linalg.lstsq(np.asarray(self.frozen.basis), found.z, rcond=None)[0]
         return x, 2.0 * float(found.normal.cost)
+
+    def _whitened_directions(self) -> np.ndarray:
+        """Columns L (p, r) with C = L Lᵀ, what the data do not determine left out."""
+        u = np.where(self.u > 0.0, self.u, 1.0)
+        values, vectors = np.linalg.eigh(np.asarray(self.frozen.covariance) / np.outer(u, u))
+        kept = values > _SINGULAR * values[-1]
+        return np.asarray(u[:, None] * vectors[:, kept] * np.sqrt(values[kept]))
 
     def _with_readings(self, readings: list[np.ndarray], factors: list[np.ndarray]) -> System:
         """The system with other readings (m, k) and square-root weights per set."""
@@ -319,8 +322,7 @@ class Refitter:
     def redundancy(self) -> np.ndarray:
         """1 - h of every reading at the solution, shape (N,)."""
         if self._redundancy is None:
-            values, vectors = np.linalg.eigh(np.asarray(self.frozen.covariance))
-            root = np.asarray(self.frozen.basis) @ (vectors * np.sqrt(np.maximum(values, 0.0)))
+            root = np.asarray(self.frozen.basis) @ self._whitened_directions()
             h = quadratic_forms(self.frozen.system, self.frozen.z, pad_rows(root.T))
             flat = np.zeros(self.n_readings)
             for own, numbers in zip(h, self.frozen.numbers, strict=True):
@@ -329,20 +331,34 @@ class Refitter:
         return self._redundancy
 
     def _search_outliers(self, result: Refits, noise: np.ndarray, prior_noise: np.ndarray) -> None:
-        """Repeat the search for outliers in every trial: readings beyond the critical value are set aside, the rest refitted."""
-        flat = np.concatenate([f.ravel() for f in self.factors])
-        limit = critical_value(int(flat.sum())) * np.sqrt(self.redundancy())
+        """Repeat the robust fit in every trial in which a reading exceeds the critical value; the others would end as they are.
+
+        Reweighted, then set aside and taken back as in the fit itself, with the leverages of the solution.
+        """
+        base = np.concatenate([f.ravel() for f in self.factors])
+        limit = critical_value(int(base.sum())) * np.sqrt(self.redundancy())
+        leverages = self._by_set(1.0 - self.redundancy())
         for i in range(len(noise)):
-            residual = self._residuals(result.x[i], noise[i])
-            found = (np.abs(residual) > limit) & (flat > 0.0)
-            if not found.any():
+            if not np.any((np.abs(self._residuals(result.x[i], noise[i])) > limit) & (base > 0.0)):
                 continue
-            kept, start, factors = np.where(found, 0.0, flat), 0, []
-            for s in self.campaign.sets:
-                factors.append(kept[start : start + s.readings.size].reshape(s.readings.shape))
-                start += s.readings.size
-            result.x[i], result.chi_square[i] = self.solve_fully(noise[i], prior_noise[i], factors)
-            result.solved[i], result.outliers[i] = True, int(found.sum())
+
+            def residuals(factors: list[np.ndarray], i: int = i) -> list[np.ndarray]:
+                both = [f * own for f, own in zip(factors, self.factors, strict=True)]
+                result.x[i], result.chi_square[i] = self.solve_fully(noise[i], prior_noise[i], both)
+                return self._by_set(self._residuals(result.x[i], noise[i]))
+
+            weights = down_weight(residuals, self.factors)
+            found = set_aside(Weighted(residuals(weights), leverages))
+            found = name_outliers(lambda f, run=residuals: Weighted(run(f), leverages), found)  # type: ignore[misc]
+            residuals([np.where(o, 0.0, 1.0) for o in found])
+            result.solved[i] = True
+            result.outliers[i] = int(np.sum(np.concatenate([o.ravel() for o in found]) & (base > 0.0)))
+
+    def _by_set(self, flat: np.ndarray) -> list[np.ndarray]:
+        """Values of all readings (N,) as one array (m, k) per set."""
+        ends = np.cumsum([s.readings.size for s in self.campaign.sets])[:-1]
+        parts = np.split(flat, ends)
+        return [part.reshape(s.readings.shape) for part, s in zip(parts, self.campaign.sets, strict=True)]
 
     def _residuals(self, x: np.ndarray, noise: np.ndarray) -> np.ndarray:
         """Whitened residuals (N,), reading - prediction, of one trial."""
