@@ -106,7 +106,8 @@ def spline_truth(model: ErrorModel, theta: np.ndarray) -> Truth:
         (spline,) = f.splines
         step = (spline.high - spline.low) / spline.segments
         knots = spline.low + step * np.arange(-spline.degree, spline.segments + spline.degree + 1)
-        truth.functions[f.name] = BSpline(knots, c[f.coefficients], spline.degree)
+        own = np.resize(c[f.coefficients], len(knots) - spline.degree - 1)  # a periodic one begins again
+        truth.functions[f.name] = BSpline(knots, own, spline.degree)
     return truth
 
 
