@@ -27,6 +27,7 @@ VERBS = {
         "uncertainty",
         "Monte Carlo refits of a solution: coverage intervals beside the propagated uncertainty",
     ),
+    "budget": ("budget", "uncertainty budget: which source contributes how much to which output"),
     "study": (
         "study",
         "many simulated campaigns, each fitted and held against its truth: bias, spread, coverage",

@@ -14,7 +14,8 @@ POINTS.csv has the machine's axis letters (mm or degrees), tool_x,tool_y,tool_z 
 X_dir, … (approach direction, +1, -1 or 0). The result repeats it and adds ex,ey,ez (mm), ea,eb,ec
 (rad), actual - nominal in the machine frame, their standard uncertainties u_…, and outside = 1
 where a position lies outside what was measured. A cell is empty where the data do not determine
-the value.
+the value. From a solution with Monte Carlo samples (volid uncertainty): also U_… = 2 u and the 95 %
+coverage intervals low_… to high_… (symmetric in probability) and shortest_low_… to shortest_high_….
 
 example:
   volid errors solution.h5 --at points.csv -o deviations.csv
@@ -44,7 +45,14 @@ def run(args: argparse.Namespace) -> int:
         points = read_points(args.at, solution.machine)
         progress(f"evaluating {len(points.positions)} points")
         found = solution.evaluate(points.positions, points.tool, points.directions)
-    write_sheet(deviations_sheet(points, found, solution, args.solution), args)
+        intervals = None
+        if solution.samples:
+            from volid.uncertainty.intervals import deviation_intervals
+
+            progress("coverage intervals")
+            where = (points.positions, points.tool, points.directions)
+            intervals = deviation_intervals(solution, found.values, *where)
+    write_sheet(deviations_sheet(points, found, solution, args.solution, intervals), args)
     n, lost, outside = len(points.positions), int((~found.determined).any(axis=1).sum()), int(found.outside.sum())
     messages = [m for m in attention(solution) if "do not determine" not in m]
     if lost:

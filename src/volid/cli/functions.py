@@ -12,7 +12,9 @@ _EPILOG = """\
 Columns function,axis,position,direction,value,u: translations in mm, rotations in rad, positions
 in mm or degrees over the whole travel; location errors have an empty position; functions with
 reversal have direction +1 and -1, others 0; a cell is empty where the data do not determine the
-value. Functions of two axes are tabulated at the other axis's reference.
+value. Functions of two axes are tabulated at the other axis's reference. From a solution with Monte
+Carlo samples (volid uncertainty): also U = 2 u and the 95 % coverage intervals low … high
+(symmetric in probability) and shortest_low … shortest_high.
 
 example:
   volid functions solution.h5 --step 50 -o functions.csv
@@ -39,10 +41,12 @@ def run(args: argparse.Namespace) -> int:
     check_output(args.output, args.force, [args.solution])
     from volid.io.solution_hdf5 import read_solution
     from volid.io.tables_csv import functions_sheet
+    from volid.uncertainty.intervals import function_intervals
 
     solution = read_solution(args.solution)
     rows = solution.functions(step=args.step)
-    write_sheet(functions_sheet(rows, solution, args.solution), args)
+    intervals = function_intervals(solution, rows) if solution.samples else None
+    write_sheet(functions_sheet(rows, solution, args.solution, intervals), args)
     messages = [m for m in attention(solution) if "do not determine" not in m]
     names = list(dict.fromkeys(row.name for row in rows))
     lost = list(dict.fromkeys(row.name for row in rows if row.value != row.value))

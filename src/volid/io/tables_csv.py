@@ -2,8 +2,9 @@
 
 POINTS.csv has the machine's axis letters (mm or degrees), `tool_x,tool_y,tool_z` (mm) and optional `X_dir`, … (+1, -1, 0);
 the table of deviations repeats it and adds `ex,ey,ez` (mm), `ea,eb,ec` (rad), their `u_…`, and `outside`: 1 where the position
-lies outside what was measured. Lines that begin with # say what the numbers are and where they come from; a cell is empty
-where the data do not determine the value. Numbers keep all their digits.
+lies outside what was measured. From a solution with Monte Carlo samples both tables also hold U = 2 u and the ends of 95 %
+coverage intervals, `low`, `high` (symmetric in probability), `shortest_low`, `shortest_high`. Lines that begin with # say what
+the numbers are and where they come from; a cell is empty where the data do not determine the value. Numbers keep all digits.
 """
 
 from __future__ import annotations
@@ -28,12 +29,20 @@ from volid.io.provenance import sha256
 from volid.io.set_text import TOOL_COLUMNS, read_directions
 from volid.iso230 import parse
 from volid.machine import Machine
+from volid.uncertainty.budget import Line
+from volid.uncertainty.coverage import Intervals
+from volid.uncertainty.intervals import Bands
 
 DEVIATIONS = ("ex", "ey", "ez", "ea", "eb", "ec")
 UNCERTAINTIES = tuple(f"u_{name}" for name in DEVIATIONS)
 OUTSIDE = "outside"
 REJECTED = "MODEL REJECTED"
 FUNCTION_COLUMNS = ("function", "axis", "position", "direction", "value", "u")
+INTERVAL = ("U", "low", "high", "shortest_low", "shortest_high")
+DEVIATION_INTERVALS = tuple(f"{end}_{name}" for end in INTERVAL for name in DEVIATIONS)
+_INTERVAL_MEANING = {
+    "intervals": "95 % coverage intervals by Monte Carlo: low … high symmetric in probability, and shortest; U = 2 u"
+}
 _UNITS = ("mm",) * 3 + ("rad",) * 3
 
 
@@ -133,20 +142,32 @@ def _cell(value: Any, digits: int | None) -> str:
     return repr(value + 0.0) if digits is None else f"{round(value, digits) + 0.0:.{digits}f}"
 
 
-def deviations_sheet(points: Points, found: Deviations, solution: Solution, source: str | Path | None = None) -> Sheet:
-    """Deviations at points, with standard uncertainties; the points' own columns stand as they were given."""
+def deviations_sheet(
+    points: Points,
+    found: Deviations,
+    solution: Solution,
+    source: str | Path | None = None,
+    intervals: Bands | None = None,
+) -> Sheet:
+    """Deviations at points, with standard uncertainties; the points' own columns stand as they were given.
+
+    `intervals`: coverage intervals, from a solution with samples.
+    """
     values = (
         "deviation of the functional point, actual - nominal, machine frame: ex, ey, ez mm; orientation ea, eb, ec rad"
     )
     meaning = {"values": values, "u": "standard uncertainty (k = 1); an empty cell is not determined by the data"}
     given = zip(*points.columns.values(), strict=True)
-    numbers = zip(found.values.tolist(), found.u.tolist(), found.outside.astype(int).tolist(), strict=True)
+    extra = np.concatenate([2.0 * found.u, *intervals], axis=1) if intervals else np.zeros((len(found.u), 0))
+    numbers = zip(
+        found.values.tolist(), found.u.tolist(), found.outside.astype(int).tolist(), extra.tolist(), strict=True
+    )
     return Sheet(
-        header=meaning | source_lines(solution, source),
-        columns=(*points.columns, *DEVIATIONS, *UNCERTAINTIES, OUTSIDE),
+        header=meaning | (_INTERVAL_MEANING if intervals else {}) | source_lines(solution, source),
+        columns=(*points.columns, *DEVIATIONS, *UNCERTAINTIES, OUTSIDE, *(DEVIATION_INTERVALS if intervals else ())),
         rows=(
-            [*(c.strip() for c in cells), *e, *u, outside]
-            for cells, (e, u, outside) in zip(given, numbers, strict=True)
+            [*(c.strip() for c in cells), *e, *u, outside, *more]
+            for cells, (e, u, outside, more) in zip(given, numbers, strict=True)
         ),
     )
 
@@ -155,7 +176,7 @@ def read_deviations(path: str | Path, machine: Machine) -> tuple[Points, Deviati
     """What was written from `deviations_sheet`. Raises `InputError` naming the column or row that is wrong."""
     table = read_csv(path)
     columns = (*DEVIATIONS, *UNCERTAINTIES, OUTSIDE)
-    table.only((*_point_columns(machine), *columns))
+    table.only((*_point_columns(machine), *columns, *DEVIATION_INTERVALS))
     table.require(columns, "a table of deviations has them all", _point_columns(machine))
     values, u = (
         np.stack(
@@ -176,20 +197,44 @@ def read_flags(table: CsvTable, name: str) -> np.ndarray:
     return values == 1.0
 
 
-def functions_sheet(rows: Iterable[FunctionValue], solution: Solution, source: str | Path | None = None) -> Sheet:
-    """Tabulated error functions and location errors; a location error has an empty position."""
+def functions_sheet(
+    rows: Sequence[FunctionValue],
+    solution: Solution,
+    source: str | Path | None = None,
+    intervals: Intervals | None = None,
+) -> Sheet:
+    """Tabulated error functions and location errors; a location error has an empty position.
+
+    `intervals`: coverage intervals, from a solution with samples.
+    """
     meaning = {
         "values": "error functions and location errors of the tool relative to the workpiece; translations mm, rotations rad",
         "u": "standard uncertainty (k = 1); an empty cell is not determined by the data",
         "direction": "approach direction, +1 or -1; 0: both alike (mean)",
     }
-    return Sheet(meaning | source_lines(solution, source), FUNCTION_COLUMNS, (tuple(row) for row in rows))
+    if intervals is None:
+        return Sheet(meaning | source_lines(solution, source), FUNCTION_COLUMNS, (tuple(row) for row in rows))
+    ends = zip(*(column.tolist() for column in intervals), strict=True)
+    return Sheet(
+        meaning | _INTERVAL_MEANING | source_lines(solution, source),
+        (*FUNCTION_COLUMNS, *INTERVAL),
+        [(*row, 2.0 * row.u, *end) for row, end in zip(rows, ends, strict=True)],
+    )
+
+
+def budget_sheet(lines: Sequence[Line], solution: Solution, source: str | Path | None = None) -> Sheet:
+    """The uncertainty budget, one row per output and source; NaN where a source has no single u."""
+    meaning = {
+        "values": "contributions to the standard uncertainty u (k = 1), in the unit of the output; their squares add up to u²",
+        "sensitivity": "contribution / u_source; an empty cell: the source has members of several u",
+    }
+    return Sheet(meaning | source_lines(solution, source), Line._fields, [tuple(line) for line in lines])
 
 
 def read_functions(path: str | Path) -> list[FunctionValue]:
     """What was written from `functions_sheet`. Raises `InputError` naming the column or row that is wrong."""
     table = read_csv(path)
-    table.only(FUNCTION_COLUMNS)
+    table.only((*FUNCTION_COLUMNS, *INTERVAL))
     table.require(FUNCTION_COLUMNS, "a table of error functions has them all", FUNCTION_COLUMNS)
     names = table.labels("function", "expected an ISO 230-1 symbol").tolist()
     for i, name in enumerate(names):

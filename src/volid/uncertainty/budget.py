@@ -3,27 +3,42 @@
 With H = Σ_s J_sᵀ J_s over the sources s (whitened readings of a set, pseudo-readings of an effect, a calibrated length, an
 earlier solution), the estimate is x = C Σ_s J_sᵀ l_s, C = H⁻¹, so that C = Σ_s C J_sᵀ J_s C: the contributions of independent
 sources to u² of any output add up to the whole. GUM 5.1.2, written for a least-squares adjustment.
+
+Sensitivity of an output to a source whose members all have one u (the scales of all stations, say): c = contribution / u, the
+root sum of squares of the members' own sensitivities.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from volid.fitting.prediction import gradient_matrix
 from volid.fitting.problem import normal_equations
 from volid.fitting.solution import Solution
+from volid.observations import KINDS
+from volid.uncertainty.outputs import Outputs
 from volid.uncertainty.refit import Refitter
+
+COMPONENTS = ("ex", "ey", "ez", "ea", "eb", "ec")
 
 
 @dataclass(frozen=True, eq=False)
 class Budget:
-    """`sources`: names. `covariances`: (s, p, p), share of each source in the covariance of x = (θ, ν)."""
+    """`sources`: names. `covariances`: (s, p, p), share of each source in the covariance of x = (θ, ν).
+
+    `u`, `units`: of each source as stated, where all its members have the same one; NaN and "" otherwise.
+    """
 
     sources: tuple[str, ...]
     covariances: np.ndarray
+    u: np.ndarray
+    units: tuple[str, ...]
 
     def contributions(self, rows: np.ndarray) -> np.ndarray:
         """Standard uncertainty that each source brings to linear outputs `rows` (q, p): (s, q), in the outputs' units."""
@@ -37,12 +52,82 @@ class Budget:
         return sorted(table, key=lambda row: -row[1])
 
 
+class Line(NamedTuple):
+    """One source of one output: its contribution to u [mm or rad], and the share of the variance.
+
+    `position`: NaN for what has none. `u_source` in `u_source_unit`: as stated; `sensitivity`: contribution / u_source [unit of
+    the output per u_source_unit]; NaN where the source has members of several u.
+    """
+
+    output: str
+    position: float
+    unit: str
+    u: float
+    source: str
+    u_source: float
+    u_source_unit: str
+    sensitivity: float
+    contribution: float
+    share: float
+
+
+class Rows(NamedTuple):
+    """Linear outputs of x = (θ, ν): `names`, `positions`, `units` (mm or rad) and `matrix` (q, p)."""
+
+    names: tuple[str, ...]
+    positions: np.ndarray
+    units: tuple[str, ...]
+    matrix: np.ndarray
+
+
+def headline_rows(solution: Solution, outputs: Outputs) -> Rows:
+    """Functions, location errors and the numbers of the deviation field, these linearised at the solution.
+
+    The largest length |e| at its place has the gradient eᵀG/|e|, the RMS over P points Σ eᵀG/(P·RMS), a range G_max - G_min.
+    """
+    x = np.concatenate([np.asarray(solution.parameters), np.asarray(solution.nuisance)])
+    matrix = outputs.rows
+    if len(outputs.field):
+        gradient = outputs.field.reshape(-1, 3, len(x))
+        e = (outputs.offset + outputs.field @ x).reshape(-1, 3)
+        size = np.linalg.norm(e, axis=1)
+        along = np.einsum("pk,pkn->pn", e, gradient)
+        worst, rms = int(np.argmax(size)), np.sqrt(np.mean(size**2))
+        ends = [gradient[np.argmax(e[:, k]), k] - gradient[np.argmin(e[:, k]), k] for k in range(3)]
+        matrix = np.vstack([matrix, along[worst] / size[worst], along.sum(axis=0) / (len(e) * rms), *ends])
+    return Rows(outputs.names, outputs.positions, outputs.units, matrix)
+
+
+def point_rows(solution: Solution, positions: np.ndarray, tool: np.ndarray, direction: np.ndarray) -> Rows:
+    """The six components of the deviation at m points, named "ex point 1", …; those not determined are left out."""
+    theta = np.asarray(solution.parameters)
+    gradient = gradient_matrix(solution.model, theta, positions, tool, direction).reshape(6 * len(positions), -1)
+    known = solution.evaluate(positions, tool, direction).determined.ravel()
+    names = np.array([f"{c} point {i + 1}" for i in range(len(positions)) for c in COMPONENTS])
+    units = np.tile(["mm"] * 3 + ["rad"] * 3, len(positions))
+    matrix = np.pad(gradient, ((0, 0), (0, len(solution.nuisance_table))))[known]
+    return Rows(tuple(names[known].tolist()), np.full(int(known.sum()), np.nan), tuple(units[known].tolist()), matrix)
+
+
+def budget_lines(found: Budget, rows: Rows) -> Iterator[Line]:
+    """Every source of every output, the largest contribution of each output first."""
+    values = found.contributions(rows.matrix)
+    total = np.sqrt(np.sum(values**2, axis=0))
+    for q, (name, position, unit) in enumerate(zip(rows.names, rows.positions.tolist(), rows.units, strict=True)):
+        for s in np.argsort(-values[:, q], kind="stable").tolist():
+            own, stated = float(values[s, q]), float(found.u[s])
+            share = float((own / total[q]) ** 2) if total[q] > 0.0 else 0.0
+            sensitivity = own / stated if stated > 0.0 else np.nan
+            source, source_unit = found.sources[s], found.units[s]
+            yield Line(name, position, unit, float(total[q]), source, stated, source_unit, sensitivity, own, share)
+
+
 def budget(solution: Solution) -> Budget:
     """The budget of a solution: one source per set of readings, per effect, per calibrated length, and the earlier solution."""
     refitter = Refitter(solution)
     frozen, covariance = refitter.frozen, np.asarray(solution.covariance)
     basis = np.asarray(frozen.basis)
-    sources, parts = [], []
+    sources, parts, stated = [], [], []
     numbers = [int(np.asarray(n).ravel()[0]) for n in frozen.numbers]
     first = np.cumsum([0, *(s.readings.size for s in refitter.campaign.sets)])
     for i, s in enumerate(refitter.campaign.sets):
@@ -53,20 +138,32 @@ def budget(solution: Solution) -> Budget:
         system = eqx.tree_at(lambda t: (t.prior_root, t.blocks), frozen.system, alone)
         matrix = basis.T @ np.asarray(normal_equations(system, frozen.z).matrix) @ basis
         sources.append(f"readings of set '{s.name}'")
+        stated.append(_one_u(s.u.ravel(), [KINDS[s.kind].unit]))
         parts.append(covariance @ matrix @ covariance)
-    for name, rows in _prior_sources(solution, refitter):
+    for name, rows, u in _prior_sources(solution, refitter):
         reach = rows @ covariance
         sources.append(name)
+        stated.append(u)
         parts.append(reach.T @ reach)
-    return Budget(tuple(sources), np.array(parts))
+    return Budget(tuple(sources), np.array(parts), np.array([u for u, _ in stated]), tuple(unit for _, unit in stated))
 
 
-def _prior_sources(solution: Solution, refitter: Refitter) -> list[tuple[str, np.ndarray]]:
-    """Name and pseudo-reading rows (r, p) of every source of prior knowledge."""
+def _one_u(u: np.ndarray, units: list[str]) -> tuple[float, str]:
+    """The u that all members of a source share, and its unit; NaN and "" when they differ."""
+    same = len(set(units)) == 1 and np.ptp(u) <= 1e-9 * np.max(u)
+    return (float(u[0]), units[0]) if same else (float("nan"), "")
+
+
+def _prior_sources(solution: Solution, refitter: Refitter) -> list[tuple[str, np.ndarray, tuple[float, str]]]:
+    """Name, pseudo-reading rows (r, p) and stated u of every source of prior knowledge."""
     entries = [solution.nuisance_table[j] for j in refitter.known]
     names = [f"effect '{e.effect}'" if e.effect else e.name for e in entries]
     rows = np.asarray(refitter.frozen.prior)
-    result = [(n, rows[[i for i, m in enumerate(names) if m == n]]) for n in dict.fromkeys(names)]
+    result = []
+    for name in dict.fromkeys(names):
+        own = [i for i, m in enumerate(names) if m == name]
+        u = _one_u(np.array([entries[i].prior_u for i in own]), [entries[i].unit for i in own])
+        result.append((name, rows[own], u))
     if len(rows) > len(names):
-        result.append(("earlier solution", rows[len(names) :]))
+        result.append(("earlier solution", rows[len(names) :], (float("nan"), "")))
     return result

@@ -32,14 +32,15 @@ class Outputs:
 
     def values(self, x: np.ndarray) -> np.ndarray:
         """Outputs of parameters x, (b, p) -> (b, q). The field's outputs: largest and RMS length, and three ranges."""
-        linear = x @ self.rows.T
+        return np.concatenate([x @ self.rows.T, self.field_values(x)], axis=1)
+
+    def field_values(self, x: np.ndarray) -> np.ndarray:
+        """The field's outputs of parameters x, (b, p) -> (b, 5), or (b, 0) without a field."""
         if not len(self.field):
-            return linear
-        length = self.offset + x @ self.field.T
-        vectors = length.reshape(len(x), -1, 3)
+            return np.zeros((len(x), 0))
+        vectors = (self.offset + x @ self.field.T).reshape(len(x), -1, 3)
         size = np.linalg.norm(vectors, axis=2)
-        whole = np.column_stack([size.max(axis=1), np.sqrt(np.mean(size**2, axis=1)), np.ptp(vectors, axis=1)])
-        return np.concatenate([linear, whole], axis=1)
+        return np.column_stack([size.max(axis=1), np.sqrt(np.mean(size**2, axis=1)), np.ptp(vectors, axis=1)])
 
 
 FIELD = ("largest deviation", "RMS deviation", "V_X", "V_Y", "V_Z")

@@ -7,8 +7,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from volid.fitting.solution import Solution
-from volid.uncertainty.coverage import PROBABILITY, coverage_intervals, gum_validity
+from volid.uncertainty.coverage import PROBABILITY, Intervals, coverage_intervals, gum_validity
 from volid.uncertainty.outputs import FIELD, Outputs, headline_outputs
+from volid.uncertainty.samples import Samples
 
 
 class Row(NamedTuple):
@@ -60,14 +61,12 @@ def statement(solution: Solution, tool: np.ndarray | None = None, outputs: Outpu
     if samples is None:
         raise ValueError("the solution has no Monte Carlo samples")
     outputs = headline_outputs(solution, tool) if outputs is None else outputs
-    values = samples.outputs(outputs.values)
     centre = np.concatenate([np.asarray(solution.parameters), np.asarray(solution.nuisance)])
     estimate = outputs.values(centre[None])[0]
     u = np.full(len(estimate), np.nan)
     u[: len(outputs.rows)] = _propagated(solution, outputs.rows)
-    found = coverage_intervals(values)
-    spread = values.std(axis=0, ddof=1)
-    checked = gum_validity(estimate, np.where(np.isnan(u), spread, u), found, len(values))
+    found, spread, converged = _sampled(samples, outputs)
+    checked = gum_validity(estimate, np.where(np.isnan(u), spread, u), found, converged)
     rows = tuple(
         Row(*row)
         for row in zip(
@@ -75,8 +74,18 @@ def statement(solution: Solution, tool: np.ndarray | None = None, outputs: Outpu
             *(c.tolist() for c in found), checked.valid.tolist(), checked.decided.tolist(), strict=True,
         )
     )  # fmt: skip
-    failed = samples.trials - len(values)
+    failed = samples.trials - converged
     return Statement(rows, samples.trials, failed, int(samples.solved.sum()), samples.tolerance, lack_of_fit(solution))
+
+
+def _sampled(samples: Samples, outputs: Outputs) -> tuple[Intervals, np.ndarray, int]:
+    """Intervals and standard deviations of all outputs (q,), and the number of trials behind them; few outputs at a time."""
+    parts, spreads, converged = [], [], 0
+    for values in (*(v for _, v in samples.linear(outputs.rows)), samples.outputs(outputs.field_values)):
+        parts.append(coverage_intervals(values))
+        spreads.append(values.std(axis=0, ddof=1))
+        converged = len(values)
+    return Intervals(*(np.concatenate(ends) for ends in zip(*parts, strict=True))), np.concatenate(spreads), converged
 
 
 def _propagated(solution: Solution, rows: np.ndarray) -> np.ndarray:

@@ -1,0 +1,44 @@
+"""The uncertainty budget as text for a terminal: µm and µrad, one paragraph per output, largest contribution first."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+from volid.report.text import micro, paragraph, unit_of
+from volid.uncertainty.budget import Line
+
+NEGLIGIBLE = 5e-4  # of the variance: 0.0 % in print
+
+
+def format_budget(lines: Iterable[Line], lack_of_fit: float) -> str:
+    """Every output once: a function of position as its RMS over the travel. `lack_of_fit`: factor on u, 1 for none."""
+    outputs: dict[str, list[Line]] = {}
+    for line in lines:
+        outputs.setdefault(line.output, []).append(line)
+    width = max((len(name) for name in outputs), default=0) + 2
+    text = ["standard uncertainty u, k = 1, and what it is made of (share of u²); functions: RMS over the travel", ""]
+    for name, own in outputs.items():
+        text += _entry(name, own, width)
+    if lack_of_fit > 1.0:
+        text += [
+            "",
+            "lack of fit, not part of these numbers: residuals exceed the stated uncertainties, with it every u",
+        ]
+        text += [f"is {lack_of_fit:.2f} times as large"]
+    return "\n".join(text)
+
+
+def _entry(name: str, own: list[Line], width: int) -> list[str]:
+    places = len({line.position for line in own if not math.isnan(line.position)}) or 1
+    squares: dict[str, float] = {}
+    for line in own:
+        squares[line.source] = squares.get(line.source, 0.0) + line.contribution**2 / places
+    total = sum(squares.values())
+    unit, parts = own[0].unit, []
+    for source, square in sorted(squares.items(), key=lambda item: -item[1]):
+        share = square / total if total > 0.0 else 0.0
+        if share >= NEGLIGIBLE:
+            parts.append(f"{source} {micro(math.sqrt(square), unit, 3)} ({100.0 * share:.1f} %)")
+    label = f"{name.ljust(width)}{micro(math.sqrt(total), unit, 3):>9} {unit_of(unit):4}  "
+    return paragraph("; ".join(parts) or "fixed by the datum", label, len(label))
