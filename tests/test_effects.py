@@ -10,7 +10,7 @@ from virtual_campaigns import VERTICAL, fixed, judge, simulated
 from volid.campaign import Campaign, Effect, ObservationSet, Station
 from volid.exceptions import InputError
 from volid.fitting.fit import fit
-from volid.fitting.problem import build_problem, predict_all, scatter, with_random_effects
+from volid.fitting.problem import build_problem, normal_equations, predict_all, scatter, with_random_effects
 from volid.io.campaign_text import read_manifest
 from volid.io.machine_toml import parse_machine
 from volid.observations.effects import NODES
@@ -90,6 +90,97 @@ def test_random_walk_adds_up_its_increments():
     entries = [e for e in build_problem(walk, _model()).nuisance if e.effect == "w"]
     total = np.sqrt(sum(e.prior_u**2 for e in entries))
     assert total == pytest.approx(1e-3 * np.sqrt(4.0)), "4 h of 1 µm/√h"
+
+
+def two_days(*effects: Effect) -> Campaign:
+    """`along_x` in two sets with one clock: the first and the last two readings."""
+    whole = along_x(*effects)
+    (one,) = whole.sets
+    return replace(
+        whole, sets=tuple(rows_of(one, rows, name) for rows, name in ((slice(0, 2), "a"), (slice(2, 4), "b")))
+    )
+
+
+def rows_of(s: ObservationSet, rows: slice, name: str) -> ObservationSet:
+    arrays = {
+        key: getattr(s, key)[rows]
+        for key in ("positions", "directions", "tool", "readings", "u", "time", "temperature")
+    }
+    return replace(s, name=name, labels={k: v[rows] for k, v in s.labels.items()}, **arrays)
+
+
+def changes(campaign: Campaign, values: dict[str, float]) -> np.ndarray:
+    """`change` for campaigns of several sets."""
+    problem = build_problem(campaign, _model())
+    names, z = [e.name for e in problem.nuisance], problem.start.copy()
+    for name, value in values.items():
+        z[problem.model.layout.n_coefficients + names.index(name)] += value
+    before, after = (scatter(problem, campaign, predict_all(problem.system, v)) for v in (problem.start, z))
+    return np.concatenate([(a - b)[:, 0] for a, b in zip(after, before, strict=True)])
+
+
+def test_drift_of_a_campaign_goes_on_from_set_to_set():
+    found = changes(two_days(Effect("d", "drift", 1e-3, "campaign")), {"d": 0.003})
+    np.testing.assert_allclose(found, 0.003 * HOURS, atol=1e-12)
+    steps = {f"w step {i + 1}": 0.001 * (i + 1) for i in range(NODES)}
+    walk = Effect("w", "drift", 1e-3, "campaign", {"form": "random walk"})
+    np.testing.assert_allclose(changes(two_days(walk), steps), change(along_x(walk), steps), atol=1e-12)
+
+
+def test_scale_of_each_component_of_a_sensor():
+    """Three sensors of an R-test, each with a scale of its own: displacements (0.1, 0.2, 0.3) mm."""
+    m, seen = 2, np.array([[0.1, 0.2, 0.3], [0.1, 0.2, -0.3]])
+    sensor = ObservationSet(
+        "rtest", "displacement", np.zeros((m, 3)), np.zeros((m, 3)), np.zeros((m, 3)), seen, np.full((m, 3), 1e-3),
+        {"sphere": np.array(["1", "1"])}, options={"sphere": (0.1, 0.2, 0.3)},
+        effects=(Effect("s", "scale", 1e-3, "set", {"components": "XZ"}),),
+    )  # fmt: skip
+    campaign = Campaign(MACHINE, (), (sensor,))
+    problem = build_problem(campaign, _model())
+    names, z = [e.name for e in problem.nuisance], problem.start.copy()
+    for name, value in (("s rtest X", 1e-3), ("s rtest Z", 2e-3)):
+        z[problem.model.layout.n_coefficients + names.index(name)] += value
+    before, after = (scatter(problem, campaign, predict_all(problem.system, v))[0] for v in (problem.start, z))
+    np.testing.assert_allclose(after - before, [[1e-4, 0.0, 6e-4], [1e-4, 0.0, -6e-4]], atol=1e-12)
+
+
+def test_what_expands_is_the_length_without_the_dead_path():
+    """A dead path of 300 mm in every reading: expansion acts on reading - 300 mm, at each reading's own temperature."""
+    options = {"expansion": 11e-6, "u_expansion": 1e-6, "distribution": "rectangular"}
+    hot = along_x(Effect("T", "temperature", 0.1, "set", options))
+    hot = replace(hot, sets=(replace(hot.sets[0], options={"relative": True}),))
+    beams = {(s, g) for s, g in zip(*hot.sets[0].labels.values(), strict=True)}
+    problem = build_problem(hot, _model(), {("dead path", str(s), str(g)): 300.0 for s, g in beams})
+    names, z = [e.name for e in problem.nuisance], problem.start.copy()
+    z[problem.model.layout.n_coefficients + names.index("T expansion")] += 1e-6
+    before, after = (scatter(problem, hot, predict_all(problem.system, v))[0] for v in (problem.start, z))
+    x = np.array([200.0, 300.0, 400.0, 500.0])
+    np.testing.assert_allclose((after - before)[:, 0], x * 1e-6 * np.arange(4), rtol=1e-7)
+    kinds = {e.name: e.distribution for e in problem.nuisance if e.effect}
+    assert kinds == {"T line": "rectangular", "T expansion": "normal"}
+
+
+def test_closures_determine_the_drift():
+    """One point read at the beginning, in the middle and at the end: the drift is known from it, not from what was stated."""
+    closure, drift = 1e-4, Effect("d", "drift", 0.1, "campaign")
+    readings = np.array([500.0, 500.0 + 2 * 0.005, 500.0 + 4 * 0.005])
+    line = along_x(drift, readings=(500.0, 500.0, 500.0, 500.0))
+    one = rows_of(line.sets[0], slice(0, 3), "line")
+    one = replace(
+        one, readings=readings[:, None], u=np.full((3, 1), closure), time=3600.0 * np.array([0.0, 2.0, 4.0]),
+        labels={"station": np.array(["S1"] * 3), "segment": np.array(["1"] * 3)}, options={"relative": True},
+    )  # fmt: skip
+    campaign = replace(line, sets=(one,), stations=line.stations[:1])
+    problem = build_problem(campaign, _model())
+    normal = normal_equations(problem.system, problem.start)
+    n = problem.model.layout.n_coefficients
+    own = [n + i for i, e in enumerate(problem.nuisance) if e.name == "d" or e.name.startswith("dead path")]
+    matrix = np.asarray(normal.matrix)[np.ix_(own, own)]
+    found = np.linalg.solve(matrix, -np.asarray(normal.gradient)[own])
+    drifts = [i for i, j in enumerate(own) if problem.nuisance[j - n].name == "d"]
+    assert found[drifts[0]] == pytest.approx(0.005, rel=1e-3)
+    # straight line through 0, 2, 4 h: u = closure / sqrt(Σ (t - mean)²) = closure / sqrt(8)
+    assert np.sqrt(np.linalg.inv(matrix)[drifts[0], drifts[0]]) == pytest.approx(closure / np.sqrt(8.0), rel=1e-3)
 
 
 def test_tool_vector_moves_the_functional_point():
@@ -190,7 +281,8 @@ def test_virtual_machine_draws_effects(scaled):
         ("half_width = 1.0e-7", r"half_width is 1e-07; expected u, or a distribution that has bounds"),
         ("samples = [1.0, 1.0]", r"samples is .*; expected at least two different values"),
         ('samples = [1.0, "x"]', r"samples is .*; expected a list of numbers"),
-        ('components = "Z"', r"effect 'refraction': unknown key 'components'"),
+        ("axes = { X = 0.001 }", r"effect 'refraction': unknown key 'axes'"),
+        ('components = "Z"', r"effect 'refraction': components = .Z., but a 'distance' reading has DISTANCE"),
         ('file = "nowhere.csv"', r"nowhere.csv"),
     ],
 )

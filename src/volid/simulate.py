@@ -10,7 +10,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from volid.campaign import Campaign, ObservationSet, Station, standard_uncertainty
+from volid.campaign import Campaign, Effect, ObservationSet, Station, standard_uncertainty
 from volid.exceptions import InputError
 from volid.fitting.prediction import chain_of
 from volid.machine import Machine
@@ -23,8 +23,8 @@ from volid.observations.effects import (
     effect_samples,
     groups_of,
     predict_readings,
-    random_variance,
 )
+from volid.observations.random_effects import random_parts, split_normal
 from volid.random_truth import generator, random_truth
 from volid.standard_plan import standard_plan
 from volid.truth import Truth
@@ -70,6 +70,7 @@ def simulate(
     values = np.array([_true_value(entry, truth, seed) for entry in table.entries])
     plain = [_predict(readings, truth, found, values) for readings, found in zip(real.sets, own, strict=True)]
     read = [replace(s, readings=exact) for s, exact in zip(real.sets, plain, strict=True)]
+    table.starts = dict(zip(table.keys, values.tolist(), strict=True))
     groups = [groups_of(readings, real, table) for readings in read]  # what an effect does may depend on the reading
     samples = effect_samples(plan)
     values = np.array([_true_value(entry, truth, seed, samples) for entry in table.entries])
@@ -142,15 +143,15 @@ def _about(readings: ObservationSet, seed: int, error: float | None) -> Observat
 
 
 class _Exact(NamedTuple):
-    """Readings without noise (m, k), and the variance that effects drawn anew for every reading add."""
+    """Readings without noise (m, k), and effects drawn anew for every reading with the variance (m, k) they add."""
 
     readings: np.ndarray
-    variance: np.ndarray
+    random: list[tuple[Effect, np.ndarray]]
 
 
 def _exact(readings: ObservationSet, truth: Truth, groups: list[Extended], values: np.ndarray) -> _Exact:
     exact = _predict(readings, truth, groups, values)
-    return _Exact(exact, random_variance(readings, truth.machine, groups, values))
+    return _Exact(exact, random_parts(readings, truth.machine, groups, values))
 
 
 def _is_open(entry: Nuisance) -> bool:
@@ -193,9 +194,13 @@ def _predict(readings: ObservationSet, truth: Truth, groups: list[Extended], val
 
 def _measure(readings: ObservationSet, exact: _Exact, seed: int, noise: bool) -> ObservationSet:
     """The set with readings: exact ones plus noise of the stated u and of effects drawn anew for every reading."""
-    u = np.sqrt(_uncertainty(readings, exact.readings) ** 2 + exact.variance)
+    variance, others = split_normal(exact.random)
+    u = np.sqrt(_uncertainty(readings, exact.readings) ** 2 + variance)
     rng = generator(seed, "noise", readings.name)
     measured = exact.readings + u * rng.standard_normal(u.shape) if noise else exact.readings
+    for part in others if noise else []:
+        drawn = standardised(part.distribution, rng, u.size, part.samples)
+        measured = measured + part.deviation * drawn.reshape(u.shape)
     return replace(readings, readings=measured, u=_uncertainty(readings, measured))
 
 

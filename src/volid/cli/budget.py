@@ -62,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
         from volid.io.tables_csv import budget_sheet
         from volid.report.budget_text import format_budget
         from volid.uncertainty.budget import budget, budget_lines
-        from volid.uncertainty.statement import lack_of_fit
+        from volid.uncertainty.lack_of_fit import lack_of_fit
 
         solution = read_solution(args.solution)
         progress("propagating every source")
@@ -70,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
     if args.output:
         write_sheet(budget_sheet(lines, solution, args.solution), args)
     elif args.json:
-        print_json({"lines": [line._asdict() for line in lines], "lack_of_fit": lack_of_fit(solution)})
+        print_json({"lines": [line._asdict() for line in lines], "lack_of_fit": lack_of_fit(solution)._asdict()})
     if not args.json:
         print(format_budget(lines, lack_of_fit(solution)) + (f"\n\nwritten: {args.output}" if args.output else ""))
     return conclude(args, attention(solution))

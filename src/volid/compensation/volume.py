@@ -13,10 +13,9 @@ from volid.compensation.rotary_grids import RotaryGrid, deviation_from_grids
 from volid.fitting.datum import rigid_motion_rows
 from volid.fitting.prediction import deviation_values, gradient_matrix
 from volid.fitting.solution import Solution
+from volid.fitting.working_volume import volume_positions
 
-NODES = 9
 POINTS = 512
-MANY = 2048
 SAMPLES = 200
 
 
@@ -55,24 +54,16 @@ def _travel(solution: Solution) -> tuple[np.ndarray, np.ndarray]:
 def volumetric_summary(solution: Solution, tool: tuple[float, float, float]) -> VolumeSummary:
     """Volumetric accuracy and largest deviation over the travel. ISO 230-1:2012 3.8.
 
-    On a grid of 9 points per axis; with more than three axes at the corners and at 2048 points spread evenly (Sobol).
+    At the positions of `working_volume`.
     """
-    low, length = _travel(solution)
-    positions = low + _spread(len(low)) * length
+    positions = volume_positions(solution.machine)
     found = solution.evaluate(positions, np.asarray(tool, dtype=float))
     size = np.linalg.norm(found.values[:, :3], axis=1)
     accuracy = np.ptp(found.values, axis=0)
     if not np.isfinite(size).all():
-        return VolumeSummary(accuracy, np.nan, np.nan, np.full(len(low), np.nan))
+        return VolumeSummary(accuracy, np.nan, np.nan, np.full(positions.shape[1], np.nan))
     worst = int(np.argmax(size))
     return VolumeSummary(accuracy, float(size[worst]), float(np.sqrt(np.mean(size**2))), positions[worst])
-
-
-def _spread(n_axes: int) -> np.ndarray:
-    """Points over the unit cube, (m, n_axes): a grid, or corners and a Sobol sequence where a grid would be too large."""
-    nodes = np.linspace(0.0, 1.0, NODES if n_axes <= 3 else 2)
-    grid = np.stack([m.ravel() for m in np.meshgrid(*([nodes] * n_axes), indexing="ij")], axis=1)
-    return grid if n_axes <= 3 else np.concatenate([grid, qmc.Sobol(n_axes, seed=0).random(MANY)])
 
 
 def without_rigid_motion(solution: Solution, positions: np.ndarray, tool: np.ndarray, field: np.ndarray) -> np.ndarray:

@@ -310,6 +310,7 @@ def _solution(
             },
             iterations=optimum.iterations,
             converged=optimum.converged,
+            held_out_weight=chosen.weight,
         ),
         readings=Residuals(
             residuals,

@@ -17,11 +17,12 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.linalg import block_diag
 
-from volid.campaign import Campaign
+from volid.campaign import Campaign, Effect
 from volid.error_model import ErrorModel, Layout, coefficient_rows, error_values, evaluate_bases
 from volid.machine import Machine
 from volid.observations.base import Nuisance, NuisanceTable
-from volid.observations.effects import Extended, Form, groups_of, predict_readings, random_variance
+from volid.observations.effects import Extended, Form, groups_of, predict_readings
+from volid.observations.random_effects import random_parts
 
 CHUNK = 2048
 
@@ -212,16 +213,21 @@ def _block(campaign: Campaign, number: int, group: Extended, weights: np.ndarray
 
 def with_random_effects(campaign: Campaign, starts: dict[Any, float] | None = None) -> Campaign:
     """The campaign with u² of every reading enlarged by effects that are drawn anew for each (`per` = "point")."""
+    sets = tuple(
+        replace(s, u=np.sqrt(s.u**2 + sum(variance for _, variance in parts))) if parts else s
+        for s, parts in zip(campaign.sets, random_effects(campaign, starts), strict=True)
+    )
+    return replace(campaign, sets=sets)
+
+
+def random_effects(campaign: Campaign, starts: dict[Any, float] | None = None) -> list[list[tuple[Effect, np.ndarray]]]:
+    """Per set: every effect that is drawn anew for each reading, with the variance (m, k) it adds."""
     if not any(s.effects for s in campaign.sets):
-        return campaign
+        return [[] for _ in campaign.sets]
     table = NuisanceTable(starts)
     groups = [groups_of(s, campaign, table) for s in campaign.sets]
     values = np.array([e.start for e in table.entries])
-    sets = tuple(
-        replace(s, u=np.sqrt(s.u**2 + random_variance(s, campaign.machine, own, values)))
-        for s, own in zip(campaign.sets, groups, strict=True)
-    )
-    return replace(campaign, sets=sets)
+    return [random_parts(s, campaign.machine, own, values) for s, own in zip(campaign.sets, groups, strict=True)]
 
 
 class Prior(NamedTuple):

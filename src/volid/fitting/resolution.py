@@ -38,12 +38,14 @@ Segments = dict[str, tuple[int, ...]]
 class Resolution:
     """Chosen segments per function, the carrier they refine to, and what the choice rests on.
 
-    `score`: held-out chi-square per reading. `at_limit`: functions that took the finest resolution on offer.
+    `score`: held-out chi-square per reading. `weight`: its square root over that of its expectation, 1 for a model that is true;
+    NaN when nothing was chosen. `at_limit`: functions that took the finest resolution on offer.
     """
 
     segments: Segments
     carrier: Segments
     score: float = float("nan")
+    weight: float = float("nan")
     at_limit: tuple[str, ...] = ()
 
 
@@ -236,6 +238,18 @@ class _Search:
         near = [int(i) for i in np.flatnonzero(excess.sum(axis=1) <= tolerance) if np.prod(options[i]) <= FIRST]
         return options[max([lowest, *near])]
 
+    def expected(self) -> float:
+        """Expectation of the held-out chi-square when the model is true: Σ_k (n_k + tr(H_k C_k)), C_k from the other folds."""
+        every: _Sparse = [*((self.columns[n], self.parts[n]) for n in self.groups), (slice(None), self.rest)]
+        matrices = [_project(f.matrix, every) for f in self.folds]
+        known = _project(self.prior, every)
+        known = known + WEAKEST**2 * np.eye(len(known))
+        total = 0.0
+        for fold, own in zip(self.folds, matrices, strict=True):
+            training = cho_factor(sum(matrices) - own + known)
+            total += fold.n_readings + float(np.trace(cho_solve(training, own)))
+        return total
+
     def _others(self, name: str) -> _Sparse:
         """Scaled free columns of everything but one error motion."""
         return [*((self.columns[n], self.parts[n]) for n in self.groups if n != name), (slice(None), self.rest)]
@@ -264,8 +278,19 @@ class _Reduced(NamedTuple):
     vf: np.ndarray
 
 
+def _project(matrix: np.ndarray, columns: _Sparse) -> np.ndarray:
+    """Bᵀ matrix B for columns B."""
+    left = _onto(matrix, columns)
+    return np.hstack([left[:, rows] @ block for rows, block in columns])
+
+
+def _onto(matrix: np.ndarray, columns: _Sparse) -> np.ndarray:
+    """Bᵀ matrix."""
+    return np.vstack([block.T @ matrix[rows] for rows, block in columns])
+
+
 def _reduce(matrix: np.ndarray, vector: np.ndarray, others: _Sparse, own: np.ndarray) -> _Reduced:
-    left = np.vstack([block.T @ matrix[rows] for rows, block in others])
+    left = _onto(matrix, others)
     both = np.hstack([left[:, rows] @ block for rows, block in others])
     right = np.concatenate([block.T @ vector[rows] for rows, block in others])
     return _Reduced(both, left[:, own], matrix[np.ix_(own, own)], right, vector[own])
@@ -309,4 +334,5 @@ def choose(
     at_limit = tuple(n for n in search.names if search.chosen[n] == carrier[n])
     count = sum(f.n_readings for f in folds)
     after = search.scores(search.names[0], [search.chosen[search.names[0]]]).sum() / count if search.names else np.nan
-    return Resolution(search.chosen, carrier, float(after), at_limit)
+    weight = np.sqrt(after * count / search.expected()) if search.names else np.nan
+    return Resolution(search.chosen, carrier, float(after), float(weight), at_limit)

@@ -49,13 +49,18 @@ class FunctionValue(NamedTuple):
 
 
 class Statistics(NamedTuple):
-    """Numbers about the fit: readings used, parameters, residual RMS per set [reading's unit], iterations."""
+    """Numbers about the fit: readings used, parameters, residual RMS per set [reading's unit], iterations.
+
+    `held_out_weight`: RMS of readings predicted without them over what is expected of it, in the search for the resolution; NaN
+    where all resolutions are stated.
+    """
 
     n_readings: int
     n_parameters: int
     residual_rms: Mapping[str, float]
     iterations: int
     converged: bool
+    held_out_weight: float = float("nan")
 
 
 @dataclass(frozen=True, eq=False)

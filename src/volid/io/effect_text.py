@@ -16,6 +16,7 @@ from volid.observations.effects import COMPONENTS, FORMS, SCOPES, TYPES
 
 _COMMON = ("name", "type", "u", "per", "distribution", "half_width", "samples", "file")
 _OWN = {
+    "scale": ("components",),
     "drift": ("form",),
     "tool_length": ("components",),
     "temperature": ("expansion", "u_expansion", "temperature"),
@@ -83,10 +84,10 @@ def _own_options(table: Table, kind: str, machine: Machine) -> dict[str, Any]:
     options: dict[str, Any] = {key: table.data[key] for key in _OWN.get(kind, ()) if key in table.data}
     if kind == "drift":
         options["form"] = table.text("form", FORMS[0], choices=FORMS)
-    if kind == "tool_length" and "components" in options:
+    if "components" in options:
         text = options["components"]
         if not isinstance(text, str) or not text or set(text) - set(COMPONENTS) or len(set(text)) < len(text):
-            raise table.wrong("components", '"Z", or several of X, Y, Z such as "XYZ"')
+            raise table.wrong("components", 'one or several of X, Y, Z, such as "Z" or "XYZ"')
     if kind == "temperature":
         options["expansion"] = table.number("expansion", above=0.0)
         for key in ("u_expansion", "temperature"):

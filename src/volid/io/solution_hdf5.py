@@ -28,7 +28,8 @@ Root attributes: `format`; `machine_name`; `axes` (letters, machine axis order);
 - `adequacy/`: attributes `verdict`, `rejected`, `chi_square`, `degrees_of_freedom`, `unit_weight`, `probability`; `groups/`:
   `what`, `n`, `unit_weight`, `probability`, each (g,), least probable first; `suspects/`: `where`, `label`, `residual`,
   `normalised`, each (s,). `outliers/`: the same columns, for the readings that were set aside.
-- `statistics/`: attributes `n_readings`, `n_parameters`, `iterations`, `converged`. `notes`: text, (t,).
+- `statistics/`: attributes `n_readings`, `n_parameters`, `iterations`, `converged`, `held_out_weight`
+  (NaN: none). `notes`: text, (t,).
 - `monte_carlo/`, once run: attributes `trials` M, `seed`, `tolerance` (numerical tolerance reached over the one wanted, NaN for a
   fixed M); `samples` (M, n + k) of (θ, ν); `chi_square`, `error` (distance to the minimum in standard uncertainties), `solved`
   (by the full solver), `outliers` (set aside in the trial), each (M,).
@@ -88,7 +89,7 @@ def write_solution(solution: Solution, path: str | Path, overwrite: bool = False
         _write_residuals(file.create_group("residuals"), solution)
         _write_rows(file.create_group("outliers"), SuspectReading, solution.readings.outlier_readings)
         _write_adequacy(file.create_group("adequacy"), solution.adequacy)
-        for name in ("n_readings", "n_parameters", "iterations", "converged"):
+        for name in ("n_readings", "n_parameters", "iterations", "converged", "held_out_weight"):
             file.require_group("statistics").attrs[name] = getattr(solution.statistics, name)
         write_text(file, "notes", list(solution.notes))
         file.create_group("provenance").attrs.update(solution.provenance)
@@ -340,6 +341,7 @@ def _read_statistics(file: h5py.File) -> Statistics:
         residual_rms={parts[i].attrs["set"]: float(parts[i].attrs["rms"]) for i in sorted(parts, key=int)},
         iterations=int(attributes["iterations"]),
         converged=bool(attributes["converged"]),
+        held_out_weight=float(attributes.get("held_out_weight", np.nan)),
     )
 
 

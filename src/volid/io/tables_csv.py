@@ -32,6 +32,7 @@ from volid.machine import Machine
 from volid.uncertainty.budget import Line
 from volid.uncertainty.coverage import Intervals
 from volid.uncertainty.intervals import Bands
+from volid.uncertainty.lack_of_fit import lack_of_fit
 
 DEVIATIONS = ("ex", "ey", "ez", "ea", "eb", "ec")
 UNCERTAINTIES = tuple(f"u_{name}" for name in DEVIATIONS)
@@ -117,6 +118,7 @@ def source_lines(solution: Solution, source: str | Path | None = None) -> dict[s
     }
     if source is not None:
         lines |= {"source": str(source), "source sha256": sha256(source)}
+    lines["lack of fit"] = str(lack_of_fit(solution))
     lines["date"] = datetime.now(UTC).isoformat(timespec="seconds")
     if solution.adequacy.rejected:
         lines[REJECTED] = solution.adequacy.verdict

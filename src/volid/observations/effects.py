@@ -4,26 +4,23 @@
 
 | type | a, or what it acts on | unit of u |
 |---|---|---|
-| scale | the reading itself (refractive index, sensor scale) | 1 |
+| scale | the reading itself (refractive index); each of its `components` ("XYZ", sensor scale) with a factor of its own | 1 |
 | offset | 1, for every component of a reading on its own | the reading's |
-| drift, form = "linear" | time since the scope's first reading [h] | the reading's per hour |
+| drift, form = "linear" | time since the scope's first reading [h], in all sets that share it | the reading's per hour |
 | drift, form = "random walk" | increments between `NODES` instants, straight in between | the reading's per √h |
 | tool_length | tool vector, `components` of it ("Z" by default, "XYZ" for all) | mm |
-| temperature | expansion · reading for the temperature; (temperature - 20 °C) · reading for `u_expansion` [1/K] | K |
+| temperature | expansion · length for the temperature; (temperature - 20 °C) · length for `u_expansion` [1/K, normal] | K |
 | repeatability | axis positions (linear axes, or those of `axes` = { X = 0.001, … }), anew at every reading | mm |
 
 An effect is one unknown of the fit per scope, with its u as prior knowledge: what the data say of it lowers its u, the rest
-goes into every result, and closures determine drift. With `per` = "point" (always for repeatability) it is drawn anew for every
-reading and adds to the reading's u. Not modelled: correlation between the components of one reading that such an effect makes.
+goes into every result, and closures determine drift. The length that expands is the reading less its dead path. With `per` =
+"point" (always for repeatability) an effect is drawn anew for every reading and adds to its u, see `random_effects`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -42,6 +39,7 @@ NODES = 12  # instants of a random walk after its first reading
 REFERENCE_TEMPERATURE = 20.0  # °C, ISO 1
 HOUR = 3600.0  # s
 COMPONENTS = "XYZ"
+EXPANSION = "expansion"
 
 
 class Form(NamedTuple):
@@ -94,9 +92,9 @@ def groups_of(
     kind = KINDS[observations.kind]
     k = observations.readings.shape[1]
     found: list[Group] = kind.groups(observations, campaign, table)
-    shared = [e for e in observations.effects if not _is_random(e)] if effects else []
+    shared = [e for e in observations.effects if not is_random(e)] if effects else []
     tools = [(c, s) for e in shared if e.type == "tool_length" for c, s in _tool_slots(observations, e, table)]
-    terms = [t for e in shared if e.type != "tool_length" for t in _terms(observations, e, table)]
+    terms = [t for e in shared if e.type != "tool_length" for t in _terms(observations, campaign, e, table)]
     result = []
     for group in found:
         slots = [group.slots, *(s[None, group.rows] for _, s in tools), *(t.slot[None, group.rows] for t in terms)]
@@ -113,15 +111,22 @@ def effect_samples(campaign: Campaign) -> dict[str, tuple[float, ...]]:
 
 
 def check_effects(observations: ObservationSet) -> None:
-    """Raises `InputError` for a scope that the kind does not have, or drift without times."""
+    """Raises `InputError` for a scope or components that the kind does not have, or drift without times."""
+    names = {name.upper() for name in KINDS[observations.kind].readings}
     for effect in observations.effects:
-        if not _is_random(effect):
+        if effect.type == "scale" and not set(str(effect.options.get("components", ""))) <= names:
+            raise InputError(
+                f"set '{observations.name}', effect '{effect.name}': components = \"{effect.options['components']}\", but a "
+                f"'{observations.kind}' reading has {', '.join(sorted(names))}; leave components out to scale the whole reading"
+            )
+        if not is_random(effect):
             _scopes(observations, effect)
         if effect.type == "drift":
             _hours(observations, effect)
 
 
-def _is_random(effect: Effect) -> bool:
+def is_random(effect: Effect) -> bool:
+    """True for what is drawn anew for every reading; see `random_effects`."""
     return effect.per == POINT or effect.type == "repeatability"
 
 
@@ -153,12 +158,13 @@ def _scopes(observations: ObservationSet, effect: Effect) -> list[tuple[str, np.
 def _index(table: NuisanceTable, effect: Effect, scope: str, what: str, unit: str, u: float) -> int:
     """Number of the parameter of one scope. Raises `InputError` when two sets say different things of one effect."""
     name = " ".join(part for part in (effect.name, scope, what) if part)
+    distribution = NORMAL if what == EXPANSION else str(effect.options.get("distribution", NORMAL))
     number = table.index(
         ("effect", effect.name, scope, what),
         name,
         unit,
         prior_u=u,
-        distribution=str(effect.options.get("distribution", NORMAL)),
+        distribution=distribution,
         effect=effect.name,
     )
     if table.entries[number].prior_u != u:
@@ -179,7 +185,7 @@ def _tool_slots(observations: ObservationSet, effect: Effect, table: NuisanceTab
     return result
 
 
-def _lengths(observations: ObservationSet) -> np.ndarray:
+def lengths_of(observations: ObservationSet) -> np.ndarray:
     """The readings a scale acts on, (m, k): lengths; angles of a polar reading have no scale."""
     return np.where(_is_angle(observations), 0.0, observations.readings)
 
@@ -205,19 +211,19 @@ def _hours(observations: ObservationSet, effect: Effect) -> np.ndarray:
     return np.asarray(observations.time) / HOUR
 
 
-def _terms(observations: ObservationSet, effect: Effect, table: NuisanceTable) -> list[_Term]:
+def _terms(observations: ObservationSet, campaign: Campaign, effect: Effect, table: NuisanceTable) -> list[_Term]:
     """Additive terms of one effect on all rows of a set."""
     kind = KINDS[observations.kind]
     if effect.type == "scale":
-        return [_term(observations, effect, table, _lengths(observations), "1")]
+        return _scale(observations, effect, table)
     if effect.type == "temperature":
         expansion = float(effect.options["expansion"])
-        lengths = _lengths(observations)
+        lengths = lengths_of(observations) - _dead_paths(observations, table)
         terms = [_term(observations, effect, table, expansion * lengths, "K")]
         u = float(effect.options.get("u_expansion", 0.0))
         if u > 0.0:
             factor = _temperature(observations, effect)[:, None] * lengths
-            slot = np.full(len(observations), _index(table, effect, "", "expansion", "1/K", u))
+            slot = np.full(len(observations), _index(table, effect, "", EXPANSION, "1/K", u))
             terms.append(_Term(factor, slot))
         return terms
     terms = []
@@ -228,8 +234,26 @@ def _terms(observations: ObservationSet, effect: Effect, table: NuisanceTable) -
         if effect.type == "offset":
             terms.append(_term(observations, effect, table, column, kind.unit, what))
         else:
-            terms += _drift(observations, effect, table, column, what)
+            terms += _drift(observations, campaign, effect, table, column, what)
     return terms
+
+
+def _scale(observations: ObservationSet, effect: Effect, table: NuisanceTable) -> list[_Term]:
+    """One factor for the whole reading, or one for each of its `components`."""
+    lengths, names = lengths_of(observations), KINDS[observations.kind].readings
+    if "components" not in effect.options:
+        return [_term(observations, effect, table, lengths, "1")]
+    letters = str(effect.options["components"])
+    own = [(c, np.array([name.upper() == c for name in names])) for c in letters]
+    return [_term(observations, effect, table, np.where(column, lengths, 0.0), "1", c) for c, column in own]
+
+
+def _dead_paths(observations: ObservationSet, table: NuisanceTable) -> np.ndarray:
+    """Start values of the dead paths in relative distances, (m, 1); 0 for readings without."""
+    if observations.kind != "distance" or not observations.options.get("relative", True):
+        return np.zeros((len(observations), 1))
+    beams = zip(observations.labels["station"], observations.labels["segment"], strict=True)
+    return np.array([[table.starts.get(("dead path", str(s), str(g)), 0.0)] for s, g in beams])
 
 
 def _term(
@@ -241,85 +265,43 @@ def _term(
     return _Term(factor, slot)
 
 
+def _span(campaign: Campaign, effect: Effect, scope: str) -> tuple[float, float]:
+    """First and last time [h] of a scope in all sets that the effect acts on; sets of a campaign share one clock."""
+    hours = [
+        _hours(s, e)[rows]
+        for s in campaign.sets
+        for e in s.effects
+        if (e.name, e.type) == (effect.name, effect.type)
+        for name, rows in _scopes(s, e)
+        if name == scope
+    ]
+    whole = np.concatenate(hours)
+    return float(whole.min()), float(whole.max())
+
+
 def _drift(
-    observations: ObservationSet, effect: Effect, table: NuisanceTable, column: np.ndarray, what: str
+    observations: ObservationSet,
+    campaign: Campaign,
+    effect: Effect,
+    table: NuisanceTable,
+    column: np.ndarray,
+    what: str,
 ) -> list[_Term]:
     hours, unit = _hours(observations, effect), KINDS[observations.kind].unit
-    scopes = _scopes(observations, effect)
+    scopes = [(name, rows, *_span(campaign, effect, name)) for name, rows in _scopes(observations, effect)]
     since = np.zeros(len(observations))
     if effect.options.get("form", FORMS[0]) == FORMS[0]:
-        for _, rows in scopes:
-            since[rows] = hours[rows] - hours[rows].min()
+        for _, rows, first, _ in scopes:
+            since[rows] = hours[rows] - first
         return [_term(observations, effect, table, column * since[:, None], f"{unit}/h", what)]
     terms = []
     for node in range(NODES):
         ramp, slot = np.zeros(len(observations)), np.zeros(len(observations), dtype=np.int64)
-        for scope, rows in scopes:
-            first, step = hours[rows].min(), np.ptp(hours[rows]) / NODES
+        for scope, rows, first, last in scopes:
+            step = (last - first) / NODES
             if step > 0.0:
                 ramp[rows] = np.clip((hours[rows] - first) / step - node, 0.0, 1.0)
             u = effect.u * np.sqrt(max(step, 1e-9))
             slot[rows] = _index(table, effect, scope, f"{what} step {node + 1}".strip(), unit, u)
         terms.append(_Term(column * ramp[:, None], slot))
     return terms
-
-
-# ------------------------------------------------------------------------------------- effects drawn anew for every reading
-
-
-@eqx.filter_jit
-def _sensitivities(machine: Machine, form: Form, q: Any, tool: Any, slots: Any, constants: Any) -> tuple[Any, Any]:
-    """∂reading/∂q (n_axes, k, m) and ∂reading/∂tool (3, k, m) at the nominal machine."""
-    errors = jnp.zeros((6 * (len(machine.axes) + 1), q.shape[1]))
-
-    def readings(q: Any, tool: Any) -> Any:
-        return predict_readings(machine, form, q, tuple(tool), errors, slots, constants)
-
-    def along(i: int, n: int) -> Any:
-        return jnp.ones_like(q[0]) * (jnp.arange(n) == i)[:, None]
-
-    axes = [jax.jvp(lambda x: readings(x, tool), (q,), (along(i, len(q)),))[1] for i in range(len(q))]
-    tools = [jax.jvp(lambda x: readings(q, x), (tool,), (along(i, 3),))[1] for i in range(3)]
-    return jnp.stack(axes), jnp.stack(tools)
-
-
-def random_variance(
-    observations: ObservationSet, machine: Machine, groups: list[Extended], values: np.ndarray
-) -> np.ndarray:
-    """Variance (m, k) that effects drawn anew for every reading add; `values`: nuisance parameters, roughly."""
-    total = np.zeros(observations.readings.shape)
-    random = [e for e in observations.effects if _is_random(e)]
-    if not random:
-        return total
-    by_axis, by_tool = _all_sensitivities(observations, machine, groups, values)
-    for effect in random:
-        if effect.type == "repeatability":
-            given = effect.options.get("axes")
-            scatter = given if isinstance(given, Mapping) else {a.letter: effect.u for a in machine.axes if a.is_linear}
-            for letter, u in scatter.items():
-                total += (float(u) * by_axis[machine.index(letter)]) ** 2
-        elif effect.type == "tool_length":
-            for letter in str(effect.options.get("components", "Z")):
-                total += (effect.u * by_tool[COMPONENTS.index(letter)]) ** 2
-        elif effect.type == "offset":
-            total += effect.u**2
-        else:
-            expansion = float(effect.options["expansion"]) if effect.type == "temperature" else 1.0
-            total += (effect.u * expansion * _lengths(observations)) ** 2
-    return total
-
-
-def _all_sensitivities(
-    observations: ObservationSet, machine: Machine, groups: list[Extended], values: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Sensitivities of every row, (n_axes, m, k) and (3, m, k)."""
-    k = observations.readings.shape[1]
-    by_axis = np.zeros((len(machine.axes), len(observations), k))
-    by_tool = np.zeros((3, len(observations), k))
-    for group in groups:
-        arrays = (observations.positions[group.rows].T, observations.tool[group.rows].T, values[group.slots])
-        numbers = [jnp.asarray(a, dtype=float) for a in (*arrays, group.constants)]
-        chain = Machine(name="", structure="", axes=machine.axes)
-        axes, tools = (np.asarray(s).transpose(0, 2, 1) for s in _sensitivities(chain, group.form, *numbers))
-        by_axis[:, group.rows], by_tool[:, group.rows] = axes, tools
-    return by_axis, by_tool

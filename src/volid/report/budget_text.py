@@ -7,12 +7,13 @@ from collections.abc import Iterable
 
 from volid.report.text import micro, paragraph, unit_of
 from volid.uncertainty.budget import Line
+from volid.uncertainty.lack_of_fit import LackOfFit
 
 NEGLIGIBLE = 5e-4  # of the variance: 0.0 % in print
 
 
-def format_budget(lines: Iterable[Line], lack_of_fit: float) -> str:
-    """Every output once: a function of position as its RMS over the travel. `lack_of_fit`: factor on u, 1 for none."""
+def format_budget(lines: Iterable[Line], lack_of_fit: LackOfFit) -> str:
+    """Every output once: a function of position as its RMS over the travel. `lack_of_fit`: stated below."""
     outputs: dict[str, list[Line]] = {}
     for line in lines:
         outputs.setdefault(line.output, []).append(line)
@@ -20,12 +21,7 @@ def format_budget(lines: Iterable[Line], lack_of_fit: float) -> str:
     text = ["standard uncertainty u, k = 1, and what it is made of (share of u²); functions: RMS over the travel", ""]
     for name, own in outputs.items():
         text += _entry(name, own, width)
-    if lack_of_fit > 1.0:
-        text += [
-            "",
-            "lack of fit, not part of these numbers: residuals exceed the stated uncertainties, with it every u",
-        ]
-        text += [f"is {lack_of_fit:.2f} times as large"]
+    text += ["", *paragraph(str(lack_of_fit), "lack of fit", 13)]
     return "\n".join(text)
 
 

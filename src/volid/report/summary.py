@@ -26,6 +26,7 @@ from volid.fitting.solution import FunctionValue, Solution
 from volid.iso230 import DIRECTIONS, LINEAR_AXES, ROTARY_AXES, ROTATIONS, SPINDLE, describe, parse
 from volid.observations import KINDS
 from volid.report.summary_text import format_summary
+from volid.uncertainty.lack_of_fit import lack_of_fit
 
 FORMAT = "volid-summary/1"
 K = 2.0
@@ -44,7 +45,7 @@ def most_used_tool(campaign: Campaign) -> tuple[float, float, float]:
 def summary_data(solution: Solution, tool: Sequence[float] | None = None) -> dict[str, Any]:
     """The summary as plain objects, mm and rad; `tool`: tool vector [mm] of the volumetric numbers, default: the most used."""
     at = most_used_tool(solution.campaign) if tool is None else (float(tool[0]), float(tool[1]), float(tool[2]))
-    adequacy, statistics = solution.adequacy, solution.statistics
+    adequacy, statistics, lack = solution.adequacy, solution.statistics, lack_of_fit(solution)
     table = _tabulated(solution)
     constants = [name for name in table if parse(name).location]
     data = {
@@ -55,6 +56,7 @@ def summary_data(solution: Solution, tool: Sequence[float] | None = None) -> dic
         "unit_weight": adequacy.unit_weight,
         "probability": adequacy.probability,
         "degrees_of_freedom": adequacy.degrees_of_freedom,
+        "lack_of_fit": lack._asdict() | {"words": str(lack)},
         "converged": statistics.converged,
         "iterations": statistics.iterations,
         "n_readings": statistics.n_readings,

@@ -81,6 +81,8 @@ def _set_lines(data: dict[str, Any]) -> list[str]:
     counts = f"{data['n_readings']} readings, {data['n_parameters']} parameters, "
     fit += f"{counts}{data['degrees_of_freedom']} degrees of freedom, {data['iterations']} iterations"
     lines += paragraph(fit, "fit")
+    if data["degrees_of_freedom"] > 0:
+        lines += paragraph(f"lack of fit: {data['lack_of_fit']['words']}", " ")
     for c in data["repeats"]:
         size = f"{c['rms_over_u']:.1f} times their u"
         if c["unit"]:

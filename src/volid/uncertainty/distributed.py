@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import pickle
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -13,6 +14,7 @@ import numpy as np
 from volid.exceptions import InputError
 from volid.fitting.solution import Solution
 from volid.uncertainty.monte_carlo import BATCH, Progress, batches_to_do, run_of, run_trials
+from volid.uncertainty.processes import single_threaded
 from volid.uncertainty.samples import TrialFolder
 
 _RUNS: dict[tuple[str, int], Any] = {}  # of this worker process, the last one only
@@ -68,7 +70,8 @@ def carry_out_on(solution: Solution, seed: int, address: str) -> Callable[[Trial
 
 
 def _batch(payload: bytes, fingerprint: str, seed: int, first: int, count: int) -> dict[str, np.ndarray]:
-    """One batch, in a worker."""
+    """One batch, in a worker; in a fresh one JAX and NumPy take one thread, so that all workers make the same last digits."""
+    os.environ.update(single_threaded())
     key = (fingerprint, seed)
     if key not in _RUNS:
         _RUNS.clear()

@@ -7,20 +7,42 @@ from typing import NamedTuple
 
 import numpy as np
 
+from volid.campaign import Campaign, Effect
 from volid.observations.base import Nuisance
 from volid.observations.distributions import NORMAL, standardised
+from volid.observations.random_effects import Scatter, split_normal
 
 
 class Pseudo(NamedTuple):
-    """How the pseudo-readings of prior knowledge scatter: distribution and samples of each; normal for the rest."""
+    """How trials scatter where they are not normal.
+
+    `distributions`, `samples`: of the pseudo-readings of prior knowledge; normal for the rest. `points`: what effects drawn anew
+    for every reading bring, as shares (N,) of the standard deviation of the whitened noise, which is 1.
+    """
 
     distributions: tuple[str, ...]
     samples: tuple[tuple[float, ...], ...]
+    points: tuple[Scatter, ...] = ()
 
 
-def pseudo_of(entries: tuple[Nuisance, ...], samples: dict[str, tuple[float, ...]]) -> Pseudo:
-    """The distributions of nuisance parameters known beforehand."""
-    return Pseudo(tuple(e.distribution for e in entries), tuple(samples.get(e.effect, ()) for e in entries))
+def pseudo_of(
+    entries: tuple[Nuisance, ...], samples: dict[str, tuple[float, ...]], points: tuple[Scatter, ...] = ()
+) -> Pseudo:
+    """The distributions of nuisance parameters known beforehand, and of effects drawn anew for every reading."""
+    return Pseudo(tuple(e.distribution for e in entries), tuple(samples.get(e.effect, ()) for e in entries), points)
+
+
+def point_scatter(campaign: Campaign, random: list[list[tuple[Effect, np.ndarray]]]) -> tuple[Scatter, ...]:
+    """Shares of the effects `random` (per set, with their variances) in the whitened noise of a campaign with enlarged u."""
+    u = np.concatenate([s.u.ravel() for s in campaign.sets])
+    first = np.cumsum([0, *(s.u.size for s in campaign.sets)])
+    found = []
+    for i, parts in enumerate(random):
+        for part in split_normal(parts)[1]:
+            share = np.zeros(len(u))
+            share[first[i] : first[i + 1]] = part.deviation.ravel()
+            found.append(part._replace(deviation=share / u))
+    return tuple(found)
 
 
 def trial_noise(
@@ -28,10 +50,15 @@ def trial_noise(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Whitened noise of trials first … first + count - 1: (count, n_readings) and (count, n_prior)."""
     noise, prior = np.empty((count, n_readings)), np.empty((count, n_prior))
+    rest = np.sqrt(np.maximum(1.0 - sum(p.deviation**2 for p in pseudo.points), 0.0))
 
     def draw(i: int) -> None:
         rng = np.random.Generator(np.random.Philox(key=[seed, first + i]))
         rng.standard_normal(out=noise[i])
+        if pseudo.points:
+            noise[i] *= rest
+            for part in pseudo.points:
+                noise[i] += part.deviation * standardised(part.distribution, rng, n_readings, part.samples)
         prior[i] = rng.standard_normal(n_prior)
         for j, name in enumerate(pseudo.distributions):
             if name != NORMAL:  # the pseudo-reading stays, the true value scatters: opposite sign

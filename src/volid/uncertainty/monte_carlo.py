@@ -7,6 +7,7 @@ distribution, calibrated lengths, an earlier solution) within its own; the refit
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import tempfile
 from collections.abc import Callable, Iterator
@@ -18,10 +19,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from volid.exceptions import InputError
+from volid.fitting.problem import random_effects
 from volid.fitting.solution import Solution
+from volid.fitting.starts import find_starts
 from volid.observations.effects import effect_samples
 from volid.uncertainty.coverage import coverage_intervals, numerical_tolerance
-from volid.uncertainty.draws import Pseudo, pseudo_of, trial_noise
+from volid.uncertainty.draws import Pseudo, point_scatter, pseudo_of, trial_noise
 from volid.uncertainty.outputs import Outputs, headline_outputs
 from volid.uncertainty.refit import Refitter
 from volid.uncertainty.samples import Samples, TrialFolder
@@ -30,6 +33,7 @@ BATCH = 1024
 TRIALS = 10_000  # JCGM 101 7.2: M = 10^6 often gives one or two digits; 10^4 suits costly models
 STAGE = 10_000  # trials between two looks at the numerical tolerance, JCGM 101 7.9.4
 STAGES = 100
+FEWEST = 20  # 1/(1 - 0.95): fewer have no 95 % interval
 Progress = Callable[[str], None]
 
 
@@ -45,7 +49,8 @@ def run_of(solution: Solution, seed: int) -> Run:
     """Everything the trials of a seed need."""
     refitter = Refitter(solution)
     entries = tuple(solution.nuisance_table[j] for j in refitter.known)
-    return Run(refitter, seed, pseudo_of(entries, effect_samples(solution.campaign)))
+    points = point_scatter(refitter.campaign, random_effects(solution.campaign, find_starts(solution.campaign)))
+    return Run(refitter, seed, pseudo_of(entries, effect_samples(solution.campaign), points))
 
 
 def run_trials(run: Run, first: int, count: int) -> dict[str, np.ndarray]:
@@ -80,8 +85,10 @@ def monte_carlo(
     progress = progress or (lambda message: None)
     if trials is not None and digits is not None:
         raise InputError("Monte Carlo: trials and digits exclude each other; give the number or the goal")
-    if trials is not None and trials < 2:
-        raise InputError(f"Monte Carlo: {trials} trials; expected at least 2")
+    if trials is not None and trials < FEWEST:
+        raise InputError(
+            f"Monte Carlo: {trials} trials; expected at least {FEWEST}, so that a 95 % interval has an end"
+        )
     if digits is not None and not 1 <= digits <= 4:
         raise InputError(f"Monte Carlo: {digits} significant digits; expected 1 to 4")
     if seed < 0:
@@ -102,10 +109,15 @@ def monte_carlo(
 
 
 def fingerprint(solution: Solution) -> str:
-    """Hash of what the trials depend on: parameters, covariance and readings."""
-    digest = hashlib.sha256()
+    """Hash of what the trials depend on: parameters, covariance, readings, effects with their distributions, the kind of fit."""
+    stated = {
+        s.name: [[e.name, e.type, e.u, e.per, dict(e.options)] for e in s.effects] for s in solution.campaign.sets
+    }
+    text = json.dumps([stated, dict(solution.options)], sort_keys=True, default=str)
+    digest = hashlib.sha256(text.encode())
     arrays = [solution.parameters, solution.nuisance, solution.covariance]
     arrays += [a for s in solution.campaign.sets for a in (s.positions, s.tool, s.readings, s.u)]
+    arrays += [*(o.astype(float) for o in solution.readings.outliers), solution.prior_rows]
     for a in arrays:
         digest.update(np.ascontiguousarray(np.asarray(a, dtype=float)).tobytes())
     return digest.hexdigest()
@@ -197,6 +209,7 @@ def _stage(store: TrialFolder, outputs: Outputs, h: int) -> np.ndarray:
     x = []
     for b in range(first // BATCH, -(-last // BATCH)):
         x.append(store.load(b)["x"][max(first - b * BATCH, 0) : last - b * BATCH])
-    values = outputs.values(np.concatenate(x))
+    whole = np.concatenate(x)
+    values = outputs.values(whole[np.isfinite(whole).all(axis=1)])
     found = coverage_intervals(values)
     return np.stack([values.mean(axis=0), values.std(axis=0, ddof=1), found.low, found.high])

@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import qmc
 
 from volid.fitting.prediction import deviation_values, gradient_matrix
 from volid.fitting.solution import Solution
+from volid.fitting.working_volume import volume_positions
 from volid.iso230 import parse
 
 POSITIONS = 7  # of every error motion
-POINTS = 256  # in the working volume, Sobol
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,15 +75,14 @@ def headline_outputs(solution: Solution, tool: np.ndarray | None = None) -> Outp
 
 def _field(solution: Solution, tool: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
     """Gradient (3 P, p) and offset (3 P,) of the deviation in the working volume; empty when it is not determined."""
-    low = np.array([axis.travel[0] for axis in solution.machine.axes])
-    length = np.array([axis.length for axis in solution.machine.axes])
-    positions = low + qmc.Sobol(len(low), seed=0).random(POINTS) * length
+    positions = volume_positions(solution.machine)
+    count = len(positions)
     vector = solution.campaign.sets[0].tool[0] if tool is None else np.asarray(tool, dtype=float)
-    tools, still = np.broadcast_to(vector, (POINTS, 3)), np.zeros_like(positions)
+    tools, still = np.broadcast_to(vector, (count, 3)), np.zeros_like(positions)
     if not solution.evaluate(positions, tools).determined[:, :3].all():
         p = len(solution.parameters) + len(solution.nuisance_table)
         return np.zeros((0, p)), np.zeros(0)
     theta = np.asarray(solution.parameters)
     values = deviation_values(solution.model, theta, positions, tools, still)[:, :3]
-    gradient = gradient_matrix(solution.model, theta, positions, tools, still)[:, :3].reshape(3 * POINTS, -1)
+    gradient = gradient_matrix(solution.model, theta, positions, tools, still)[:, :3].reshape(3 * count, -1)
     return np.pad(gradient, ((0, 0), (0, len(solution.nuisance_table)))), values.ravel() - gradient @ theta

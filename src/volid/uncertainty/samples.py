@@ -1,11 +1,13 @@
 """Samples of the parameters, by Monte Carlo: kept on disk in batches, read batch by batch, so that memory stays bounded.
 
 A folder of trials holds `run.json` (what makes the trials: seed, hash of the solution) and one file per finished batch, written
-whole or not at all: a killed run loses the batches in work and nothing else.
+whole or not at all: a killed run loses the batches in work and nothing else. Every batch names its run; those of another are
+not taken.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import uuid
@@ -71,7 +73,8 @@ class TrialFolder:
     """
 
     def __init__(self, path: Path, record: dict[str, Any], resume: bool) -> None:
-        self.path, self.fingerprint = path, str(record["solution"])
+        self.path, self.fingerprint, self.record = path, str(record["solution"]), record
+        self.run = hashlib.sha256(json.dumps(record, sort_keys=True).encode()).hexdigest()
         existing = path / RECORD
         if existing.exists():
             found = json.loads(existing.read_text(encoding="utf-8"))
@@ -80,12 +83,16 @@ class TrialFolder:
             if found != record:
                 different = ", ".join(k for k in record if found.get(k) != record[k])
                 raise InputError(
-                    f"{path} holds trials of another run ({different} differs); remove it or start without it"
+                    f"{path} holds the trials of another run ({different} differs); remove the folder, or go on with what made it"
                 )
-        path.mkdir(parents=True, exist_ok=True)
-        self._write(existing, lambda p: p.write_text(json.dumps(record), encoding="utf-8"))
         for left in path.glob(".*.part"):
             left.unlink(missing_ok=True)
+
+    def _begin(self) -> None:
+        """The folder appears with its first batch: a run that never started leaves nothing."""
+        self.path.mkdir(parents=True, exist_ok=True)
+        if not (self.path / RECORD).exists():
+            self._write(self.path / RECORD, lambda p: p.write_text(json.dumps(self.record), encoding="utf-8"))
 
     def _write(self, place: Path, write: Callable[[Path], Any]) -> None:
         temporary = self.path / f".{uuid.uuid4().hex[:12]}.part"
@@ -97,18 +104,22 @@ class TrialFolder:
         return self.path / f"{batch:07d}.npz"
 
     def done(self, batch: int) -> bool:
-        """Whether a batch is there."""
-        return self.place(batch).exists()
+        """Whether a batch of this run is there."""
+        if not self.place(batch).exists():
+            return False
+        with np.load(self.place(batch)) as file:
+            return "run" in file.files and str(file["run"]) == self.run
 
     def save(self, batch: int, arrays: dict[str, np.ndarray]) -> None:
         """Keep a finished batch."""
 
         def write(place: Path) -> None:
             with place.open("wb") as file:
-                np.savez(file, **arrays)  # type: ignore[arg-type]
+                np.savez(file, run=np.array(self.run), **arrays)  # type: ignore[arg-type]
                 file.flush()
                 os.fsync(file.fileno())
 
+        self._begin()
         self._write(self.place(batch), write)
 
     def load(self, batch: int) -> dict[str, np.ndarray]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from volid.fitting.solution import Solution
 from volid.uncertainty.coverage import PROBABILITY, Intervals, coverage_intervals, gum_validity
+from volid.uncertainty.lack_of_fit import LackOfFit, lack_of_fit
 from volid.uncertainty.outputs import FIELD, Outputs, headline_outputs
 from volid.uncertainty.samples import Samples
 
@@ -15,8 +16,9 @@ from volid.uncertainty.samples import Samples
 class Row(NamedTuple):
     """One output; lengths [mm], rotations [rad], positions [mm or degrees].
 
-    `u`: by propagation (NaN for outputs that are not linear), `u_mc`: by Monte Carlo; `low` … `shortest_high`: 95 % intervals;
-    `valid`: propagation would have been enough (JCGM 101, 8; one significant digit); `decided`: enough trials to tell.
+    `u`: by propagation (NaN for outputs that are not linear), `u_mc`: by Monte Carlo, `U` = 2 u_mc (k = 2); `low` …
+    `shortest_high`: 95 % intervals; `valid`: propagation would have been enough (JCGM 101, 8; one significant digit); `decided`:
+    enough trials to tell.
     """
 
     name: str
@@ -25,6 +27,7 @@ class Row(NamedTuple):
     value: float
     u: float
     u_mc: float
+    U: float
     low: float
     high: float
     shortest_low: float
@@ -35,24 +38,14 @@ class Row(NamedTuple):
 
 class Statement(NamedTuple):
     """`rows`: outputs in the order of `headline_outputs`; `trials`, those `failed` (not converged) and `solved` by the full
-    solver; `tolerance`: see `Samples`; `lack_of_fit`: factor on u when the residuals exceed the stated uncertainties, else 1."""
+    solver; `tolerance`: see `Samples`; `lack_of_fit`: what stands beside u."""
 
     rows: tuple[Row, ...]
     trials: int
     failed: int
     solved: int
     tolerance: float
-    lack_of_fit: float
-
-
-def lack_of_fit(solution: Solution) -> float:
-    """Factor by which unmodelled error enlarges u: the unit weight where it exceeds 1 by more than chance (5 %), else 1.
-
-    The residuals measure the model's lack of fit where there are readings; scaling u with them takes it as random from reading
-    to reading, and as large elsewhere. Never applied silently: it stands beside u. JCGM GUM-6:2020 11.7; GUM-1:2023.
-    """
-    found = solution.adequacy
-    return float(found.unit_weight) if found.unit_weight > 1.0 and found.probability < 0.05 else 1.0
+    lack_of_fit: LackOfFit
 
 
 def statement(solution: Solution, tool: np.ndarray | None = None, outputs: Outputs | None = None) -> Statement:
@@ -71,6 +64,7 @@ def statement(solution: Solution, tool: np.ndarray | None = None, outputs: Outpu
         Row(*row)
         for row in zip(
             outputs.names, outputs.units, outputs.positions.tolist(), estimate.tolist(), u.tolist(), spread.tolist(),
+            (2.0 * spread).tolist(),
             *(c.tolist() for c in found), checked.valid.tolist(), checked.decided.tolist(), strict=True,
         )
     )  # fmt: skip
@@ -102,17 +96,17 @@ def format_statement(found: Statement) -> str:
     lines = [
         f"Monte Carlo: {found.trials} refits{_how(found)}; {PROBABILITY:.0%} coverage intervals",
         "",
-        f"{'':20s} {'value':>9s} {'u':>8s} {'u (MC)':>8s}   {'symmetric':^19s}   {'shortest':^19s}",
+        f"{'':20s} {'value':>9s} {'u':>8s} {'u (MC)':>8s} {'U (k=2)':>8s}   {'symmetric':^19s}   {'shortest':^19s}",
     ]
     for name, row in worst.items():
         where = "" if np.isnan(row.position) else f" at {row.position:g}"
         scale, unit = (1e6, "µrad") if row.unit == "rad" else (1e3, "µm")
-        numbers = [scale * v for v in row[3:10]]
+        numbers = [scale * v for v in row[3:11]]
         u = f"{numbers[1]:8.3f}" if np.isfinite(numbers[1]) else f"{'–':>8s}"
         mark = "" if row.valid or not row.decided or name in FIELD else "   propagation differs"
         lines.append(
-            f"{name + where:20s} {numbers[0]:9.3f} {u} {numbers[2]:8.3f}   {numbers[3]:9.3f} …{numbers[4]:9.3f}   "
-            f"{numbers[5]:9.3f} …{numbers[6]:9.3f} {unit}{mark}"
+            f"{name + where:20s} {numbers[0]:9.3f} {u} {numbers[2]:8.3f} {numbers[3]:8.3f}   "
+            f"{numbers[4]:9.3f} …{numbers[5]:9.3f}   {numbers[6]:9.3f} …{numbers[7]:9.3f} {unit}{mark}"
         )
     linear = [row for row in found.rows if np.isfinite(row.u)]
     decided = [row for row in linear if row.decided]
@@ -120,10 +114,7 @@ def format_statement(found: Statement) -> str:
     lines += ["", f"propagation would have been enough (JCGM 101, 8) for {valid} of {len(decided)} outputs"]
     if len(decided) < len(linear):
         lines[-1] += f"; {len(linear) - len(decided)} need more trials to tell"
-    if found.lack_of_fit > 1.0:
-        lines.append(
-            f"lack of fit: residuals exceed the stated uncertainties; with it every u is {found.lack_of_fit:.2f} times as large"
-        )
+    lines.append(f"lack of fit: {found.lack_of_fit}")
     return "\n".join(lines)
 
 
@@ -140,4 +131,8 @@ def _how(found: Statement) -> str:
 
 def as_data(found: Statement) -> dict[str, Any]:
     """The statement as plain data, for JSON."""
-    return {**found._asdict(), "rows": [row._asdict() for row in found.rows]}
+    return {
+        **found._asdict(),
+        "lack_of_fit": found.lack_of_fit._asdict(),
+        "rows": [row._asdict() for row in found.rows],
+    }

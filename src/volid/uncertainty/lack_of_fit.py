@@ -1,0 +1,56 @@
+"""Unmodelled error: how much larger than stated u is where the model does not follow the machine. Never applied silently.
+
+Two measures, each with the chance that it exceeds 1 without any lack of fit below 5 %:
+  unit weight s = sqrt(Σ(v/u)² / ν), residuals at the readings: instrument, drift, non-rigid behaviour (chi-square test);
+  held-out weight h = sqrt(Q / E Q), Q the sum of squares of readings predicted without them (K-fold), E Q what noise and the
+  parameters' own uncertainty make of it: too few spline segments between the readings, too.
+The larger enlarges every u by one factor; the part due to it, u_lack = u sqrt(factor² - 1), stands beside u. It takes the lack of
+fit as random from reading to reading and as large elsewhere as where there are readings. JCGM GUM-6:2020 11.7.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from volid.fitting.solution import Solution
+
+CHANCE = 0.05
+QUANTILE = 1.645  # of the normal distribution, one-sided 5 %
+
+
+class LackOfFit(NamedTuple):
+    """`unit_weight`, `held_out`: the measures (NaN: not available); `factor`: on every u, 1 when neither exceeds chance."""
+
+    unit_weight: float
+    held_out: float
+    factor: float
+
+    @property
+    def share(self) -> float:
+        """u_lack / u."""
+        return float(np.sqrt(self.factor**2 - 1.0))
+
+    def __str__(self) -> str:
+        seen = f"unit weight {self.unit_weight:.2f}"
+        if np.isfinite(self.held_out):
+            seen += f", held out {self.held_out:.2f}"
+        if self.factor == 1.0:
+            return f"none found ({seen})"
+        return (
+            f"found ({seen}); not part of the stated u: it adds {self.share:.2f} u in quadrature, with it every u is "
+            f"{self.factor:.2f} times as large"
+        )
+
+
+def lack_of_fit(solution: Solution) -> LackOfFit:
+    """What residuals and held-out readings say of unmodelled error."""
+    adequacy, statistics = solution.adequacy, solution.statistics
+    factors = [1.0]
+    if adequacy.unit_weight > 1.0 and adequacy.probability < CHANCE:
+        factors.append(float(adequacy.unit_weight))
+    held_out = float(statistics.held_out_weight)
+    if held_out**2 > 1.0 + QUANTILE * np.sqrt(2.0 / max(statistics.n_readings, 1)):
+        factors.append(held_out)
+    return LackOfFit(float(adequacy.unit_weight), held_out, max(factors))
