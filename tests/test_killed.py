@@ -1,4 +1,4 @@
-"""A run of Monte Carlo that is killed at random moments loses no finished batch, leaves no damaged file, and ends all the same."""
+"""Monte Carlo that is killed at random moments loses no finished batch, leaves no damaged file, and ends all the same."""
 
 import os
 import signal
