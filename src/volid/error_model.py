@@ -7,17 +7,17 @@ holds exactly and the problem keeps full rank without penalty terms.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import groupby
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 from scipy.linalg import block_diag, null_space
 
 from volid.datum_constraints import linear_constraints, make_splines, refine_all, rotary_constraints
+from volid.elementary import space
 from volid.error_functions import (
     location_names,
     motion_groups,
@@ -144,15 +144,21 @@ def error_values(layout: Layout, coefficients: Any, bases: Any) -> Any:
     """Error values (6·(n_axes + 1), m) from coefficients and the evaluated `bases` (one (size, m) array each)."""
     n_rows = ROWS * (layout.n_axes + 1)
     if not layout.terms:
-        return jnp.zeros((n_rows, 0))
+        return np.zeros((n_rows, 0))
     values = dict(zip(layout.bases, bases, strict=True))
-    blocks, place = [], np.zeros((n_rows, len(layout.terms)))
+    blocks = []
     for run in layout.runs:
         last = run[-1].start + run[-1].basis.size
         blocks.append(coefficients[run[0].start : last].reshape(len(run), -1) @ values[run[0].basis])
-    for i, term in enumerate(layout.terms):
+    return place_matrix(layout, layout.terms) @ space(blocks[0]).concatenate(blocks)
+
+
+def place_matrix(layout: Layout, terms: Sequence[Term]) -> np.ndarray:
+    """Matrix (error values, terms) that adds the curves of `terms` to the rows they belong to."""
+    place = np.zeros((ROWS * (layout.n_axes + 1), len(terms)))
+    for i, term in enumerate(terms):
         place[term.row, i] = term.sign
-    return jnp.asarray(place) @ jnp.concatenate(blocks)
+    return place
 
 
 def evaluate_bases(layout: Layout, q: Any, direction: Any) -> list[Any]:
@@ -163,13 +169,25 @@ def evaluate_bases(layout: Layout, q: Any, direction: Any) -> list[Any]:
 def coefficient_rows(layout: Layout, partials: Any, bases: Any) -> Any:
     """Chain rule from error values to coefficients: ∂r/∂c, shape (n_coefficients, m), from ∂r/∂(error values)."""
     if not layout.terms:
-        return jnp.zeros((0, partials.shape[1]))
+        return np.zeros((0, partials.shape[1]))
     values = dict(zip(layout.bases, bases, strict=True))
     blocks = []
     for run in layout.runs:
         signed = partials[np.array([t.row for t in run])] * np.array([[t.sign] for t in run])
         blocks.append((signed[:, None, :] * values[run[0].basis][None, :, :]).reshape(-1, partials.shape[1]))
-    return jnp.concatenate(blocks)
+    return space(blocks[0]).concatenate(blocks)
+
+
+def summed_rows(layout: Layout, partials: Any, bases: Any) -> Any:
+    """`coefficient_rows` summed over the positions, shape (n_coefficients,), without the rows themselves."""
+    if not layout.terms:
+        return np.zeros(0)
+    values = dict(zip(layout.bases, bases, strict=True))
+    blocks = []
+    for run in layout.runs:
+        signed = partials[np.array([t.row for t in run])] * np.array([[t.sign] for t in run])
+        blocks.append((signed @ values[run[0].basis].T).reshape(-1))
+    return space(blocks[0]).concatenate(blocks)
 
 
 class _Builder:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
-import jax.numpy as jnp
+from volid.elementary import cos_sin, sqrt
 
 Vector = tuple[Any, Any, Any]
 
@@ -30,7 +30,7 @@ def cross(a: Vector, b: Vector) -> Vector:
 
 def norm(a: Vector) -> Any:
     """Euclidean length."""
-    return jnp.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
+    return sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
 
 
 def rotate_small(rotation: Vector, x: Vector) -> Vector:
@@ -46,7 +46,7 @@ def rotate_small(rotation: Vector, x: Vector) -> Vector:
 
 def rotate_about(direction: tuple[float, float, float], angle: Any, x: Vector) -> Vector:
     """Turn `x` by `angle` [rad] about the unit vector `direction` (Rodrigues' formula)."""
-    c, s = jnp.cos(angle), jnp.sin(angle)
+    c, s = cos_sin(angle)
     along = (direction[0] * x[0] + direction[1] * x[1] + direction[2] * x[2]) * (1.0 - c)
     turned = cross(direction, x)
     return (

@@ -7,17 +7,17 @@ constants of the tool frame S. Positions `q` have shape (n_axes, m). All functio
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 
+from volid.elementary import constant_like, in_rows
 from volid.geometry import Vector, add, rotate_about, rotate_small, rotation_vector, subtract
 from volid.iso230 import LINEAR_AXES
 from volid.machine import Axis, Machine
 
 ROWS = 6
+RADIAN = np.pi / 180.0
 
 
 def _components(values: Any, start: int) -> Vector:
@@ -69,7 +69,7 @@ def _nominal_factor(axis: Axis, q: Any, x: Vector, is_vector: bool) -> Vector:
         shift = [0.0, 0.0, 0.0]
         shift[LINEAR_AXES.index(axis.letter)] = q
         return x if is_vector else add(x, (shift[0], shift[1], shift[2]))
-    angle = jnp.deg2rad(q)
+    angle = q * RADIAN
     if is_vector:
         return rotate_about(axis.unit_vector, angle, x)
     return add(rotate_about(axis.unit_vector, angle, subtract(x, axis.point)), axis.point)
@@ -139,7 +139,7 @@ def orientation_deviation(machine: Machine, q: Any, errors: Any) -> Vector:
     n = len(machine.axes)
     columns = []
     for k in range(3):
-        unit: Vector = tuple(jnp.full_like(q[0], float(k == i)) for i in range(3))  # type: ignore[assignment]
+        unit: Vector = tuple(constant_like(q[0], float(k == i)) for i in range(3))  # type: ignore[assignment]
         # R_actual · R_nominalᵀ applied to a unit vector: back through the nominal chain, forward through the actual one.
         x = unit
         for i in range(n):
@@ -152,23 +152,11 @@ def orientation_deviation(machine: Machine, q: Any, errors: Any) -> Vector:
 def deviation(machine: Machine, q: Any, tool: Vector, errors: Any) -> Any:
     """Six components of the deviation, shape (6, m): X, Y, Z [mm] of the functional point, A, B, C [rad]."""
     parts = point_deviation(machine, q, tool, errors) + orientation_deviation(machine, q, errors)
-    return in_rows(parts, jnp.shape(q[0]))
-
-
-def in_rows(parts: Sequence[Any], shape: tuple[int, ...]) -> Any:
-    """Array (k, *shape) of k parts, each of `shape` or a number.
-
-    Not `jnp.stack`: XLA on a CPU merges its operands into it and computes the whole chain anew for every use of every
-    intermediate point, seconds instead of a millisecond per thousand points of a five-axis machine.
-    """
-    result = jnp.zeros((len(parts), *shape))
-    for i, part in enumerate(parts):
-        result = result.at[i].set(part)
-    return result
+    return in_rows(parts, np.shape(q[0]))
 
 
 def nominal_point(machine: Machine, positions: np.ndarray, tool: np.ndarray) -> np.ndarray:
     """Nominal functional point for positions (m, n_axes) and tool vectors (m, 3), NumPy in and out, shape (m, 3) [mm]."""
-    q = jnp.asarray(positions, dtype=float).T
-    point = functional_point(machine, q, tuple(jnp.asarray(tool, dtype=float).T))  # type: ignore[arg-type]
+    q = np.asarray(positions, dtype=float).T
+    point = functional_point(machine, q, tuple(np.asarray(tool, dtype=float).T))  # type: ignore[arg-type]
     return np.stack([np.broadcast_to(np.asarray(c), (len(positions),)) for c in point], axis=1)

@@ -10,9 +10,10 @@ from functools import lru_cache
 from math import factorial
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 from scipy.interpolate import BSpline
+
+from volid.elementary import space
 
 
 class Spline(NamedTuple):
@@ -52,35 +53,43 @@ class Basis(NamedTuple):
         return int(np.prod([f.size for f in self.factors], dtype=int)) if self.factors else 1
 
 
-def spline_values(spline: Spline, x: Any) -> Any:
-    """Values of all basis functions at `x`, shape (size, m).
+def spline_interval(spline: Spline, x: Any) -> tuple[Any, Any]:
+    """Number of the interval in which each `x` lies, and x in interval widths from the interval's lower end."""
+    functions = space(x)
+    t = (x - spline.low) * (spline.segments / (spline.high - spline.low))
+    if spline.periodic:
+        t = t - spline.segments * functions.floor(t / spline.segments)
+    interval = functions.clip(functions.floor(t), 0, spline.segments - 1)
+    return interval, t - interval
+
+
+def spline_values(spline: Spline, x: Any, first: Any = 0, count: int | None = None) -> Any:
+    """Values of the basis functions at `x`, shape (size, m), or of `count` of them from number `first` on, (count, m).
 
     Cox-de Boor recursion on integer knots (Piegl and Tiller, The NURBS Book, algorithm A2.2). Outside [low, high] the end
     polynomials go on.
     """
-    t = (x - spline.low) * (spline.segments / (spline.high - spline.low))
-    if spline.periodic:
-        t = t - spline.segments * jnp.floor(t / spline.segments)
-    interval = jnp.clip(jnp.floor(t), 0, spline.segments - 1)
-    u = t - interval
-    local = [jnp.ones_like(u)]
+    functions = space(x)
+    interval, u = spline_interval(spline, x)
+    local = [functions.ones_like(u)]
     for d in range(1, spline.degree + 1):
-        saved = jnp.zeros_like(u)
+        saved = functions.zeros_like(u)
         following = []
         for r in range(d):
             share = local[r] * (1.0 / d)
             following.append(saved + (r + 1 - u) * share)
             saved = (u + d - r - 1) * share
         local = [*following, saved]
-    offset = jnp.arange(spline.size, dtype=t.dtype)[:, None] - interval[None, :]
+    number = functions.arange(spline.size if count is None else count, dtype=u.dtype) + first
+    offset = number[:, None] - interval[None, :]
     if spline.periodic:
-        offset = jnp.where(offset < 0, offset + spline.segments, offset)
-    return sum(jnp.where(offset == r, weight[None, :], 0.0) for r, weight in enumerate(local))
+        offset = functions.where(offset < 0, offset + spline.segments, offset)
+    return sum(functions.where(offset == r, weight[None, :], 0.0) for r, weight in enumerate(local))
 
 
 def evaluate(basis: Basis, q: Any, direction: Any) -> Any:
     """Basis values at positions `q`, shape (n_axes, m), approached in `direction` (n_axes, m); shape (size, m)."""
-    values = jnp.ones((1, q.shape[1]))
+    values = space(q).ones((1, q.shape[1]))
     for factor in basis.factors:
         right = spline_values(factor, q[factor.axis])
         values = (values[:, None, :] * right[None, :, :]).reshape(-1, q.shape[1])

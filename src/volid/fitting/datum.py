@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import jax.numpy as jnp
 import numpy as np
 from scipy.stats import qmc
 
@@ -16,7 +15,7 @@ from volid.campaign import Campaign
 from volid.error_model import LOCATION, ErrorModel
 from volid.exceptions import InputError
 from volid.fitting.identifiability import UNIT, parameter_units
-from volid.fitting.prediction import chain_of, gradient_rows
+from volid.fitting.prediction import gradient_matrix
 from volid.iso230 import DIRECTIONS, LINEAR_AXES, ROTARY_AXES
 from volid.kinematics import nominal_point, transform
 from volid.machine import BED, WORKPIECE, Datum, Machine
@@ -99,10 +98,10 @@ def _head_rotation(machine: Machine, positions: np.ndarray) -> np.ndarray:
 
 
 def _nominal_rotation(machine: Machine, positions: np.ndarray, start: int, stop: int) -> np.ndarray:
-    q, m = jnp.asarray(positions, dtype=float).T, len(positions)
+    q, m = np.asarray(positions, dtype=float).T, len(positions)
     columns = []
     for unit in np.eye(3):
-        x = tuple(jnp.full(m, c) for c in unit)
+        x = tuple(np.full(m, c) for c in unit)
         x = transform(machine, q, None, x, start=start, stop=stop, is_vector=True)  # type: ignore[arg-type,assignment]
         columns.append(np.stack([np.broadcast_to(np.asarray(c), (m,)) for c in x], axis=1))
     return np.stack(columns, axis=2)
@@ -145,10 +144,8 @@ def sample_points(machine: Machine, n: int) -> tuple[np.ndarray, np.ndarray, np.
 
 
 def _nominal_gradient(model: ErrorModel, positions: np.ndarray, tool: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """∂(deviation)/∂θ at the nominal machine, (m, 6, n): not compiled, a datum is changed once and its layout is new."""
-    points = [jnp.asarray(v, dtype=float).T for v in (positions, tool, direction)]
-    rows = gradient_rows(chain_of(model.machine), model.layout, jnp.zeros(model.layout.n_coefficients), *points)
-    return np.asarray(rows).transpose(2, 0, 1) @ model.parametrisation
+    """∂(deviation)/∂θ at the nominal machine, (m, 6, n)."""
+    return gradient_matrix(model, np.zeros(model.n_parameters), positions, tool, direction)
 
 
 def s_transformation(old: ErrorModel, new: ErrorModel) -> tuple[np.ndarray, np.ndarray]:

@@ -19,6 +19,7 @@ from volid.fitting import resolution
 from volid.fitting.adequacy import SuspectReading, assess
 from volid.fitting.holdout import held_out_residuals
 from volid.fitting.identifiability import NAMED, Identifiability, analyse
+from volid.fitting.interpreted import interpreted, is_small
 from volid.fitting.prior import check_prior, prior_notes, prior_of, shared_names
 from volid.fitting.problem import (
     Problem,
@@ -73,7 +74,7 @@ class _Fitter:
     def whitened(self) -> list[np.ndarray]:
         """(reading - predicted)/u at the optimum, all readings."""
         assert self.optimum is not None
-        blocks = predict_all(self.problem.system, jnp.asarray(self.optimum.z))
+        blocks = predict_all(self.problem.system, self.optimum.z)
         values = scatter(self.problem, self.campaign, blocks)
         return [(s.readings - p) / s.u for s, p in zip(self.campaign.sets, values, strict=True)]
 
@@ -99,7 +100,7 @@ class _Fitter:
         """h_ii of the readings that take part with full weight."""
         assert self.optimum is not None
         system = reweight(self.problem, self.campaign, self.factors).system
-        blocks = quadratic_forms(system, jnp.asarray(self.optimum.z), pad_rows(self.root().T))
+        blocks = quadratic_forms(system, self.optimum.z, pad_rows(self.root().T))
         return scatter(self.problem, self.campaign, blocks)
 
     def held_out(self) -> tuple[np.ndarray, ...]:
@@ -207,7 +208,11 @@ def fit(
     Raises `InputError` when the campaign cannot be fitted (fewer readings than parameters, a slip in units, duplicated
     rows). ISO/TR 16907 8; CONVENTIONS 3, 4, 6.
     """
-    progress = progress or _silent
+    with interpreted(is_small(campaign)):
+        return _fit(campaign, robust, datum, prior, progress or _silent)
+
+
+def _fit(campaign: Campaign, robust: bool, datum: Datum | None, prior: Solution | None, progress: Progress) -> Solution:
     progress("checking the campaign")
     warnings = check_campaign(campaign)
     progress("locating stations")

@@ -18,6 +18,7 @@ import jax
 import numpy as np
 
 from volid.campaign import Campaign, ObservationSet
+from volid.fitting.interpreted import interpreting, over_rows
 from volid.fitting.problem import Block, Problem, System, pad_rows, residual_rows
 from volid.machine import Machine
 
@@ -29,13 +30,18 @@ LISTED = 8  # distinct positions that are listed one by one
 
 
 @eqx.filter_jit
-def _projected(system: System, z: Any, factor: Any) -> list[Any]:
-    """F Jᵀ by blocks, each (n_chunks, r, k·chunk), with `factor` F of shape (r, size)."""
-
+def _compiled(system: System, z: Any, factor: Any) -> list[Any]:
     def of_chunk(form: Any, chunk: Block) -> Any:
         return factor @ residual_rows(system, form, chunk, z)[1]
 
     return [jax.lax.map(partial(of_chunk, block.form), block) for block in system.blocks]
+
+
+def _projected(system: System, z: Any, factor: Any) -> list[Any]:
+    """F Jᵀ by blocks, each (n_chunks, r, k·chunk), with `factor` F of shape (r, size)."""
+    if interpreting():
+        return over_rows(system, z, lambda rows, form: factor @ rows)
+    return _compiled(system, z, factor)
 
 
 def rotary_poses(campaign: Campaign) -> list[np.ndarray]:

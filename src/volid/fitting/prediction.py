@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import partial
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -12,12 +11,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from volid.error_model import ErrorModel, Layout, coefficient_rows, error_values, evaluate_bases
-from volid.fitting.problem import pad_rows
+from volid.fitting import spread
 from volid.kinematics import deviation
 from volid.machine import Machine
+from volid.reverse import Recorded, gradients
 
 CHUNK = 1024
-SMALL = 64
+INTERPRETED = 20_000  # points: up to here NumPy is done before a program is traced
 ESTIMABLE = 1e-3  # 0.1 µm for an undetermined rotation of 0.1 mrad; see `identifiability.NAMED`
 
 
@@ -48,10 +48,11 @@ def _values(machine: Machine, layout: Layout, coefficients: Any, chunk: _Points)
 
 
 @eqx.filter_jit
-def _squares(machine: Machine, layout: Layout, coefficients: Any, chunk: _Points, factor: Any) -> Any:
-    """|factor · gradient|² per component and point, (6, chunk); `factor` (r, n_coefficients)."""
-    rows = gradient_rows(machine, layout, coefficients, *chunk)
-    return jnp.stack([jnp.sum((factor @ rows[k]) ** 2, axis=0) for k in range(6)])
+def _partials(machine: Machine, layout: Layout, coefficients: Any, chunk: _Points) -> Any:
+    """∂(deviation)/∂(error values), shape (6, error values, chunk)."""
+    errors = error_values(layout, coefficients, evaluate_bases(layout, chunk.q, chunk.direction))
+    _, pull_back = jax.vjp(lambda e: deviation(machine, chunk.q, tuple(chunk.tool), e), errors)
+    return jax.vmap(lambda w: pull_back(w)[0])(jnp.broadcast_to(jnp.eye(6)[:, :, None], (6, 6, chunk.q.shape[1])))
 
 
 @eqx.filter_jit
@@ -59,36 +60,81 @@ def _gradients(machine: Machine, layout: Layout, coefficients: Any, chunk: _Poin
     return gradient_rows(machine, layout, coefficients, *chunk)
 
 
+def _interpreted_values(machine: Machine, layout: Layout, coefficients: Any, chunk: _Points) -> np.ndarray:
+    """`_values` without a compiled program."""
+    errors = _errors(layout, coefficients, chunk)
+    return np.asarray(deviation(machine, chunk.q, tuple(chunk.tool), errors))
+
+
+def _errors(layout: Layout, coefficients: Any, chunk: _Points) -> np.ndarray:
+    errors = error_values(layout, np.asarray(coefficients), evaluate_bases(layout, chunk.q, chunk.direction))
+    return np.asarray(errors if layout.terms else np.zeros((len(errors), chunk.q.shape[1])))
+
+
+def _interpreted_partials(machine: Machine, layout: Layout, coefficients: Any, chunk: _Points) -> np.ndarray:
+    """`_partials` without a compiled program."""
+    notes: list[Recorded] = []
+    leaves = [Recorded(row, notes) for row in _errors(layout, coefficients, chunk)]
+    found = deviation(machine, chunk.q, tuple(chunk.tool), leaves)
+    return np.stack([gradients(f, leaves, chunk.q.shape[1]) for f in found])
+
+
+def _interpreted_gradients(machine: Machine, layout: Layout, coefficients: Any, chunk: _Points) -> np.ndarray:
+    """`_gradients` without a compiled program."""
+    bases = evaluate_bases(layout, chunk.q, chunk.direction)
+    partials = _interpreted_partials(machine, layout, coefficients, chunk)
+    return np.stack([coefficient_rows(layout, p, bases) for p in partials])
+
+
+_INTERPRETED = {_values: _interpreted_values, _partials: _interpreted_partials, _gradients: _interpreted_gradients}
+
+
+def _chunks(
+    function: Callable[..., Any], model: ErrorModel, coefficients: np.ndarray, points: _Points
+) -> Iterator[tuple[slice, np.ndarray]]:
+    """`function` over all points (m, …), slice by slice; points last. Few points are interpreted; many in chunks of one length,
+    so that one program is compiled."""
+    m, chain = len(points.q), chain_of(model.machine)
+    compiled = m > INTERPRETED
+    for start in range(0, m, CHUNK):
+        part = slice(start, min(start + CHUNK, m))
+        if compiled:
+            rows = np.minimum(np.arange(start, start + CHUNK), m - 1)  # the last chunk repeats its last point
+            chunk = _Points(*(np.asarray(v[rows].T, dtype=float) for v in points))
+            yield part, np.asarray(function(chain, model.layout, coefficients, chunk))[..., : part.stop - start]
+        else:
+            chunk = _Points(*(np.ascontiguousarray(v[part].T, dtype=float) for v in points))
+            yield part, _INTERPRETED[function](chain, model.layout, coefficients, chunk)
+
+
 def _by_chunks(
-    function: Callable[[_Points], Any], positions: np.ndarray, tool: np.ndarray, direction: np.ndarray
+    function: Callable[..., Any], model: ErrorModel, coefficients: np.ndarray, points: _Points
 ) -> np.ndarray:
-    """`function` over all points in chunks of a few fixed lengths, so that few programs are compiled; points last."""
-    m = len(positions)
-    length = CHUNK if m > SMALL else SMALL
-    results = []
-    for start in range(0, m, length):
-        rows = np.minimum(np.arange(start, start + length), m - 1)  # the last chunk repeats its last point
-        chunk = _Points(*(jnp.asarray(v[rows].T, dtype=float) for v in (positions, tool, direction)))
-        results.append(np.asarray(function(chunk))[..., : m - start])
-    return np.concatenate(results, axis=-1)
+    parts = [values for _, values in _chunks(function, model, coefficients, points)]
+    return np.concatenate(parts, axis=-1)
+
+
+def _squares(model: ErrorModel, coefficients: np.ndarray, factor: np.ndarray, points: _Points) -> np.ndarray:
+    """|factor · gradient|² per component and point, (6, m); `factor` (r, n_coefficients)."""
+    tables = spread.tables_of(model.layout, factor, points.q, points.direction)
+    partials = _chunks(_partials, model, coefficients, points)
+    return spread.squares(tables, partials, model.layout.n_axes, len(points.q))
 
 
 def deviation_values(
     model: ErrorModel, theta: np.ndarray, positions: np.ndarray, tool: np.ndarray, direction: np.ndarray
 ) -> np.ndarray:
     """Deviation at m points, shape (m, 6) [mm, rad]."""
-    coefficients = jnp.asarray(model.parametrisation @ theta)
-    function = partial(_values, chain_of(model.machine), model.layout, coefficients)
-    return _by_chunks(function, positions, tool, direction).T
+    coefficients = model.parametrisation @ theta
+    return _by_chunks(_values, model, coefficients, _Points(positions, tool, direction)).T
 
 
 def gradient_matrix(
     model: ErrorModel, theta: np.ndarray, positions: np.ndarray, tool: np.ndarray, direction: np.ndarray
 ) -> np.ndarray:
     """∂(deviation)/∂θ at m points, shape (m, 6, n_parameters). For a few thousand points."""
-    coefficients = jnp.asarray(model.parametrisation @ theta)
-    function = partial(_gradients, chain_of(model.machine), model.layout, coefficients)
-    rows = _by_chunks(function, positions, tool, direction)
+    coefficients = model.parametrisation @ theta
+    rows = _by_chunks(_gradients, model, coefficients, _Points(positions, tool, direction))
     return rows.transpose(2, 0, 1) @ model.parametrisation
 
 
@@ -103,10 +149,9 @@ def standard_uncertainties(
     """u of the deviation at m points, shape (m, 6) [mm, rad]: sqrt(g C gᵀ) with the gradient g with respect to θ."""
     values, vectors = np.linalg.eigh(covariance)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
-    factor = pad_rows((model.parametrisation @ root).T)
-    coefficients = jnp.asarray(model.parametrisation @ theta)
-    function = partial(_squares, chain_of(model.machine), model.layout, coefficients, factor=factor)
-    return np.sqrt(_by_chunks(function, positions, tool, direction)).T
+    factor, coefficients = (model.parametrisation @ root).T, model.parametrisation @ theta
+    found = _squares(model, coefficients, factor, _Points(positions, tool, direction))
+    return np.sqrt(np.maximum(found, 0.0)).T
 
 
 def estimable(
@@ -124,12 +169,9 @@ def estimable(
     """
     if null_space.shape[1] == 0:
         return np.ones((len(positions), 6), dtype=bool)
-    zero = jnp.zeros(model.layout.n_coefficients)
-    squares = partial(_squares, chain_of(model.machine), model.layout, zero)
+    zero, points = np.zeros(model.layout.n_coefficients), _Points(positions, tool, direction)
     null, _ = np.linalg.qr(null_space / units[:, None])
-    n = len(units)  # both factors get the same shape, hence one program
-    factors = [pad_rows(np.pad(f, ((0, n - len(f)), (0, 0)))) for f in _factors(model, null, units)]
-    along, whole = (_by_chunks(partial(squares, factor=f), positions, tool, direction).T for f in factors)
+    along, whole = (_squares(model, zero, f, points).T for f in _factors(model, null, units))
     return np.asarray(along <= ESTIMABLE**2 * np.maximum(whole, 1e-300))
 
 

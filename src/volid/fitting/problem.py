@@ -18,7 +18,9 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from volid.campaign import Campaign, Effect
-from volid.error_model import ErrorModel, Layout, coefficient_rows, error_values, evaluate_bases
+from volid.error_model import ErrorModel, Layout, coefficient_rows, error_values, evaluate_bases, summed_rows
+from volid.fitting import interpreted
+from volid.fitting.tiles import Tiles, assemble_tiles, reweighted, tiles_of
 from volid.machine import Machine
 from volid.observations.base import Nuisance, NuisanceTable
 from volid.observations.effects import Extended, Form, groups_of, predict_readings
@@ -47,13 +49,14 @@ class System(eqx.Module):
     """Everything a residual needs: kinematic chain, coefficient layout, blocks, and prior knowledge of z.
 
     `prior_root` W, shape (r, size), and `prior_mean`: pseudo-readings W (z - mean) with unit variance, from calibrated
-    artefacts and from an earlier solution.
+    artefacts and from an earlier solution. `tiles`: the readings of large blocks again, by cells of the working volume.
     """
 
     machine: Machine = eqx.field(static=True)
     layout: Layout = eqx.field(static=True)
     n_nuisance: int = eqx.field(static=True)
     blocks: tuple[Block, ...]
+    tiles: tuple[Tiles | None, ...]
     prior_mean: Any
     prior_root: Any
 
@@ -102,12 +105,20 @@ def predicted(system: System, form: Form, chunk: Block, z: Any) -> Any:
     )
 
 
+def _predict_chunk(system: System, form: Form, chunk: Block, errors: Any, slots: Any) -> Any:
+    return predict_readings(system.machine, form, chunk.q, tuple(chunk.tool), errors, slots, chunk.constants)
+
+
 def assemble(system: System, z: Any) -> Normal:
     """Cost, gradient and Gauss-Newton matrix in z, streamed over the chunks; priors included."""
     root = system.prior_root
     offset = root @ (z - system.prior_mean)
     total = Normal(0.5 * jnp.sum(offset**2), root.T @ offset, root.T @ root)
-    for block in system.blocks:
+    for block, tiles in zip(system.blocks, system.tiles, strict=True):
+        if tiles is not None:
+            parts = assemble_tiles(system, tiles, z, partial(_predict_chunk, system, block.form))
+            total = Normal(*(a + b for a, b in zip(total, parts, strict=True)))
+            continue
 
         def add(total: Normal, chunk: Block, form: Form = block.form) -> tuple[Normal, None]:
             residual, rows = residual_rows(system, form, chunk, z)
@@ -118,27 +129,63 @@ def assemble(system: System, z: Any) -> Normal:
     return total
 
 
+def slope_of_chunk(system: System, form: Form, chunk: Block, z: Any) -> tuple[Any, Any]:
+    """|r|²/2 and Jᵀr of one chunk, by one reverse pass for the sum of its readings."""
+    n = system.layout.n_coefficients
+    bases = jax.lax.optimization_barrier(evaluate_bases(system.layout, chunk.q, chunk.direction))
+    errors = jax.lax.optimization_barrier(error_values(system.layout, z[:n], bases))
+    predict = partial(predict_readings, system.machine, form, chunk.q, tuple(chunk.tool))
+    prediction, pull_back = jax.vjp(lambda e, s: predict(e, s, chunk.constants), errors, z[n + chunk.slots])
+    residual = (prediction - chunk.reading) * chunk.weight
+    d_errors, d_slots = jax.lax.optimization_barrier(pull_back(residual * chunk.weight))
+    curves = summed_rows(system.layout, d_errors, bases)
+    extra = jnp.zeros(system.n_nuisance).at[chunk.slots.reshape(-1)].add(d_slots.reshape(-1))
+    return 0.5 * jnp.sum(residual**2), jnp.concatenate([curves, extra])
+
+
 @eqx.filter_jit
-def normal_equations(system: System, z: Any) -> Normal:
-    """`assemble`, compiled."""
+def _normal_equations(system: System, z: Any) -> Normal:
     return assemble(system, z)
 
 
 @eqx.filter_jit
-def predict_all(system: System, z: Any) -> list[Any]:
-    """Predicted readings of every block, each (n_chunks, k, chunk)."""
+def _reduced_equations(system: System, z: Any, free: Any) -> Normal:
+    full = assemble(system, z)
+    return Normal(full.cost, free.T @ full.gradient, free.T @ (full.matrix @ free))
+
+
+def reduced_equations(system: System, z: Any, free: Any) -> Normal:
+    """Normal equations in y with z = … + free · y, `free` (size, n)."""
+    if interpreted.interpreting():
+        cost, gradient, matrix = interpreted.assemble(system, np.asarray(z))
+        return Normal(cost, free.T @ gradient, free.T @ (matrix @ free))
+    return _reduced_equations(system, z, free)
+
+
+@eqx.filter_jit
+def _slope(system: System, z: Any) -> tuple[Any, Any]:
+    root = system.prior_root
+    offset = root @ (z - system.prior_mean)
+    total = 0.5 * jnp.sum(offset**2), root.T @ offset
+    for block in system.blocks:
+
+        def add(total: Any, chunk: Block, form: Form = block.form) -> tuple[Any, None]:
+            cost, gradient = slope_of_chunk(system, form, chunk, z)
+            return (total[0] + cost, total[1] + gradient), None
+
+        total, _ = jax.lax.scan(add, total, block)
+    return total
+
+
+@eqx.filter_jit
+def _predict_all(system: System, z: Any) -> list[Any]:
     return [
         jax.lax.map(lambda chunk, form=block.form: predicted(system, form, chunk, z), block) for block in system.blocks
     ]
 
 
 @eqx.filter_jit
-def quadratic_forms(system: System, z: Any, factor: Any) -> list[Any]:
-    """|F J_i|² for every whitened reading i, with `factor` F of shape (r, size); blocks as in `predict_all`.
-
-    With F Fᵀ-covariance of z these are the leverages h_ii.
-    """
-
+def _quadratic_forms(system: System, z: Any, factor: Any) -> list[Any]:
     def of_chunk(form: Form, chunk: Block) -> Any:
         _, rows = residual_rows(system, form, chunk, z)
         return jnp.sum((factor @ rows) ** 2, axis=0).reshape(form.n_readings, -1)
@@ -147,12 +194,52 @@ def quadratic_forms(system: System, z: Any, factor: Any) -> list[Any]:
 
 
 @eqx.filter_jit
-def jacobian(system: System, z: Any) -> list[Any]:
-    """Whitened Jacobian rows of every block, each (n_chunks, size, k·chunk). For rank decisions only: it is large."""
+def _jacobian(system: System, z: Any) -> list[Any]:
     return [
         jax.lax.map(lambda chunk, form=block.form: residual_rows(system, form, chunk, z)[1], block)
         for block in system.blocks
     ]
+
+
+def normal_equations(system: System, z: Any) -> Normal:
+    """Cost, gradient and Gauss-Newton matrix in z, priors included; compiled, or interpreted (`interpreted`)."""
+    if interpreted.interpreting():
+        return Normal(*interpreted.assemble(system, np.asarray(z)))
+    return _normal_equations(system, z)
+
+
+def slope(system: System, z: Any) -> tuple[Any, Any]:
+    """Cost and gradient in z alone: a sixth of the work of `normal_equations` or less."""
+    if interpreted.interpreting():
+        return interpreted.slope(system, np.asarray(z))
+    return _slope(system, z)
+
+
+def predict_all(system: System, z: Any) -> list[Any]:
+    """Predicted readings of every block, each (n_chunks, k, chunk)."""
+    if interpreted.interpreting():
+        return interpreted.predict_all(system, np.asarray(z))
+    return _predict_all(system, z)
+
+
+def quadratic_forms(system: System, z: Any, factor: Any) -> list[Any]:
+    """|F J_i|² for every whitened reading i, with `factor` F of shape (r, size); blocks as in `predict_all`.
+
+    With F Fᵀ-covariance of z these are the leverages h_ii.
+    """
+    if not interpreted.interpreting():
+        return _quadratic_forms(system, z, factor)
+    f = np.asarray(factor)
+    return interpreted.over_rows(
+        system, z, lambda rows, form: np.sum((f @ rows) ** 2, axis=0).reshape(form.n_readings, -1)
+    )
+
+
+def jacobian(system: System, z: Any) -> list[Any]:
+    """Whitened Jacobian rows of every block, each (n_chunks, size, k·chunk). For rank decisions only: it is large."""
+    if interpreted.interpreting():
+        return interpreted.over_rows(system, z, lambda rows, form: rows)
+    return _jacobian(system, z)
 
 
 class Problem(NamedTuple):
@@ -171,8 +258,9 @@ class Problem(NamedTuple):
 
 def chunk_shape(m: int) -> tuple[int, int]:
     """(number of chunks, chunk length) for m rows, rounded up to a few sizes so that similar campaigns share a program."""
-    if m <= CHUNK:
-        return 1, max(64, int(2 ** np.ceil(np.log2(max(m, 1)))))
+    if m <= CHUNK:  # quarters of powers of two
+        step = max(16, int(2 ** np.floor(np.log2(max(m, 1)))) // 4)
+        return 1, max(64, int(np.ceil(m / step)) * step)
     chunks = int(np.ceil(m / CHUNK))
     step = max(1, int(2 ** np.floor(np.log2(chunks))) // 4)
     return int(np.ceil(chunks / step)) * step, CHUNK
@@ -180,7 +268,7 @@ def chunk_shape(m: int) -> tuple[int, int]:
 
 def pad_rows(factor: np.ndarray, step: int = 32) -> Any:
     """Zero rows added up to a multiple of `step`, so that models of similar size share one compiled program."""
-    return jnp.asarray(np.pad(factor, ((0, -len(factor) % step), (0, 0))))
+    return np.pad(factor, ((0, -len(factor) % step), (0, 0)))
 
 
 def _pad(values: np.ndarray, chunks: int, length: int, edge: bool) -> np.ndarray:
@@ -197,7 +285,7 @@ def _block(campaign: Campaign, number: int, group: Extended, weights: np.ndarray
     chunks, length = chunk_shape(len(rows))
 
     def pad(values: np.ndarray, edge: bool = True) -> Any:
-        return jnp.asarray(_pad(values, chunks, length, edge))
+        return _pad(values, chunks, length, edge)
 
     return Block(
         form=group.form,
@@ -273,8 +361,12 @@ def build_problem(
         layout=model.layout,
         n_nuisance=len(table.entries),
         blocks=tuple(blocks),
-        prior_mean=jnp.asarray(mean),
-        prior_root=jnp.asarray(root),
+        tiles=tuple(
+            tiles_of(model.layout, len(table.entries), block, len(rows))
+            for block, (_, rows) in zip(blocks, places, strict=True)
+        ),
+        prior_mean=mean,
+        prior_root=root,
     )
     free = block_diag(model.parametrisation, np.eye(len(unknown))[:, unknown])
     return Problem(system, model, tuple(table.entries), tuple(places), start, free)
@@ -292,10 +384,11 @@ def scatter(problem: Problem, campaign: Campaign, blocks: list[Any]) -> list[np.
 
 def reweight(problem: Problem, campaign: Campaign, factors: list[np.ndarray]) -> Problem:
     """The problem with weights factor/u, factors (m, k) per set (square roots of robust weights)."""
-    blocks = []
-    for block, (number, rows) in zip(problem.system.blocks, problem.places, strict=True):
+    blocks, tiles = [], []
+    for block, old, (number, rows) in zip(problem.system.blocks, problem.system.tiles, problem.places, strict=True):
         weights = (factors[number] / campaign.sets[number].u)[rows].T
-        padded = jnp.asarray(_pad(weights, block.weight.shape[0], block.weight.shape[2], edge=False))
+        padded = _pad(weights, block.weight.shape[0], block.weight.shape[2], edge=False)
         blocks.append(eqx.tree_at(lambda b: b.weight, block, padded))
-    system = eqx.tree_at(lambda s: s.blocks, problem.system, tuple(blocks))
+        tiles.append(reweighted(old, weights))
+    system = replace(problem.system, blocks=tuple(blocks), tiles=tuple(tiles))
     return problem._replace(system=system)

@@ -1,129 +1,135 @@
-"""Gauss-Newton with the structured normal matrix, as an optimistix solver, damped only when a step fails.
+"""Gauss-Newton with few assemblies: chord steps with the exact gradient in between, damping only when a step fails.
 
-Solves min |r(z0 + P y)|² / 2. One assembly of JᵀJ per iteration; the step solves the Jacobi-scaled normal equations by
-Cholesky factorisation (Levenberg-Marquardt damping λ is 0 until a step does not descend). Nocedal and Wright, Numerical
-Optimization, 10.3.
+Solves min |r(z0 + P y)|² / 2. JᵀJ costs six times a gradient and more, and near the minimum it hardly changes. So a factorisation
+is kept as long as the steps it proposes shrink fast; every step takes the exact gradient, so the minimum is that of Gauss-Newton.
+Steps solve the Jacobi-scaled normal equations by Cholesky factorisation, with Levenberg-Marquardt damping λ = 0 until a step
+does not descend. Nocedal and Wright, Numerical Optimization, 10.3; Kelley, Iterative Methods, 5.4.1 (chord method).
 """
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
-import lineax as lx
 import numpy as np
-import optimistix as optx
+from scipy.linalg import cho_factor, cho_solve
 
-from volid.fitting.problem import Normal, Problem, System, assemble
+from volid.fitting.interpreted import interpreting
+from volid.fitting.problem import Normal, Problem, System, reduced_equations, slope
 
 BUCKET = 32
+TOLERANCE = 1e-7  # estimated distance to the minimum, in units of each parameter's conditional standard uncertainty
+SHRINK = (
+    0.03  # a chord step is taken when it is at most this share of the step before; slower ones cost more than they save
+)
+LARGEST_STEPS = 60
+LIGHT, HEAVY = 1e-6, 1e9  # damping that counts as none; damping at which nothing helps
+SLACK = 1e-10  # relative and absolute rise of the cost that is rounding
 
 
-class _Arguments(eqx.Module):
-    system: System
-    origin: Any
-    free: Any
+class Optimum:
+    """The minimum: `z`, `cost` = |r|²/2 there, number of steps `iterations`, and whether it `converged`.
 
-
-def _normal(y: Any, args: _Arguments) -> Normal:
-    full = assemble(args.system, args.origin + args.free @ y)
-    matrix = args.free.T @ (full.matrix @ args.free)
-    unused = jnp.diagonal(matrix) == 0.0
-    return Normal(full.cost, args.free.T @ full.gradient, matrix + jnp.diag(jnp.where(unused, 1.0, 0.0)))
-
-
-def _cost(y: Any, args: _Arguments) -> Any:
-    """The function optimistix is told about; the solver itself never calls it."""
-    return y
-
-
-class _State(eqx.Module):
-    normal: Normal
-    damping: Any
-    step: Any
-    done: Any
-    failed: Any
-
-
-class StructuredGaussNewton(optx.AbstractLeastSquaresSolver):
-    """optimistix solver that takes cost, gradient and JᵀJ from `assemble` instead of materialising J.
-
-    `tolerance`: largest step at convergence, in units of each parameter's conditional standard uncertainty.
+    `normal`: the normal equations at z in y, assembled when they are first asked for: many fits need the minimum alone.
     """
 
-    tolerance: float = 1e-6
-    rtol: float = 1e-12
-    atol: float = 1e-12
-    norm: Any = eqx.field(static=True, default=optx.max_norm)
+    def __init__(self, objective: _Objective, z: np.ndarray, cost: float, iterations: int, converged: bool) -> None:
+        self._objective, self.z, self.cost = objective, z, cost
+        self.iterations, self.converged = iterations, converged
 
-    def init(self, fn: Any, y: Any, args: Any, options: Any, f_struct: Any, aux_struct: Any, tags: Any) -> _State:
-        """A state whose first step is zero and descends, so that the program holds one assembly only."""
-        no, n = jnp.array(False), y.shape[0]
-        normal = Normal(jnp.array(jnp.inf), jnp.zeros(n), jnp.eye(n))
-        return _State(normal, jnp.array(0.0), jnp.array(jnp.inf), no, no)
-
-    def step(self, fn: Any, y: Any, args: Any, options: Any, state: _State, tags: Any) -> tuple[Any, _State, Any]:
-        """One trial step, kept when it descends."""
-        scale = 1.0 / jnp.sqrt(jnp.diagonal(state.normal.matrix))
-        matrix = state.normal.matrix * scale[:, None] * scale[None, :]
-        operator = lx.MatrixLinearOperator(matrix + state.damping * jnp.eye(len(scale)), lx.positive_semidefinite_tag)
-        scaled = lx.linear_solve(operator, scale * state.normal.gradient, lx.Cholesky(), throw=False).value
-        size = jnp.max(jnp.abs(scaled))
-        trial = y - scale * scaled
-        new = _normal(trial, args)
-        first = jnp.isinf(state.normal.cost)
-        accept = jnp.isfinite(size) & (new.cost <= state.normal.cost * (1.0 + 1e-10) + 1e-10)
-        damping = jnp.where(
-            accept,
-            jnp.where(state.damping < 1e-9, 0.0, 0.1 * state.damping),
-            jnp.maximum(10.0 * state.damping, 1e-6),
-        )
-        kept = jax.tree.map(lambda a, b: jnp.where(accept, a, b), (trial, new), (y, state.normal))
-        done = accept & (size < self.tolerance) & (state.damping <= 1e-6) & ~first
-        failed = damping > 1e9
-        return kept[0], _State(kept[1], damping, size, done, failed), None
-
-    def terminate(self, fn: Any, y: Any, args: Any, options: Any, state: _State, tags: Any) -> tuple[Any, Any]:
-        """Stop at a small undamped step, or when no damping helps."""
-        result = optx.RESULTS.where(state.failed, optx.RESULTS.nonlinear_divergence, optx.RESULTS.successful)
-        return state.done | state.failed, result
-
-    def postprocess(
-        self, fn: Any, y: Any, aux: Any, args: Any, options: Any, state: _State, tags: Any, result: Any
-    ) -> tuple[Any, Any, dict[str, Any]]:
-        """Nothing to do; the last normal equations are in the state."""
-        return y, aux, {}
+    @cached_property
+    def normal(self) -> Normal:
+        """cost, gradient (n,) and JᵀJ (n, n) in the free directions."""
+        return self._objective.normal(self.z)
 
 
-class Optimum(NamedTuple):
-    """z at the minimum, the normal equations there (in y), the number of iterations and whether it converged."""
+class _Objective:
+    """Cost, gradient and JᵀJ in the free directions of a problem; large arrays are put where JAX computes, once."""
 
-    z: np.ndarray
-    normal: Normal
-    iterations: int
-    converged: bool
+    def __init__(self, system: System, free: np.ndarray) -> None:
+        self.interpreted = interpreting()
+        self.system = system if self.interpreted else jax.tree.map(jnp.asarray, system)
+        self.free = free
+        width = -(-free.shape[1] // BUCKET) * BUCKET  # models of similar size share one program
+        padded = np.pad(free, ((0, 0), (0, width - free.shape[1])))
+        self.padded = free if self.interpreted else jnp.asarray(padded)
+
+    def normal(self, z: np.ndarray) -> Normal:
+        cost, gradient, matrix = (np.array(part) for part in reduced_equations(self.system, z, self.padded))
+        n = self.free.shape[1]
+        gradient, matrix = gradient[:n], matrix[:n, :n]
+        unused = np.flatnonzero(np.diagonal(matrix) == 0.0)
+        matrix[unused, unused] = 1.0
+        return Normal(cost, gradient, matrix)
+
+    def slope(self, z: np.ndarray) -> tuple[float, np.ndarray]:
+        cost, gradient = slope(self.system, z)
+        return float(cost), self.free.T @ np.asarray(gradient)
 
 
-@eqx.filter_jit
-def _solve(args: _Arguments, y: Any, solver: StructuredGaussNewton) -> tuple[Any, Any, Any, Any]:
-    found: Any = optx.least_squares(_cost, solver, y, args, max_steps=60, throw=False, adjoint=optx.ImplicitAdjoint())
-    z = args.origin + args.free @ found.value
-    return z, found.state.normal, found.stats["num_steps"], found.result == optx.RESULTS.successful
+class _Steps(NamedTuple):
+    """Factorised, Jacobi-scaled JᵀJ + λ I; `factor` None when it is not positive definite."""
+
+    scale: np.ndarray
+    factor: Any
+
+    def propose(self, gradient: np.ndarray) -> tuple[np.ndarray, float]:
+        """Step in y, and its largest component in conditional standard uncertainties (inf when there is none)."""
+        if self.factor is None or not np.all(np.isfinite(gradient)):
+            return np.zeros_like(gradient), np.inf
+        scaled = cho_solve(self.factor, self.scale * gradient, check_finite=False)
+        return self.scale * scaled, float(np.max(np.abs(scaled), initial=0.0))
+
+
+def _factorise(matrix: np.ndarray, damping: float) -> _Steps:
+    diagonal = np.diagonal(matrix)
+    if not np.all(np.isfinite(matrix)) or np.any(diagonal <= 0.0):
+        return _Steps(np.ones(len(matrix)), None)
+    scale = 1.0 / np.sqrt(diagonal)
+    scaled = matrix * scale[:, None] * scale
+    scaled[np.diag_indices_from(scaled)] += damping
+    try:
+        return _Steps(scale, cho_factor(scaled, lower=True, overwrite_a=True, check_finite=False))
+    except np.linalg.LinAlgError:
+        return _Steps(scale, None)
 
 
 def solve(problem: Problem, start: np.ndarray | None = None, free: np.ndarray | None = None) -> Optimum:
-    """Minimise over z = start + free · y from y = 0; `free` defaults to all free directions of the problem.
+    """Minimise over z = start + free · y from y = 0; `free` (size, n) defaults to all free directions of the problem.
 
-    The columns of `free` are padded with zeros to a multiple of 32, so that models of similar size share one program.
+    `converged` is claimed when the estimated distance to the minimum is below `TOLERANCE` without damping: the last step
+    times the share by which it shrank.
     """
-    start = problem.start if start is None else start
-    free = problem.free if free is None else free
-    width = -(-free.shape[1] // BUCKET) * BUCKET
-    padded = jnp.asarray(np.pad(free, ((0, 0), (0, width - free.shape[1]))))
-    args = _Arguments(problem.system, jnp.asarray(start), padded)
-    z, normal, iterations, converged = _solve(args, jnp.zeros(width), StructuredGaussNewton())
-    n = free.shape[1]
-    cost, gradient, matrix = (np.asarray(part) for part in normal)
-    return Optimum(np.asarray(z), Normal(cost, gradient[:n], matrix[:n, :n]), int(iterations), bool(converged))
+    z = np.array(problem.start if start is None else start, dtype=float)
+    objective = _Objective(problem.system, problem.free if free is None else free)
+    normal, age, damping, last = objective.normal(z), 0, 0.0, np.inf
+    cost, gradient = float(normal.cost), normal.gradient
+    steps = _factorise(normal.matrix, damping)
+    for count in range(1, LARGEST_STEPS + 1):
+        step, size = steps.propose(gradient)
+        if age and size > SHRINK * last and size > TOLERANCE:
+            normal, age = objective.normal(z), 0
+            steps = _factorise(normal.matrix, damping)
+            step, size = steps.propose(gradient)
+        trial = z - objective.free @ step
+        new_cost, new_gradient = objective.slope(trial) if np.isfinite(size) else (np.inf, gradient)
+        if not new_cost <= cost * (1.0 + SLACK) + SLACK:
+            damping = max(10.0 * damping, LIGHT)
+            if damping > HEAVY or not np.isfinite(cost):
+                return Optimum(objective, z, cost, count, False)
+            normal, age = (objective.normal(z), 0) if age else (normal, 0)
+            steps = _factorise(normal.matrix, damping)
+            continue
+        shrunk = min(1.0, size / last) if 0.0 < last < np.inf else 1.0
+        light = damping <= LIGHT
+        z, cost, gradient, last, age = trial, new_cost, new_gradient, size, age + 1
+        if light and size * shrunk <= TOLERANCE:
+            return Optimum(objective, z, cost, count, True)
+        if not light:
+            damping, last = 0.1 * damping, np.inf
+            normal, age = objective.normal(z), 0
+            steps = _factorise(normal.matrix, damping)
+        damping = 0.0 if damping < LIGHT else damping
+    return Optimum(objective, z, cost, LARGEST_STEPS, False)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 
 from volid.campaign import Campaign, Station
@@ -16,8 +15,8 @@ from volid.multilateration import StationEstimate, trilaterate
 
 def nominal_targets(machine: Machine, positions: np.ndarray, tool: np.ndarray, body: str) -> np.ndarray:
     """Nominal functional points in the frame of `body`, shape (m, 3) [mm]."""
-    q = jnp.asarray(positions.T)
-    point = functional_point(machine, q, tuple(jnp.asarray(tool.T)), stop=machine.body_index(body))  # type: ignore[arg-type]
+    q = positions.T
+    point = functional_point(machine, q, tuple(tool.T), stop=machine.body_index(body))  # type: ignore[arg-type]
     return np.stack([np.broadcast_to(np.asarray(c), len(positions)) for c in point], axis=1)
 
 

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 
 from volid.campaign import Campaign, ObservationSet
+from volid.elementary import in_rows
 from volid.exceptions import InputError
 from volid.geometry import Vector
 from volid.iso230 import DIRECTIONS, ROTATIONS
@@ -37,7 +37,7 @@ def predict(
     value = deviation(machine, q, tool, errors)[settings.component] + slots[0]
     if settings.slope:
         value = value + slots[1] * constants[0]
-    return jnp.broadcast_to(value, jnp.shape(q[0]))[None, :]
+    return in_rows([value], np.shape(q[0]))
 
 
 def _arm(observations: ObservationSet, rows: np.ndarray) -> np.ndarray:

@@ -14,13 +14,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 
 from volid.campaign import Campaign, ObservationSet
+from volid.elementary import in_rows
 from volid.exceptions import InputError
 from volid.geometry import Vector, add, rotate_small, subtract
-from volid.kinematics import functional_point, in_rows, to_tool_frame, transform
+from volid.kinematics import functional_point, to_tool_frame, transform
 from volid.machine import Machine
 from volid.observations.base import Group, Kind, NuisanceTable
 
@@ -56,7 +56,7 @@ def predict(
         d = rotate_small((slots[used], slots[used + 1], slots[used + 2]), d)
         used += 3
     factor = 1.0 + slots[used] if settings.scale else 1.0
-    return in_rows([factor * c for c in d], jnp.shape(q[0]))
+    return in_rows([factor * c for c in d], np.shape(q[0]))
 
 
 def sphere_places(observations: ObservationSet) -> dict[str, tuple[float, float, float]]:

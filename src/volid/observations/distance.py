@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from volid.campaign import Campaign, ObservationSet, Station
+from volid.elementary import in_rows
 from volid.geometry import Vector, add, norm, rotate_small, subtract
 from volid.kinematics import functional_point, transform
 from volid.machine import Machine
@@ -46,7 +47,7 @@ def predict(
     distance = norm(subtract(target, station))
     if settings.offset:
         distance = distance + slots[6 if settings.placed else 3]
-    return distance[None, :]
+    return in_rows([distance], np.shape(q[0]))
 
 
 def _settings(observations: ObservationSet, station: Station, machine: Machine) -> DistanceSettings:

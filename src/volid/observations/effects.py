@@ -25,6 +25,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from volid.campaign import Campaign, Effect, ObservationSet
+from volid.elementary import in_rows
 from volid.exceptions import InputError
 from volid.machine import Machine
 from volid.observations import KINDS
@@ -81,7 +82,7 @@ def predict_readings(machine: Machine, form: Form, q: Any, tool: Any, errors: An
     first = own + len(form.tool)
     for j in range(n):
         factors = constants[own_constants + j * k : own_constants + (j + 1) * k]
-        values = values + jnp.stack([factor * slots[first + j] for factor in factors])
+        values = in_rows([v + f * slots[first + j] for v, f in zip(values, factors, strict=True)], np.shape(q[0]))
     return values
 
 

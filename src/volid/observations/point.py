@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 
 from volid.campaign import Campaign, ObservationSet, Station
+from volid.elementary import in_rows
 from volid.exceptions import InputError
 from volid.geometry import Vector, rotate_small, subtract
 from volid.kinematics import functional_point, transform
@@ -39,12 +39,12 @@ def predict(
     r = settings.rotation
     turned = [r[3 * i] * arm[0] + r[3 * i + 1] * arm[1] + r[3 * i + 2] * arm[2] for i in range(3)]
     point = rotate_small((slots[3], slots[4], slots[5]), (turned[0], turned[1], turned[2]))
-    return jnp.stack([jnp.broadcast_to(c, jnp.shape(q[0])) for c in point])
+    return in_rows(point, np.shape(q[0]))
 
 
 def _nominal(campaign: Campaign, observations: ObservationSet, rows: np.ndarray, body: int) -> np.ndarray:
     """Nominal targets in the frame of the station's body, (m, 3) [mm]."""
-    q, tool = jnp.asarray(observations.positions[rows].T), tuple(jnp.asarray(observations.tool[rows].T))
+    q, tool = observations.positions[rows].T, tuple(observations.tool[rows].T)
     point = functional_point(campaign.machine, q, tool, stop=body)  # type: ignore[arg-type]
     return np.stack([np.broadcast_to(np.asarray(c), rows.size) for c in point], axis=1)
 

@@ -12,6 +12,7 @@ fixed point is another. Trials that do not shrink so are left to the full solver
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -201,7 +202,7 @@ class Refitter:
             _tiles(b, n) for b, n in zip(problem.system.blocks, _reading_numbers(problem, self.campaign), strict=True)
         ]
         self.problem: Problem = problem._replace(
-            system=eqx.tree_at(lambda s: s.blocks, problem.system, tuple(block for block, _ in cut))
+            system=replace(problem.system, blocks=tuple(block for block, _ in cut), tiles=(None,) * len(cut))
         )
         numbers = [number for _, number in cut]
         theta, nuisance = np.asarray(solution.parameters), np.asarray(solution.nuisance)

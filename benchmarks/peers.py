@@ -1,0 +1,102 @@
+"""Other ways to the same minimum: scipy and optimistix on the residuals of a case, in free parameters scaled by their size."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+from scipy.optimize import least_squares
+
+from benchmarks.cases import Case
+from volid.error_model import error_values, evaluate_bases
+from volid.fitting.interpreted import interpreted
+from volid.fitting.problem import System, jacobian, normal_equations, predict_all
+from volid.observations.effects import predict_readings
+
+TOLERANCE = 1e-10  # relative, of scipy and optimistix: with it they end as near to the minimum as volid does
+
+
+class Scaled:
+    """A case in y with z = start + free · (scale y), scale: conditional standard uncertainties, so that one tolerance suits all.
+
+    `origin`: y is 1 at the start, not 0: scipy's trust region would begin with a radius of 1 and creep.
+    """
+
+    def __init__(self, case: Case, start: np.ndarray | None = None) -> None:
+        self.system: System = jax.tree.map(jnp.asarray, case.problem.system)
+        self.z0 = case.problem.start if start is None else start
+        free = case.problem.free
+        with interpreted(False):
+            matrix = free.T @ np.asarray(normal_equations(self.system, self.z0).matrix) @ free
+        self.free = free / np.sqrt(np.diagonal(matrix))
+        self.origin = np.full(free.shape[1], 1e4)
+
+    def z(self, y: Any) -> Any:
+        """Unknowns of the problem."""
+        return self.z0 + self.free @ (y - self.origin)
+
+    def residual(self, y: np.ndarray) -> np.ndarray:
+        """Whitened residuals, priors included, (m,)."""
+        z = self.z(y)
+        with interpreted(False):
+            values = predict_all(self.system, z)
+        parts = [
+            ((np.asarray(v) - b.reading) * b.weight).ravel() for v, b in zip(values, self.system.blocks, strict=True)
+        ]
+        return np.concatenate([*parts, np.asarray(self.system.prior_root) @ (z - np.asarray(self.system.prior_mean))])
+
+    def rows(self, y: np.ndarray) -> np.ndarray:
+        """The structured Jacobian that volid has, (m, n)."""
+        with interpreted(False):
+            blocks = jacobian(self.system, self.z(y))
+        parts = [np.asarray(b).transpose(0, 2, 1).reshape(-1, b.shape[1]) for b in blocks]
+        return np.concatenate([*parts, np.asarray(self.system.prior_root)]) @ self.free
+
+
+def scipy_fit(scaled: Scaled, method: str) -> np.ndarray:
+    """scipy's trust-region methods with the structured Jacobian; z."""
+    found = least_squares(
+        scaled.residual, scaled.origin, scaled.rows, method=method, xtol=TOLERANCE, ftol=TOLERANCE, gtol=TOLERANCE
+    )
+    return np.asarray(scaled.z(found.x))
+
+
+def _one(system: System, form: Any, z: Any, q: Any, way: Any, tool: Any, slots: Any, constants: Any) -> Any:
+    """Prediction of one reading from its own numbers: what one writes first."""
+    n = system.layout.n_coefficients
+    errors = error_values(system.layout, z[:n], evaluate_bases(system.layout, q[:, None], way[:, None]))
+    values = predict_readings(
+        system.machine, form, q[:, None], tuple(tool[:, None]), errors, z[n + slots][:, None], constants[:, None]
+    )
+    return values[:, 0]
+
+
+def plain_residual(y: Any, args: tuple[System, Any, Any, Any]) -> Any:
+    """Whitened residuals, reading by reading under `vmap`."""
+    system, z0, free, origin = args
+    z = z0 + free @ (y - origin)
+    parts = []
+    for b in system.blocks:
+        flat = [jnp.moveaxis(a, 1, 2).reshape(-1, a.shape[1]) for a in (b.q, b.direction, b.tool, b.slots, b.constants)]
+        values = jax.vmap(partial(_one, system, b.form, z))(*flat)
+        reading, weight = (jnp.moveaxis(a, 1, 2).reshape(-1, a.shape[1]) for a in (b.reading, b.weight))
+        parts.append(((values - reading) * weight).ravel())
+    return jnp.concatenate([*parts, system.prior_root @ (z - system.prior_mean)])
+
+
+def optimistix_fit(scaled: Scaled, solver: str) -> Callable[[], np.ndarray]:
+    """Stock Gauss-Newton or Levenberg-Marquardt, compiled on first use; z."""
+    kind = {"GN": optx.GaussNewton, "LM": optx.LevenbergMarquardt}[solver]
+    own = kind(rtol=TOLERANCE, atol=TOLERANCE)
+    args = (scaled.system, jnp.asarray(scaled.z0), jnp.asarray(scaled.free), jnp.asarray(scaled.origin))
+
+    def run() -> np.ndarray:
+        found = optx.least_squares(plain_residual, own, jnp.asarray(scaled.origin), args, max_steps=100, throw=False)
+        return np.asarray(scaled.z(np.asarray(found.value)))
+
+    return run

@@ -1,0 +1,177 @@
+"""Small problems without compiled programs: the same functions as in `problem`, on NumPy arrays, with recorded derivatives.
+
+Tracing and compiling takes seconds, a fit of a few thousand readings milliseconds; so `fit` interprets campaigns of up to
+`LARGEST` readings. Both paths share the kinematic chain, the observation kinds and the bases; they agree to rounding.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import Any
+
+import numpy as np
+
+from volid.campaign import Campaign
+from volid.error_model import Layout, coefficient_rows, error_values, evaluate_bases, summed_rows
+from volid.observations.effects import Form, predict_readings
+from volid.reverse import Recorded, gradients
+
+LARGEST = 12_000  # readings: up to here the whole fit takes less than tracing its programs, let alone compiling them
+REMEMBERED = 64  # chunks whose bases are kept
+
+_interpreting: ContextVar[bool] = ContextVar("interpreting", default=False)
+_bases: OrderedDict[Any, tuple[Any, Any, list[np.ndarray]]] = OrderedDict()
+
+
+def interpreting() -> bool:
+    """Whether `problem`, `solver` and their like are to do without compiled programs here."""
+    return _interpreting.get()
+
+
+def is_small(campaign: Campaign) -> bool:
+    """Whether a fit of this campaign is interpreted."""
+    return campaign.n_readings <= LARGEST
+
+
+@contextmanager
+def interpreted(wanted: bool = True) -> Iterator[None]:
+    """Within it, problems are interpreted (or, with False, compiled)."""
+    token = _interpreting.set(wanted)
+    try:
+        yield
+    finally:
+        _interpreting.reset(token)
+
+
+def chunks_of(block: Any, used_only: bool = False) -> Iterator[Any]:
+    """The chunks of a block as NumPy arrays; with `used_only` without the rows after the last one that has a weight."""
+    for i in range(block.q.shape[0]):
+        arrays = {name: np.asarray(getattr(block, name))[i] for name in _ARRAYS}
+        key = (id(block.q), id(block.direction), i)
+        m = arrays["q"].shape[1]
+        if used_only:
+            seen = np.flatnonzero(arrays["weight"].any(axis=0))
+            m = int(seen[-1]) + 1 if seen.size else 0
+        if m:
+            yield _Chunk(
+                {k: a[:, :m] for k, a in arrays.items()}, key, (block.q, block.direction), arrays["q"].shape[1]
+            )
+
+
+_ARRAYS = ("q", "direction", "tool", "reading", "weight", "slots", "constants")
+
+
+class _Chunk:
+    """Arrays of one chunk, each (width, m), and what its bases are remembered by."""
+
+    def __init__(self, arrays: dict[str, np.ndarray], key: Any, owners: Any, whole: int) -> None:
+        self.key, self.owners, self.whole = key, owners, whole
+        self.m = arrays["q"].shape[1]
+        self.q, self.direction, self.tool = arrays["q"], arrays["direction"], arrays["tool"]
+        self.reading, self.weight = arrays["reading"], arrays["weight"]
+        self.slots, self.constants = arrays["slots"], arrays["constants"]
+
+    def bases(self, layout: Layout) -> list[np.ndarray]:
+        """Basis values, each (size, m): they depend on the positions alone, so the last ones are kept."""
+        key = (*self.key, self.m, layout.bases)
+        if key not in _bases:
+            _bases[key] = (*self.owners, evaluate_bases(layout, self.q, self.direction))
+            if len(_bases) > REMEMBERED:
+                _bases.popitem(last=False)
+        return _bases[key][2]
+
+
+def _predict(system: Any, form: Form, chunk: _Chunk, errors: Any, slots: Any) -> Any:
+    tool, constants = tuple(chunk.tool), tuple(chunk.constants)
+    return predict_readings(system.machine, form, chunk.q, tool, errors, slots, constants)
+
+
+def _partials(system: Any, form: Form, chunk: _Chunk, z: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
+    """Predictions (k, m), partial derivatives (k, errors + slots, m), and the bases."""
+    n, bases = system.layout.n_coefficients, chunk.bases(system.layout)
+    notes: list[Recorded] = []
+    rows = np.concatenate([error_values(system.layout, z[:n], bases), z[n + chunk.slots]])
+    rows = rows if rows.shape[1] else np.zeros((len(rows), chunk.m))
+    leaves = [Recorded(row, notes) for row in rows]
+    split = len(leaves) - len(chunk.slots)
+    found = _predict(system, form, chunk, leaves[:split], leaves[split:])
+    values = np.stack([np.broadcast_to(getattr(f, "value", f), chunk.m) for f in found])
+    return values, np.stack([gradients(f, leaves, chunk.m) for f in found]), bases
+
+
+def residual_rows(system: Any, form: Form, chunk: _Chunk, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Whitened residuals of one chunk, (k·m,), and their Jacobian, (size, k·m); as `problem.residual_rows`."""
+    values, partials, bases = _partials(system, form, chunk, z)
+    k, width, m = partials.shape
+    split, n = width - len(chunk.slots), system.layout.n_coefficients
+    rows = np.zeros((system.size, k, m))
+    columns = np.arange(m)
+    for c in range(k):
+        weighted = partials[c] * chunk.weight[c]
+        rows[:n, c] = coefficient_rows(system.layout, weighted[:split], bases)
+        for slot, extra in zip(chunk.slots, weighted[split:], strict=True):
+            rows[n + slot, c, columns] += extra
+    residual = np.where(chunk.weight > 0.0, (values - chunk.reading) * chunk.weight, 0.0)
+    return residual.reshape(-1), rows.reshape(system.size, -1)
+
+
+def _prior(system: Any, z: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+    root = np.asarray(system.prior_root)
+    offset = root @ (z - np.asarray(system.prior_mean))
+    return 0.5 * float(offset @ offset), root.T @ offset, root.T @ root
+
+
+def assemble(system: Any, z: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+    """Cost, gradient and Gauss-Newton matrix in z; as `problem.assemble`."""
+    cost, gradient, matrix = _prior(system, z)
+    for block in system.blocks:
+        for chunk in chunks_of(block, used_only=True):
+            residual, rows = residual_rows(system, block.form, chunk, z)
+            cost += 0.5 * float(residual @ residual)
+            gradient += rows @ residual
+            matrix += rows @ rows.T
+    return cost, gradient, matrix
+
+
+def slope(system: Any, z: np.ndarray) -> tuple[float, np.ndarray]:
+    """Cost and gradient alone; as `problem.slope`."""
+    cost, gradient, _ = _prior(system, z)
+    for block in system.blocks:
+        for chunk in chunks_of(block, used_only=True):
+            values, partials, bases = _partials(system, block.form, chunk, z)
+            residual = np.where(chunk.weight > 0.0, (values - chunk.reading) * chunk.weight, 0.0)
+            cost += 0.5 * float(np.sum(residual**2))
+            pulled = np.einsum("kwm,km->wm", partials, residual * chunk.weight)
+            split = pulled.shape[0] - len(chunk.slots)
+            gradient[: system.layout.n_coefficients] += summed_rows(system.layout, pulled[:split], bases)
+            for slot, extra in zip(chunk.slots, pulled[split:], strict=True):
+                np.add.at(gradient, system.layout.n_coefficients + slot, extra)
+    return cost, gradient
+
+
+def _by_chunks(block: Any, function: Any) -> np.ndarray:
+    return np.stack([function(chunk) for chunk in chunks_of(block)])
+
+
+def predict_all(system: Any, z: np.ndarray) -> list[np.ndarray]:
+    """Predicted readings of every block, (n_chunks, k, chunk)."""
+    n = system.layout.n_coefficients
+
+    def of_chunk(form: Form, chunk: _Chunk) -> np.ndarray:
+        errors = error_values(system.layout, z[:n], chunk.bases(system.layout))
+        errors = errors if errors.shape[1] else np.zeros((len(errors), chunk.m))
+        return np.asarray(_predict(system, form, chunk, errors, z[n + chunk.slots]))
+
+    return [_by_chunks(b, lambda chunk, form=b.form: of_chunk(form, chunk)) for b in system.blocks]
+
+
+def over_rows(system: Any, z: np.ndarray, function: Any) -> list[np.ndarray]:
+    """`function` of every chunk's Jacobian (size, k·chunk) and form, stacked by blocks."""
+    z = np.asarray(z)
+    return [
+        _by_chunks(b, lambda chunk, form=b.form: function(residual_rows(system, form, chunk, z)[1], form))
+        for b in system.blocks
+    ]

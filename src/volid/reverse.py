@@ -1,0 +1,83 @@
+"""Reverse differentiation of the few operations a kinematic chain is made of, on NumPy arrays, without compilation.
+
+Every operation on a `Recorded` array is noted with its partial derivatives; `gradients` goes back through the notes and adds
+up, reading by reading: all arrays have one shape (m,), and entry i of a result depends on entries i of the operands alone.
+Griewank and Walther, Evaluating Derivatives, 3.2.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+
+class Recorded:
+    """An array (m,) whose origin is noted: `sources` are (operand, partial derivative), the latter a number or (m,)."""
+
+    __slots__ = ("adjoint", "notes", "sources", "value")
+    __array_ufunc__ = None  # NumPy arrays leave operations with this class to it
+
+    def __init__(self, value: Any, notes: list[Recorded], sources: tuple[tuple[Recorded, Any], ...] = ()) -> None:
+        self.value, self.notes, self.sources = value, notes, sources
+        self.adjoint: Any = None
+        notes.append(self)
+
+    def _new(self, value: Any, *sources: tuple[Recorded, Any]) -> Recorded:
+        return Recorded(value, self.notes, sources)
+
+    def __add__(self, other: Any) -> Recorded:
+        if isinstance(other, Recorded):
+            return self._new(self.value + other.value, (self, 1.0), (other, 1.0))
+        if isinstance(other, float) and other == 0.0:
+            return self
+        return self._new(self.value + other, (self, 1.0))
+
+    __radd__ = __add__
+
+    def __neg__(self) -> Recorded:
+        return self._new(-self.value, (self, -1.0))
+
+    def __sub__(self, other: Any) -> Recorded:
+        if isinstance(other, Recorded):
+            return self._new(self.value - other.value, (self, 1.0), (other, -1.0))
+        if isinstance(other, float) and other == 0.0:
+            return self
+        return self._new(self.value - other, (self, 1.0))
+
+    def __rsub__(self, other: Any) -> Recorded:
+        return self._new(other - self.value, (self, -1.0))
+
+    def __mul__(self, other: Any) -> Any:
+        if isinstance(other, Recorded):
+            return self._new(self.value * other.value, (self, other.value), (other, self.value))
+        if isinstance(other, float) and other in (0.0, 1.0):
+            return self if other else 0.0
+        return self._new(self.value * other, (self, other))
+
+    __rmul__ = __mul__
+
+    def sqrt(self) -> Recorded:
+        """Square root, derivative 1/(2 sqrt)."""
+        root = np.sqrt(self.value)
+        return self._new(root, (self, 0.5 / root))
+
+
+def gradients(result: Any, leaves: list[Recorded], m: int) -> np.ndarray:
+    """Partial derivatives of `result`, a recorded array, with respect to `leaves`: shape (len(leaves), m)."""
+    if not isinstance(result, Recorded):
+        return np.zeros((len(leaves), m))
+    for note in result.notes:
+        note.adjoint = None
+    result.adjoint = 1.0
+    for note in reversed(result.notes):
+        if note.adjoint is None:
+            continue
+        for source, partial in note.sources:
+            share = note.adjoint if isinstance(partial, float) and partial == 1.0 else note.adjoint * partial
+            source.adjoint = share if source.adjoint is None else source.adjoint + share
+    rows = np.zeros((len(leaves), m))
+    for row, leaf in zip(rows, leaves, strict=True):
+        if leaf.adjoint is not None:
+            row[:] = leaf.adjoint
+    return rows

@@ -1,0 +1,135 @@
+"""The path without compiled programs gives what the compiled one gives, for every kind of observation and the whole fit."""
+
+import numpy as np
+import pytest
+from exact_chain import random_truth
+from rtest_campaigns import LAYOUTS, exact_machine, rtest
+from test_problem import everything
+from virtual_campaigns import VERTICAL, fixed, simulated
+
+from volid.error_model import coefficient_rows
+from volid.fitting import interpreted as interpreted_module
+from volid.fitting import prediction
+from volid.fitting.fit import fit
+from volid.fitting.holdout import _projected
+from volid.fitting.interpreted import interpreted
+from volid.fitting.problem import build_problem, jacobian, normal_equations, predict_all, quadratic_forms, slope
+from volid.reverse import Recorded, gradients
+
+
+def five_axis():
+    """A head and a table, sensor rotation and scale unknown."""
+    exact = exact_machine(LAYOUTS["split C and B"])
+    truth = random_truth(exact, np.random.default_rng(1))
+    campaign = rtest(exact, truth, n=(3, 4), extra="[model]\nsegments = 2\n", rotation_u=1e-3, scale_u=1e-3, nest_u=0.1)
+    from volid.error_functions import motion_names
+    from volid.error_model import build_model
+
+    model = build_model(campaign.machine, {n: (4,) for n in motion_names(campaign.machine)})
+    problem = build_problem(campaign, model)
+    rng = np.random.default_rng(2)
+    return problem, problem.start + 1e-4 * rng.standard_normal(len(problem.start))
+
+
+@pytest.fixture(scope="module", params=["three axes, every form", "five axes, displacements"])
+def case(request):
+    if request.param.startswith("five"):
+        return five_axis()
+    _, problem, z, _ = everything()
+    return problem, z
+
+
+def close(a, b):
+    for x, y in zip(a, b, strict=True):
+        x, y = np.asarray(x), np.asarray(y)
+        np.testing.assert_allclose(x, y, rtol=1e-9, atol=1e-11 * np.abs(y).max(initial=1e-300))
+
+
+def both(function):
+    with interpreted(True):
+        first = function()
+    with interpreted(False):
+        return first, function()
+
+
+def test_normal_equations_slope_predictions_jacobian_and_leverages_agree(case):
+    problem, z = case
+    close(*both(lambda: normal_equations(problem.system, z)))
+    close(*both(lambda: slope(problem.system, z)))
+    close(*both(lambda: predict_all(problem.system, z)))
+    close(*both(lambda: jacobian(problem.system, z)))
+    factor = np.random.default_rng(0).standard_normal((3, problem.system.size))
+    close(*both(lambda: quadratic_forms(problem.system, z, factor)))
+    close(*both(lambda: _projected(problem.system, z, factor)))
+
+
+def test_slope_is_the_gradient_of_the_normal_equations(case):
+    problem, z = case
+    for path in (True, False):
+        with interpreted(path):
+            normal, (cost, gradient) = normal_equations(problem.system, z), slope(problem.system, z)
+        assert float(cost) == pytest.approx(float(normal.cost), rel=1e-12)
+        scale = np.sqrt(np.diagonal(np.asarray(normal.matrix)) * float(normal.cost))
+        assert np.all(np.abs(np.asarray(gradient) - np.asarray(normal.gradient)) <= 1e-10 * scale + 1e-300)
+
+
+def test_the_whole_fit_agrees(monkeypatch):
+    campaign, _, _ = simulated(VERTICAL, 4, extra=fixed(2), n_per_station=80, waviness=0.1)
+    first = fit(campaign)
+    monkeypatch.setattr(interpreted_module, "LARGEST", 0)
+    second = fit(campaign)
+    u = np.sqrt(np.diagonal(np.asarray(first.parameter_covariance)))
+    assert np.abs(np.asarray(first.parameters) - np.asarray(second.parameters)).max() <= 1e-6 * u.min()
+    np.testing.assert_allclose(
+        np.asarray(first.covariance), np.asarray(second.covariance), rtol=1e-6, atol=1e-6 * u.min() ** 2
+    )
+    assert first.adequacy.verdict == second.adequacy.verdict
+
+
+@pytest.mark.parametrize("grid", [True, False])
+def test_uncertainty_through_error_values_is_that_of_the_gradient(monkeypatch, grid):
+    """On a grid (tables of pairs) and at scattered points (no tables), compiled and not, reversal and cross effects included."""
+    _, problem, _, _ = everything()
+    model, rng = problem.model, np.random.default_rng(5)
+    root = rng.standard_normal((model.n_parameters, 7))
+    theta = 1e-4 * rng.standard_normal(model.n_parameters)
+    low = np.array([a.travel[0] for a in model.machine.axes])
+    length = np.array([a.length for a in model.machine.axes])
+    at = rng.integers(0, 4, (120, len(low))) / 3.0 if grid else rng.random((120, len(low)))
+    tool, way = rng.normal(size=(120, 3)) * 100.0, rng.choice([-1.0, 0.0, 1.0], (120, len(low))) * grid
+    gradient = prediction.gradient_matrix(model, theta, low + at * length, tool, way)
+    expected = np.linalg.norm(gradient @ root, axis=2)
+    for limit in (10_000, 0):
+        monkeypatch.setattr(prediction, "INTERPRETED", limit)
+        found = prediction.standard_uncertainties(model, theta, root @ root.T, low + at * length, tool, way)
+        np.testing.assert_allclose(found, expected, rtol=1e-7, atol=1e-7 * expected.max(axis=0))
+
+
+def test_recorded_operations_have_their_derivatives():
+    rng, notes = np.random.default_rng(0), []
+    values = rng.uniform(1.0, 2.0, (3, 5))
+    a, b, c = (Recorded(v, notes) for v in values)
+
+    def formula(a, b, c):
+        root = (a * b + 2.0 * c).sqrt() if isinstance(a, Recorded) else np.sqrt(a * b + 2.0 * c)
+        return 3.0 - (root - a) * values[0] + (-b) * c * 1.0 + c * 0.0 + 0.0
+
+    found = gradients(formula(a, b, c), [a, b, c], 5)
+    for i in range(3):
+        step = 1e-30j * (np.arange(3) == i)[:, None]
+        np.testing.assert_allclose(found[i], formula(*(values + step)).imag / 1e-30, rtol=1e-13)
+
+
+def test_coefficient_rows_sum_to_summed_rows(case):
+    from volid.error_model import evaluate_bases, summed_rows
+
+    problem, _ = case
+    block, layout = problem.system.blocks[0], problem.system.layout
+    bases = evaluate_bases(layout, block.q[0], block.direction[0])
+    partials = np.random.default_rng(0).standard_normal((6 * (layout.n_axes + 1), block.q.shape[2]))
+    np.testing.assert_allclose(
+        summed_rows(layout, partials, bases),
+        coefficient_rows(layout, partials, bases).sum(axis=1),
+        rtol=1e-9,
+        atol=1e-9,
+    )
