@@ -1,0 +1,130 @@
+"""Figures of uncertainty: budgets as bars, coverage bands of functions, distributions of what is not linear.
+
+Needs matplotlib (`pip install 'volid[plots]'`). Lengths in µm, rotations in µrad, positions in mm or degrees.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from volid.fitting.solution import FunctionValue, Solution
+from volid.iso230 import parse
+from volid.uncertainty.budget import Line
+from volid.uncertainty.coverage import coverage_intervals
+from volid.uncertainty.intervals import function_intervals
+from volid.uncertainty.outputs import FIELD, headline_outputs
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+COLOURS = ("#0b5fa5", "#d1495b", "#2e8b57", "#e0a030", "#7b5ea7", "#4a4a4a", "#8fbcd4", "#c98b6b")
+
+
+def _subplots(*args: Any, **kwargs: Any) -> Any:
+    import matplotlib.pyplot as plt
+
+    return plt.subplots(*args, layout="constrained", **kwargs)
+
+
+def budget_bars(lines: Iterable[Line]) -> Figure:
+    """Share of every source in u² of every output, functions as RMS over the travel; u beside each bar."""
+    outputs: dict[str, dict[str, float]] = {}
+    places: dict[str, set[float]] = {}
+    units: dict[str, str] = {}
+    for line in lines:
+        own = outputs.setdefault(line.output, {})
+        own[line.source] = own.get(line.source, 0.0) + line.contribution**2
+        places.setdefault(line.output, set()).add(line.position if np.isfinite(line.position) else 0.0)
+        units[line.output] = line.unit
+    sources = list(dict.fromkeys(s for own in outputs.values() for s in own))
+    figure, panel = _subplots(figsize=(9, 0.26 * len(outputs) + 1.2))
+    y = np.arange(len(outputs))
+    left = np.zeros(len(outputs))
+    for i, source in enumerate(sources):
+        share = np.array([own.get(source, 0.0) / max(sum(own.values()), 1e-300) for own in outputs.values()])
+        panel.barh(y, 100.0 * share, left=left, color=COLOURS[i % len(COLOURS)], label=source, height=0.8)
+        left += 100.0 * share
+    for k, (name, own) in enumerate(outputs.items()):
+        u = np.sqrt(sum(own.values()) / len(places[name]))
+        panel.text(101.0, k, _said(float(u), units[name]), va="center", fontsize=8)
+    panel.set_yticks(y, list(outputs), fontsize=8)
+    panel.set_ylim(len(outputs) - 0.5, -0.5)
+    panel.set_xlim(0.0, 100.0)
+    panel.set_xlabel("share of u² / %; at the right the standard uncertainty u")
+    panel.legend(fontsize=8, frameon=False, loc="lower center", bbox_to_anchor=(0.45, 1.0), ncols=2)
+    for side in ("top", "right"):
+        panel.spines[side].set_visible(False)
+    return figure
+
+
+def _said(u: float, unit: str) -> str:
+    return f"{1e6 * u:.2f} µrad" if unit == "rad" else f"{1e3 * u:.2f} µm"
+
+
+def coverage_bands(
+    solution: Solution,
+    names: Sequence[str],
+    truth: Mapping[str, Callable[[np.ndarray], np.ndarray]] | None = None,
+    points: int = 61,
+) -> Figure:
+    """Error motions minus their estimate: shortest 95 % intervals by Monte Carlo, ± 1.96 u by propagation, and the truth.
+
+    Raises `ValueError` when the solution has no samples.
+    """
+    columns = min(3, len(names))
+    figure, panels = _subplots(
+        -(-len(names) // columns), columns, figsize=(4.4 * columns, 2.6 * -(-len(names) // columns)), squeeze=False
+    )
+    for panel in panels.ravel()[len(names) :]:
+        panel.set_visible(False)
+    for panel, name in zip(panels.ravel(), names, strict=False):
+        axis = solution.machine.axis(parse(name).axis)
+        x = np.linspace(*axis.travel, points)
+        rows = [r for r in solution.motion(name, x) if r.direction >= 0]
+        _band(panel, solution, rows, x, (truth or {}).get(name))
+        panel.set_xlabel(f"{axis.letter} / {axis.unit}")
+        panel.set_title(name, fontsize=9, loc="left")
+        panel.set_ylabel(f"deviation from estimate / {parse(name).report_unit}", fontsize=8)
+    panels[0][0].legend(fontsize=7, frameon=False)
+    return figure
+
+
+def _band(panel: Any, solution: Solution, rows: list[FunctionValue], x: np.ndarray, truth: Any) -> None:
+    scale = 1e6 if parse(rows[0].name).is_rotation else 1e3
+    value, u = (np.array([getattr(r, key) for r in rows]) for key in ("value", "u"))
+    found = function_intervals(solution, rows)
+    low, high = scale * (found.shortest_low - value), scale * (found.shortest_high - value)
+    panel.fill_between(x, low, high, color=COLOURS[0], alpha=0.3, lw=0, label="Monte Carlo, shortest 95 %")
+    for sign in (-1.96, 1.96):
+        label = "propagation, ± 1.96 u" if sign < 0 else None
+        panel.plot(x, sign * scale * u, color=COLOURS[1], lw=1.0, label=label)
+    if truth is not None:
+        panel.plot(x, scale * (truth(x) - value), color="black", lw=1.0, ls="--", label="truth")
+    panel.axhline(0.0, color="0.7", lw=0.8)
+
+
+def volume_distribution(solution: Solution, tool: Sequence[float]) -> Figure:
+    """Histograms of the deviation field's numbers from the samples, with 95 % intervals: largest, RMS, ranges.
+
+    Raises `ValueError` when the solution has no samples, or the field is not determined for `tool` [mm].
+    """
+    outputs = headline_outputs(solution, np.asarray(tool, dtype=float))
+    if solution.samples is None or not len(outputs.field):
+        raise ValueError("no samples, or a deviation field that is not determined for this tool vector")
+    values = 1e3 * solution.samples.outputs(outputs.field_values)
+    centre = np.concatenate([np.asarray(solution.parameters), np.asarray(solution.nuisance)])
+    estimate = 1e3 * outputs.field_values(centre[None])[0]
+    found = coverage_intervals(values)
+    figure, panels = _subplots(1, len(FIELD), figsize=(15, 2.9))
+    for k, (panel, name) in enumerate(zip(panels, FIELD, strict=True)):
+        panel.hist(values[:, k], bins=60, color=COLOURS[0], alpha=0.45, density=True)
+        panel.axvline(estimate[k], color="black", lw=1.2, label="estimate")
+        for end, label in ((found.shortest_low[k], "shortest 95 %"), (found.shortest_high[k], None)):
+            panel.axvline(end, color=COLOURS[1], lw=1.0, ls="--", label=label)
+        panel.set_title(f"{name} / µm", fontsize=9, loc="left")
+        panel.set_yticks([])
+    panels[0].legend(fontsize=7, frameon=False)
+    return figure
