@@ -299,7 +299,7 @@ class Refitter:
         if not found.converged:
             return np.full(len(self.centre), np.nan), float("nan")
         x = np.linalg.lstsq(np.asarray(self.frozen.basis), found.z, rcond=None)[0]
-        return x, 2.0 * float(found.normal.cost)
+        return x, 2.0 * found.cost
 
     def _whitened_directions(self) -> np.ndarray:
         """Columns L (p, r) with C = L Lᵀ, what the data do not determine left out."""
