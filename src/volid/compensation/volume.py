@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import qmc
 
 from volid.compensation.grids import Grid
 from volid.compensation.rotary_grids import RotaryGrid, deviation_from_grids
+from volid.even_points import even_points
 from volid.fitting.datum import rigid_motion_rows
 from volid.fitting.prediction import deviation_values, gradient_matrix
 from volid.fitting.solution import Solution
@@ -55,7 +55,7 @@ def _travel(solution: Solution) -> tuple[np.ndarray, np.ndarray]:
 def volumetric_summary(solution: Solution, tool: tuple[float, float, float]) -> VolumeSummary:
     """Volumetric accuracy and largest deviation over the travel. ISO 230-1:2012 3.8.
 
-    On a grid of 9 points per axis; with more than three axes at the corners and at 2048 points spread evenly (Sobol).
+    On a grid of 9 points per axis; with more than three axes at the corners and at 2048 points spread evenly (Halton).
     """
     low, length = _travel(solution)
     positions = low + _spread(len(low)) * length
@@ -69,10 +69,10 @@ def volumetric_summary(solution: Solution, tool: tuple[float, float, float]) -> 
 
 
 def _spread(n_axes: int) -> np.ndarray:
-    """Points over the unit cube, (m, n_axes): a grid, or corners and a Sobol sequence where a grid would be too large."""
+    """Points over the unit cube, (m, n_axes): a grid, or corners and a Halton sequence where a grid would be too large."""
     nodes = np.linspace(0.0, 1.0, NODES if n_axes <= 3 else 2)
     grid = np.stack([m.ravel() for m in np.meshgrid(*([nodes] * n_axes), indexing="ij")], axis=1)
-    return grid if n_axes <= 3 else np.concatenate([grid, qmc.Sobol(n_axes, seed=0).random(MANY)])
+    return grid if n_axes <= 3 else np.concatenate([grid, even_points(MANY, n_axes)])
 
 
 def without_rigid_motion(solution: Solution, positions: np.ndarray, tool: np.ndarray, field: np.ndarray) -> np.ndarray:
@@ -94,7 +94,7 @@ def predict_residual(
     repeatability and temperature are not included. ISO/TR 16907 11.1.
     """
     low, length = _travel(solution)
-    unit = qmc.Sobol(len(low), seed=seed).random(POINTS)
+    unit = even_points(POINTS, len(low), seed)
     positions = low + unit * length
     tool = np.broadcast_to(np.asarray(grid.tool), (POINTS, 3))
     theta, still = np.asarray(solution.parameters), np.zeros_like(positions)
