@@ -56,16 +56,8 @@ def _numbers(case: Case) -> np.ndarray:
         first.append(at)
         weights.append(np.take_along_axis(dense, at[:, None] + np.arange(4), axis=1))
     number = np.array([names.index(s) for s in readings.labels["station"]])
-    columns = [
-        np.array(first).T,
-        *weights,
-        readings.positions,
-        readings.tool,
-        number[:, None],
-        readings.readings,
-        1.0 / readings.u,
-    ]
-    parts.append(np.hstack(columns).ravel())
+    columns = [np.array(first).T, *weights, readings.positions, readings.tool, number[:, None]]
+    parts.append(np.hstack([*columns, readings.readings, 1.0 / readings.u]).ravel())
     return np.concatenate(parts)
 
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 REPEATS = 5
+PATIENCE = 15.0  # seconds that one run of a contestant may take to be repeated in every round; slower ones run twice
 
 
 @dataclass
@@ -35,14 +36,20 @@ class Row:
 
 
 def interleaved(contestants: dict[str, Callable[[], Any]], repeats: int = REPEATS) -> dict[str, np.ndarray]:
-    """Seconds of every contestant in every round, after one round that warms up."""
+    """Seconds of every contestant in every round, after one round that warms up; very slow ones in the first round alone."""
     times: dict[str, list[float]] = {name: [] for name in contestants}
+    slow: set[str] = set()
     for number in range(repeats + 1):
         for name, run in contestants.items():
+            if name in slow and number > 1:
+                continue
             began = time.perf_counter()
             run()
+            spent = time.perf_counter() - began
             if number:
-                times[name].append(time.perf_counter() - began)
+                times[name].append(spent)
+            elif spent > PATIENCE:
+                slow.add(name)
     return {name: np.array(t) for name, t in times.items()}
 
 
@@ -52,7 +59,7 @@ def row(case: str, times: dict[str, np.ndarray], limit: str | None = None, **mor
     others = {n: t for n, t in times.items() if n not in ("volid", limit)}
     ratios = {}
     for name, t in others.items():
-        r = t / own[: len(t)]
+        r = t / own[: len(t)]  # round by round
         ratios[name] = (float(np.median(r)), float(r.min()), float(r.max()))
     bound = float(np.median(times[limit])) if limit else None
     return Row(

@@ -76,16 +76,20 @@ def _one(system: System, form: Any, z: Any, q: Any, way: Any, tool: Any, slots: 
     return values[:, 0]
 
 
+def _by_reading(a: Any) -> Any:
+    """(chunks, width, rows) -> (readings, width)."""
+    return jnp.moveaxis(a, 1, 2).reshape(a.shape[0] * a.shape[2], a.shape[1])
+
+
 def plain_residual(y: Any, args: tuple[System, Any, Any, Any]) -> Any:
     """Whitened residuals, reading by reading under `vmap`."""
     system, z0, free, origin = args
     z = z0 + free @ (y - origin)
     parts = []
     for b in system.blocks:
-        flat = [jnp.moveaxis(a, 1, 2).reshape(-1, a.shape[1]) for a in (b.q, b.direction, b.tool, b.slots, b.constants)]
+        flat = [_by_reading(a) for a in (b.q, b.direction, b.tool, b.slots, b.constants)]
         values = jax.vmap(partial(_one, system, b.form, z))(*flat)
-        reading, weight = (jnp.moveaxis(a, 1, 2).reshape(-1, a.shape[1]) for a in (b.reading, b.weight))
-        parts.append(((values - reading) * weight).ravel())
+        parts.append(((values - _by_reading(b.reading)) * _by_reading(b.weight)).ravel())
     return jnp.concatenate([*parts, system.prior_root @ (z - system.prior_mean)])
 
 

@@ -70,11 +70,11 @@ class Distance : public ceres::CostFunction {
       }
       e[c.axis][k % 6] = value;
     }
-    const double* s = x[18];  // EC0Y, EB0Z, EA0Z
+    const double* s = x[18];  // EC0Y, EA0Z, EB0Z
     const double y = row_->q[0] - reference[0], z = row_->q[2] - reference[2];
     e[0][0] -= s[0] * y;
-    e[2][0] += s[1] * z;
-    e[2][1] -= s[2] * z;
+    e[2][1] -= s[1] * z;
+    e[2][0] += s[2] * z;
     const V w[3] = {{e[0][3], e[0][4], e[0][5]}, {e[1][3], e[1][4], e[1][5]}, {e[2][3], e[2][4], e[2][5]}};
     const V t[3] = {{e[0][0], e[0][1], e[0][2]}, {e[1][0], e[1][1], e[1][2]}, {e[2][0], e[2][1], e[2][2]}};
     // Z on the tool side: N D; X' and Y' carry the workpiece: D N.
@@ -105,8 +105,8 @@ class Distance : public ceres::CostFunction {
     }
     if (jacobian[18] != nullptr) {
       jacobian[18][0] = -g[0][0] * y;
-      jacobian[18][1] = g[2][0] * z;
-      jacobian[18][2] = -g[2][1] * z;
+      jacobian[18][1] = -g[2][1] * z;
+      jacobian[18][2] = g[2][0] * z;
     }
     if (jacobian[19] != nullptr) {
       jacobian[19][0] = -station.x, jacobian[19][1] = -station.y, jacobian[19][2] = -station.z;

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import groupby
 from typing import Any, NamedTuple
 
@@ -219,6 +219,12 @@ class _Builder:
         self.add(MotionBlock((name,), LOCATION, (basis,), np.eye(1), ((),)), (sign,), (row,))
 
 
+@lru_cache(maxsize=1024)
+def _null_space(numbers: bytes, shape: tuple[int, ...]) -> np.ndarray:
+    """Orthonormal null space of a constraint matrix; the same one serves many functions and many stages of a fit."""
+    return np.asarray(null_space(np.frombuffer(numbers).reshape(shape)))
+
+
 class MotionBlock(NamedTuple):
     """One part (mean or reversal) of a group of error motions, and its free directions (a block of P)."""
 
@@ -245,7 +251,7 @@ def motion_blocks(
         constraints = linear_constraints(machine, datum, group[0], coarse[0])
     else:
         constraints = rotary_constraints(machine, datum, group, coarse)
-    free = refine @ null_space(constraints)
+    free = refine @ _null_space(constraints.tobytes(), constraints.shape)
     blocks = [MotionBlock(group, MEAN, tuple(Basis(f) for f in fine), free, tuple(coarse))]
     for name, c, f in zip(group, coarse, fine, strict=True):
         reversal = settings_for(machine, name).reversal

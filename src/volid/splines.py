@@ -7,11 +7,9 @@ functions can be differentiated with respect to position.
 from __future__ import annotations
 
 from functools import lru_cache
-from math import factorial
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.interpolate import BSpline
 
 from volid.elementary import space
 
@@ -101,24 +99,8 @@ def evaluate(basis: Basis, q: Any, direction: Any) -> Any:
 
 
 def design_matrix(spline: Spline, x: np.ndarray) -> np.ndarray:
-    """Values of all basis functions at `x`, shape (m, size): `spline_values` by SciPy, for set-up work without compilation."""
-    step = (spline.high - spline.low) / spline.segments
-    knots = spline.low + step * np.arange(-spline.degree, spline.segments + spline.degree + 1)
-    x = np.atleast_1d(np.asarray(x, dtype=float))
-    if spline.periodic:
-        x = spline.low + np.mod(x - spline.low, spline.high - spline.low)
-        values = BSpline.design_matrix(x, knots, spline.degree).toarray()
-        values[:, : spline.degree] += values[:, spline.segments :]
-        return values[:, : spline.segments]
-    inside = np.clip(x, spline.low, spline.high)
-    values = BSpline.design_matrix(inside, knots, spline.degree).toarray()
-    outside = np.flatnonzero(x != inside)
-    if outside.size:  # Taylor polynomial of the end interval: exact, it is a polynomial
-        splines = BSpline(knots, np.eye(spline.size), spline.degree)
-        anchor = np.where(x[outside] < spline.low, spline.low + 0.5 * step, spline.high - 0.5 * step)
-        arm = (x[outside] - anchor)[:, None]
-        values[outside] = sum(splines(anchor, nu=d) * arm**d / factorial(d) for d in range(spline.degree + 1))
-    return values
+    """Values of all basis functions at `x`, shape (m, size), NumPy: the transpose of `spline_values`."""
+    return np.asarray(spline_values(spline, np.atleast_1d(np.asarray(x, dtype=float)))).T
 
 
 @lru_cache(maxsize=512)

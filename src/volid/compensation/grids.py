@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import RegularGridInterpolator
 
+from volid.compensation.interpolation import interpolate
 from volid.compensation.parts import evaluate_part, full_positions, part_letters, part_notes
 from volid.exceptions import InputError, NotDeterminedError
 from volid.fitting.solution import Deviations, Solution
@@ -50,7 +50,7 @@ class Grid:
         """Error values by linear interpolation, as a control does it, at (m, k) positions in `axes` order; (m, 6)."""
         shape = tuple(len(n) for n in reversed(self.nodes))
         table = self.values.reshape(*shape, 6)
-        return np.asarray(RegularGridInterpolator(tuple(reversed(self.nodes)), table)(positions[:, ::-1]))
+        return interpolate(tuple(reversed(self.nodes)), table, positions[:, ::-1])
 
 
 def describe_datum(solution: Solution) -> str:

@@ -12,9 +12,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import RegularGridInterpolator
 
 from volid.compensation.grids import LARGEST, Grid, axis_nodes, describe_datum, grid_positions
+from volid.compensation.interpolation import interpolate
 from volid.compensation.parts import (
     HEAD,
     TABLE,
@@ -84,7 +84,7 @@ class RotaryGrid:
             if period:
                 x[beyond, k] = nodes[0] + np.mod(x[beyond, k] - nodes[0], period)
         table = self.values.reshape(*(len(n) for n in reversed(self.nodes)), 6)
-        return np.asarray(RegularGridInterpolator(tuple(reversed(self.nodes)), table)(x[:, ::-1]))
+        return interpolate(tuple(reversed(self.nodes)), table, x[:, ::-1])
 
     def at_points(self, positions: np.ndarray, points: np.ndarray) -> np.ndarray:
         """Error values at functional points: e + ω × (point - reference), and ω; (m, 6) [mm, rad].

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import qmc
 
 from volid.compensation.grids import Grid
 from volid.compensation.rotary_grids import RotaryGrid, deviation_from_grids
+from volid.even_points import even_points
 from volid.fitting.datum import rigid_motion_rows
 from volid.fitting.prediction import deviation_values, gradient_matrix
 from volid.fitting.solution import Solution
@@ -85,7 +85,7 @@ def predict_residual(
     repeatability and temperature are not included. ISO/TR 16907 11.1.
     """
     low, length = _travel(solution)
-    unit = qmc.Sobol(len(low), seed=seed).random(POINTS)
+    unit = even_points(POINTS, len(low), seed)
     positions = low + unit * length
     tool = np.broadcast_to(np.asarray(grid.tool), (POINTS, 3))
     theta, still = np.asarray(solution.parameters), np.zeros_like(positions)

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.stats import qmc
 
 from volid.campaign import Campaign
 from volid.error_model import LOCATION, ErrorModel
@@ -133,6 +132,8 @@ def workpiece_rows(campaign: Campaign, table: Sequence[Nuisance], values: np.nda
 
 def sample_points(machine: Machine, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Well-spread positions, tool vectors and approach directions for comparing fields."""
+    from scipy.stats import qmc  # takes as long to import as most fits last
+
     axes = len(machine.axes)
     unit = qmc.Sobol(axes + 3, seed=1).random(int(2 ** np.ceil(np.log2(n))))
     low = np.array([a.travel[0] for a in machine.axes])

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 HUBER = 1.5
 REWEIGHTINGS = 6
@@ -28,7 +28,7 @@ class Weighted(NamedTuple):
 
 def critical_value(n_readings: int) -> float:
     """Two-sided 5 % critical value of the largest of n normalised residuals (Bonferroni)."""
-    return float(norm.isf(0.5 * SIGNIFICANCE / max(n_readings, 1)))
+    return -float(ndtri(0.5 * SIGNIFICANCE / max(n_readings, 1)))
 
 
 def spread(residuals: list[np.ndarray]) -> float:

@@ -23,11 +23,11 @@ WORTH_A_TABLE = 4  # pairs of positions per point up to which their products are
 
 
 class Tables(NamedTuple):
-    """What the error values of one group of axes spread: `rows` of the error values, `index` (m,) of the distinct position of
+    """What the error values of one group of axes spread: `rows` of the error values, `number` (m,) of the distinct position of
     every point, `table` (distinct positions, rows, r)."""
 
     rows: np.ndarray
-    index: np.ndarray
+    number: np.ndarray
     table: np.ndarray
 
 
@@ -85,7 +85,7 @@ def squares(groups: list[Tables], partials: Iterator[tuple[slice, np.ndarray]], 
         if products is None:
             spread = np.zeros((len(weights), n_rows, groups[0].table.shape[2] if groups else 0))
             for g in groups:
-                spread[:, g.rows] += g.table[g.index[points]]
+                spread[:, g.rows] += g.table[g.number[points]]
             parts.append(np.sum((weights @ spread) ** 2, axis=2).T)
         else:
             covariance = _gather(groups, products, points, n_rows)
@@ -108,10 +108,10 @@ def _gather(
     groups: list[Tables], products: dict[tuple[int, int], np.ndarray], points: slice, n_rows: int
 ) -> np.ndarray:
     """Covariance of the error values at some points, (points, rows, rows), from the products; zero where nothing depends."""
-    result = np.zeros((len(groups[0].index[points]) if groups else 0, n_rows, n_rows))
+    result = np.zeros((len(groups[0].number[points]) if groups else 0, n_rows, n_rows))
     for (i, j), product in products.items():
         a, b = groups[i], groups[j]
-        own = product[a.index[points], b.index[points]]
+        own = product[a.number[points], b.number[points]]
         result[:, a.rows[:, None], b.rows] += own
         if i != j:
             result[:, b.rows[:, None], a.rows] += own.transpose(0, 2, 1)

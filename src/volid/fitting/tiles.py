@@ -1,16 +1,16 @@
 """Large sets by cells of the working volume: JᵀJ from the few coefficients that the readings of one cell can reach.
 
-A reading depends on degree + 1 coefficients of every spline, so of the hundreds of columns of J most are zero in it. Readings are
-sorted by cells, each some spline intervals wide on every axis, and cut into tiles of `rows` readings of one cell (padded with weight 0).
-In a tile every spline is a window of `widths` coefficients that begins at `starts`; everything else (constants, squareness, cross
-effects, nuisance parameters) is kept whole. The product of a tile is then a fifth of the dense one, or less. Equal to `problem.assemble`
-but for rounding.
+A reading depends on degree + 1 coefficients of every spline, so of the hundreds of columns of J most are zero in it. Readings
+are sorted by cells, each some spline intervals wide on every axis, and cut into tiles of `rows` readings of one cell (padded
+with weight 0). In a tile every spline is a window of `widths` coefficients that begins at `starts`; everything else (constants,
+squareness, cross effects, nuisance parameters) is kept whole. The product of a tile is then a third of the dense one, or less.
+Equal to the dense sum but for rounding.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import product
+from itertools import pairwise, product
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -44,7 +44,8 @@ class _Split(NamedTuple):
 
 
 def _split(layout: Layout) -> _Split:
-    windows, whole = [], []
+    windows: list[list[Term]] = []
+    whole: list[list[Term]] = []
     for run in layout.runs:
         basis = run[0].basis
         simple = len(basis.factors) == 1 and basis.linear is None and basis.directed < 0
@@ -69,7 +70,7 @@ def _choose(splines: list[Spline], counts: list[int], whole: int, m: int) -> _Pl
     best, least = _Plan(dict.fromkeys(finest, 1), LENGTHS[0]), np.inf
     for share, rows in product((1, 2, 3, 4, 6, 8, 12), LENGTHS):
         spans = {axis: min(share, n) for axis, n in finest.items()}
-        cells = np.prod([-(-n // spans[axis]) for axis, n in finest.items()])
+        cells = int(np.prod([-(-n // spans[axis]) for axis, n in finest.items()]))
         wide = whole + sum(
             k * min(s.size, int(np.ceil(spans[s.axis] * s.segments / finest[s.axis])) + s.degree)
             for s, k in zip(splines, counts, strict=True)
@@ -237,7 +238,7 @@ def assemble_tiles(system: Any, tiles: Tiles, z: Any, predict: Any) -> tuple[Any
         gradient, matrix = rows @ residual, rows @ rows.T
         ends = np.cumsum([0, *(t * w for t, w in shapes)])
         cost, slopes, rest, squares, crossed, corner = total
-        own = [slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+        own = [slice(a, b) for a, b in pairwise(ends)]
         slopes = [
             _add(s, gradient[o].reshape(t, w), (0, starts[k])) for k, (s, o, (t, w)) in _with(slopes, own, shapes)
         ]

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from volid.campaign import Campaign, ObservationSet, Station
 from volid.exceptions import InputError
@@ -44,6 +43,8 @@ def cone_frustum(
     """
     if len(rotary_axes(machine)) != 2:
         raise InputError(f"machine '{machine.name}' needs two rotary axes for a cone frustum")
+    from scipy.spatial.transform import Rotation  # slow to import, and few need it
+
     alpha, turn = np.deg2rad(half_angle), 2.0 * np.pi * np.arange(n) / max(n - 1, 1)
     tilt = Rotation.from_euler("y", inclination, degrees=True)
     radial = tilt.apply(np.stack([np.cos(turn), np.sin(turn), np.zeros(n)], axis=1))
@@ -76,6 +77,8 @@ def cone_frustum(
 
 def _tool_axis(machine: Machine, angles: np.ndarray) -> np.ndarray:
     """Nominal direction of the tool's z axis in the workpiece frame at rotary positions (m, 2) [degrees], shape (m, 3)."""
+    from scipy.spatial.transform import Rotation  # slow to import, and few need it
+
     axes = rotary_axes(machine)
     direction = np.tile([0.0, 0.0, 1.0], (len(angles), 1))
     for axis, angle in list(zip(axes, angles.T, strict=True))[::-1]:

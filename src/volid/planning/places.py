@@ -10,8 +10,6 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import linprog
-from scipy.sparse import csr_array, hstack, identity, vstack
 
 from volid.iso230 import LINEAR_AXES
 from volid.kinematics import nominal_point
@@ -139,6 +137,9 @@ def _program(
 ) -> Reach | None:
     """The linear program in c, r, |c - preferred| and, with `slack`, what each row may lack; None when it has no solution."""
     n = len(limit)
+    from scipy.optimize import linprog  # slow to import, and few need it
+    from scipy.sparse import csr_array, hstack, identity, vstack
+
     block, near = csr_array(design), csr_array(np.hstack([np.eye(3), np.zeros((3, 1))]))
     width = n if slack else 0
     lines = [

@@ -13,6 +13,7 @@ fixed point is another. Trials that do not shrink so are left to the full solver
 from __future__ import annotations
 
 from dataclasses import replace
+from math import gcd
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -71,8 +72,8 @@ class _Frozen(eqx.Module):
 
 
 def _tiles(block: Block, numbers: np.ndarray) -> tuple[Block, Any]:
-    """A block and its reading numbers cut into chunks of at most `ROWS` rows, those of padding alone left out."""
-    each = min(block.q.shape[2], ROWS)
+    """A block and its reading numbers cut into equal chunks of at most `ROWS` rows, those of padding alone left out."""
+    each = gcd(block.q.shape[2], ROWS)
 
     def cut(a: np.ndarray) -> np.ndarray:
         n, width, rows = a.shape
@@ -299,7 +300,7 @@ class Refitter:
         if not found.converged:
             return np.full(len(self.centre), np.nan), float("nan")
         x = np.linalg.lstsq(np.asarray(self.frozen.basis), found.z, rcond=None)[0]
-        return x, 2.0 * float(found.normal.cost)
+        return x, 2.0 * found.cost
 
     def _whitened_directions(self) -> np.ndarray:
         """Columns L (p, r) with C = L Lᵀ, what the data do not determine left out."""

@@ -1,0 +1,31 @@
+"""Points spread evenly over the unit cube: the Halton sequence, shifted at random (Cranley and Patterson 1976).
+
+Of NumPy alone: SciPy's sequences take longer to import than most fits last.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29)
+
+
+def even_points(n: int, dimension: int, seed: int = 0) -> np.ndarray:
+    """`n` points in [0, 1)^dimension, shape (n, dimension); `dimension` up to 10.
+
+    >>> even_points(4, 2, seed=0).round(3).shape
+    (4, 2)
+    """
+    shift = np.random.default_rng(seed).random(dimension)
+    columns = [radical_inverse(np.arange(1, n + 1), prime) for prime in PRIMES[:dimension]]
+    return (np.stack(columns, axis=1) + shift) % 1.0
+
+
+def radical_inverse(numbers: np.ndarray, base: int) -> np.ndarray:
+    """Digits of whole numbers in `base`, mirrored at the point: 6 = 110 in base 2 becomes 0.011. Halton 1960."""
+    result, share, rest = np.zeros(len(numbers)), 1.0 / base, np.asarray(numbers).copy()
+    while rest.any():
+        result += share * (rest % base)
+        rest //= base
+        share /= base
+    return result
