@@ -94,8 +94,8 @@ solution = solution.monte_carlo(10_000, seed=1)
 print(format_statement(statement(solution, tool, outputs)))
 
 # %% [markdown]
-# Bands of the functions that the effects touch most, about the estimate. The rectangular and triangular distributions hardly show:
-# many readings share the work. Dashed, the truth, which a real campaign does not have.
+# Bands of the functions that the effects touch most, about the estimate. The rectangular and triangular distributions hardly
+# show: many readings share the work. Dashed, the truth, which a real campaign does not have.
 
 # %%
 figure = coverage_bands(solution, ["EXX", "EYY", "EZZ", "EYX", "ECX", "EAZ"], truth.functions)
