@@ -16,6 +16,11 @@ cache_programs(cache_folder() / "tests")
 
 import numpy as np
 import pytest
+from jaxtyping import install_import_hook
+from shape_checks import MODULES
+
+install_import_hook(MODULES, "shape_checks.checked")  # before anything imports them
+
 from exact_chain import (
     ExactMachine,
     TrackerCampaign,

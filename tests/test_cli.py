@@ -27,6 +27,7 @@ from volid.machine import Datum
 
 MINE = sorted(set(VERBS) - {"simulate", "multilaterate"})
 SOURCE = Path(volid.__file__).parents[1]
+DATASETS = Path(__file__).parents[1] / "datasets"
 
 
 @pytest.fixture
@@ -197,6 +198,25 @@ def test_output_is_refused_before_the_work(virtual, run, tmp_path, capsys):
         assert time.monotonic() - start < 2.0  # s: the fit has not begun
     assert existing.read_text() == "mine"
     assert list(tmp_path.iterdir()) == [existing]
+
+
+@pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="needs a folder in which nobody can write")
+@pytest.mark.parametrize("verb", ["fit", "import"])
+def test_a_folder_in_which_nobody_can_write_is_named_before_the_work(verb, virtual, run):
+    """Not even root: /proc takes no new files."""
+    status, text, err = run(verb, virtual.manifest, "-o", "/proc/s.h5")
+    assert (status, text) == (2, "")
+    assert err.startswith(f"volid {verb}: /proc/s.h5 cannot be written: ") and err.count("\n") == 1
+
+
+@pytest.mark.parametrize("name", ["file/s.h5", "a" * 300 + ".h5"])
+def test_a_path_that_cannot_be_is_named(name, virtual, run, tmp_path):
+    """A file where a folder should be, a name longer than file systems take: for every user alike."""
+    (tmp_path / "file").write_text("mine")
+    status, text, err = run("fit", virtual.manifest, "-o", tmp_path / name)
+    assert (status, text) == (2, "")
+    assert err.startswith(f"volid fit: {tmp_path / name}"[:60]) and "Traceback" not in err
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
 @pytest.mark.skipif(os.name == "nt" or os.geteuid() == 0, reason="needs a folder that this user cannot write")
@@ -395,6 +415,23 @@ def test_grid_that_the_data_do_not_determine_is_not_written(single_tool_solution
     assert (status, text) == (1, "")
     assert "the data do not determine" in err
     assert not (tmp_path / "g.csv").exists()
+
+
+def test_grid_of_a_model_without_most_functions_says_so(run, tmp_path):
+    """Only EXX and EZZ were measured: the grid compensates no straightness, angle or squareness, and must not look as if."""
+    campaign, solution, grid = (
+        DATASETS / "published_positioning" / "campaign.toml",
+        tmp_path / "s.h5",
+        tmp_path / "g.csv",
+    )
+    assert run("fit", campaign, "-o", solution)[0] == 0
+    status, text, err = run("grid", solution, "--points", "2", "--extrapolate", "-o", grid)
+    assert status == 1 and text.endswith(f"written: {grid}\n")
+    missing = (
+        "not in the model: EYX, EZX, EAX, EBX, ECX, EXY, EYY, EZY, EAY, EBY, ECY, EXZ, EYZ, EAZ, EBZ, ECZ; their effect"
+    )
+    assert f"volid grid: attention: {missing} is not in this grid" in err
+    assert f"# note 1: {missing} is not in this grid\n" in grid.read_text(encoding="utf-8")
 
 
 def test_grid_outside_what_was_measured_needs_consent(run, tmp_path):

@@ -204,3 +204,12 @@ def test_impossible_input_is_named():
         trilaterate(targets, distances, segments, relative=True)
     with pytest.raises(InputError, match=r"u of reading 0 .* more than 0"):
         trilaterate(targets, np.ones(20), segments, relative=True, u=0.0)
+
+
+def test_shapes_in_signatures_are_checked_under_pytest():
+    from jaxtyping import TypeCheckError
+
+    from volid.ranging import closed_form
+
+    with pytest.raises(TypeCheckError):
+        closed_form(np.zeros(3))

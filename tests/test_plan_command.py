@@ -126,6 +126,24 @@ def test_every_test_is_written_and_read_back(arguments, kind, rows, run, tmp_pat
         np.testing.assert_allclose(np.linalg.norm(bar - plan.stations[0].position, axis=1), 80.0, atol=1e-9)
 
 
+def test_the_test_may_stand_behind_the_machine(run, tmp_path):
+    vertical, one, other = MODELS / "wXYbZt_vertical.toml", tmp_path / "one.toml", tmp_path / "other.toml"
+    assert run("plan", vertical, "standard", "-o", one)[0] == 0
+    assert run("plan", vertical, "--test", "standard", "-o", other)[0] == 0
+    assert (tmp_path / "one.volume.csv").read_text() == (tmp_path / "other.volume.csv").read_text()
+    status, text, err = run("plan", vertical, "standard", "--test", "K1", "-o", tmp_path / "p.toml")
+    assert (status, text) == (2, "")
+    assert "two tests are named, standard and --test K1; keep one" in err
+    assert "--test 'tandard' is unknown; expected one of" in run("plan", vertical, "tandard", "-o", tmp_path / "p.toml")[2]
+
+
+def test_what_is_too_much_is_named_with_the_usage_of_the_verb(run, tmp_path):
+    status, _, err = run("plan", TRUNNION, "-o", tmp_path / "p.toml", "K1", "surplus")
+    assert status == 2
+    assert err.startswith("usage: volid plan ")
+    assert "volid plan: error: unrecognized arguments: " in err and err.endswith("surplus\n")
+
+
 def test_positions_left_out_are_named_kept_and_make_status_1(run, tmp_path):
     arguments = ("--sphere", "P1=290,0,30", "--tool", "0,0,-120", "--points", "5,13")
     status, out, err = run("plan", TRUNNION, *arguments, "-o", tmp_path / "p.toml")

@@ -14,6 +14,8 @@ from volid.kinematics import nominal_point
 from volid.machine import Machine
 from volid.observations import KINDS
 from volid.rotary_slips import check_displacements, check_motion, scattered
+from volid.tool_slips import check_stations, check_tools
+from volid.travel_slips import check_digits, check_far, check_metres
 from volid.unit_slips import check_components, check_distances, positions_look_small
 
 SAME_POSITION = {True: 1e-3, False: 1e-6}  # linear [mm], rotary [degrees]: commanded positions nearer are the same
@@ -62,8 +64,13 @@ def check_campaign(campaign: Campaign) -> tuple[str, ...]:
     for readings in campaign.sets:
         _check_numbers(readings)
         _check_labels(readings)
+        check_digits(readings)
+        check_far(readings, campaign.machine)
         if readings.kind in _UNIT_CHECKS:
             _UNIT_CHECKS[readings.kind](readings, campaign)
+        check_metres(readings, campaign.machine)
+        warnings += check_tools(readings, campaign)
+        check_stations(readings, campaign)
         warnings += _small_positions(readings, campaign.machine)
         warnings += scattered(readings, campaign.machine)
         warnings += _outside_travel(readings, campaign.machine)

@@ -25,12 +25,13 @@ from volid.kinematics import transform
 from volid.machine import Machine
 from volid.multilateration import trilaterate
 
-SCALES = {1e-3: "metres", 1e3: "micrometres", 1 / 25.4: "inches", 25.4: "inches"}
+_INCH = 25.4  # mm
+SCALES = {1e-3: "metres", 1e3: "micrometres", 1 / _INCH: "inches", _INCH: "inches"}  # the last: positions in inches
 LARGEST_VALUE = {False: 1.0, True: 0.01}  # component: mm, rad; far beyond any machine that can still be compensated
 _LEAST_SPREAD = 0.2  # of the targets' extent: nearer to a sphere around the station, the slope says nothing
 _LEAST_CORRELATION = 0.99
 _SLOPE_TOLERANCE = 0.25
-_FITS = 0.002  # of the targets' extent, 2 mm per metre: more than any machine's deviations
+FITS = 0.002  # of the targets' extent, 2 mm per metre: more than any machine's deviations
 _BETTER = 0.02  # residual of the right scale over that of k = 1, at most
 _IMPOSSIBLE = 10.0  # |d_i - d_j| <= |p_i - p_j|: half of the readings cannot span ten times the targets' extent
 _CLEAR_EXTENT = 20.0  # mm
@@ -55,6 +56,14 @@ class Beam:
         """Diagonal of the box around the targets [mm]."""
         return float(np.linalg.norm(np.ptp(self.targets, axis=0)))
 
+    @property
+    def misfit(self) -> float:
+        """Root mean square disagreement of the readings with the station's approximate position [mm]; 0 without one."""
+        if self.station.position is None:
+            return 0.0
+        ranges = np.linalg.norm(self.targets - np.array(self.station.position), axis=1)
+        return float(np.sqrt(np.mean(_centred(self.distances - ranges, self) ** 2)))
+
     def thinned(self) -> Beam:
         """At most `_TRIAL_ROWS` readings, evenly through the file."""
         step = slice(None, None, -(-len(self.distances) // _TRIAL_ROWS))
@@ -63,13 +72,13 @@ class Beam:
 
 def check_distances(readings: ObservationSet, campaign: Campaign) -> None:
     """Raises `InputError` when the distances, or the axis positions, of a set are not in mm."""
-    verdicts = [found for beam in _beams(readings, campaign) if (found := _scale(beam)) is not None]
+    verdicts = [found for beam in beams(readings, campaign) if (found := _scale(beam)) is not None]
     slips = [k for k in verdicts if k != 1.0]
     if len(slips) * 2 <= len(verdicts):
         return
     k = max(set(slips), key=slips.count)
     where = f"{readings.source or readings.name}, set '{readings.name}'"
-    if k > 1.0 and _positions_are_small(readings, campaign.machine):
+    if k == _INCH or (k > 1.0 and _positions_are_small(readings, campaign.machine)):
         unit = "metres" if k == 1e3 else SCALES[k]
         raise InputError(f"{where}: axis positions seem to be in {unit}, {k:g} times too small; expected mm")
     size = f"{k:g} times too large" if k > 1.0 else f"{1 / k:g} times too small"
@@ -113,7 +122,7 @@ def positions_look_small(readings: ObservationSet, machine: Machine) -> bool:
     return bool(machine.linear) and np.ptp(readings.positions) > 0.0 and _positions_are_small(readings, machine)
 
 
-def _beams(readings: ObservationSet, campaign: Campaign) -> Iterator[Beam]:
+def beams(readings: ObservationSet, campaign: Campaign) -> Iterator[Beam]:
     """Readings station by station; none when a rotary axis is off zero."""
     machine = campaign.machine
     rotary = [i for i, axis in enumerate(machine.axes) if not axis.is_linear]
@@ -156,10 +165,10 @@ def _impossible_scale(beam: Beam) -> float | None:
 
 def _fits_nearby(beam: Beam) -> bool:
     """k = 1 fits with a station less than one extent from where it is said to be."""
-    trial = _trial(beam, 1.0)
-    if trial is None or trial[0] > _FITS * beam.extent:
+    found = trial(beam, 1.0)
+    if found is None or found[0] > FITS * beam.extent:
         return False
-    return bool(np.linalg.norm(trial[1] - np.array(beam.station.position)) < beam.extent)
+    return bool(np.linalg.norm(found[1] - np.array(beam.station.position)) < beam.extent)
 
 
 def _slope(beam: Beam) -> float | None:
@@ -181,17 +190,17 @@ def _centred(values: np.ndarray, beam: Beam) -> np.ndarray:
 
 
 def _scale_by_trial(beam: Beam) -> float | None:
-    trial = _trial(beam, 1.0)
-    if trial is None:
+    given = trial(beam, 1.0)
+    if given is None:
         return None
-    if trial[0] <= _FITS * beam.extent:
+    if given[0] <= FITS * beam.extent:
         return 1.0
     scales = [k for k in SCALES if not _unclear(beam, k)]
-    better = {k: t[0] for k in scales if (t := _trial(beam, k)) is not None and t[0] < _BETTER * trial[0]}
+    better = {k: t[0] for k in scales if (t := trial(beam, k)) is not None and t[0] < _BETTER * given[0]}
     return min(better, key=lambda k: better[k]) if better else None
 
 
-def _trial(beam: Beam, k: float) -> tuple[float, np.ndarray] | None:
+def trial(beam: Beam, k: float) -> tuple[float, np.ndarray] | None:
     """Station located from d / k: robust standard deviation of the readings [mm], position; None if not redundant."""
     unknowns = 3 + (len(np.unique(beam.segments)) if beam.relative else 0)
     if len(np.unique(beam.targets, axis=0)) < unknowns + _SPARE:

@@ -57,7 +57,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = list(sys.argv[1:] if argv is None else argv)
     verb = next((a for a in arguments if not a.startswith("-")), "")
     try:
-        args = _parser(verb).parse_args(_join_negative(arguments))
+        args, strange = _parser(verb).parse_known_args(_join_negative(arguments))
+        if strange:
+            args.usage.error(f"unrecognized arguments: {' '.join(strange)}")
         if not args.verb:
             _parser("").print_help(sys.stderr)
             return 2
@@ -79,10 +81,12 @@ def _parser(verb: str) -> argparse.ArgumentParser:
         allow_abbrev=False,
     )
     parser.add_argument("--version", action="version", version=f"volid {version()}")
+    parser.set_defaults(usage=parser)
     verbs = parser.add_subparsers(dest="verb", metavar="VERB", title="verbs")
     for name, (module, text) in VERBS.items():
         sub = verbs.add_parser(name, help=text, description=text, formatter_class=raw, allow_abbrev=False)
         if name == verb:
+            sub.set_defaults(usage=sub)
             importlib.import_module(f"volid.cli.{module}").add_arguments(sub)
     return parser
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -60,7 +61,7 @@ def check_output(path: str | Path | None, overwrite: bool, inputs: Iterable[str 
     if path is None:
         return
     for name in inputs:
-        if Path(name).exists() and Path(path).exists() and Path(name).samefile(path):
+        if os.path.exists(name) and os.path.exists(path) and os.path.samefile(name, path):
             raise OutputError(f"{path} is an input of this command; choose another name for the output")
     try:
         with atomic_output(path, overwrite) as temporary:

@@ -46,8 +46,8 @@ example:
   volid grid solution.h5 --type R-VOL --step 10 --reference-point 0,0,0 -o rotary.csv
 
 exit status: 0 good; 1 written, but nodes lie outside what was measured (unless --extrapolate),
-rotations are not determined, or the model is rejected; 1 and nothing written when the data do not
-determine the translations; 2 bad input
+rotations are not determined, the model leaves out error functions, or is rejected; 1 and nothing
+written when the data do not determine the translations; 2 bad input
 """
 
 
@@ -158,8 +158,10 @@ def _described(grid: AnyGrid, args: argparse.Namespace) -> str:
 
 
 def _messages(grid: AnyGrid, args: argparse.Namespace, several: bool) -> list[str]:
-    messages = []
+    from volid.compensation.parts import LEFT_OUT
+
     what = f"{getattr(grid, 'side', '')}: " if several else ""
+    messages = [f"{what}{note}" for note in grid.notes if note.startswith(LEFT_OUT)]
     lost = [f"d{c}" for k, c in enumerate("XYZABC") if (grid.values[:, k] != grid.values[:, k]).any()]
     if lost:
         advice = "no other tool vector" if args.type == LINEAR else "no lever arm"

@@ -82,8 +82,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     explain(parser, _EPILOG)
     parser.add_argument("machine", metavar="MACHINE", help="machine file (TOML)")
     parser.add_argument(
-        "--test", metavar="TEST", help="see below; default static-grid with rotary axes, standard without"
+        "named", metavar="TEST", nargs="?", help="see below; default static-grid with rotary axes, standard without"
     )
+    parser.add_argument("--test", metavar="TEST", help="the same as an option")
     parser.add_argument(
         "--sphere", metavar="NAME=x,y,z", type=sphere, action="append", help="place on the workpiece, mm; repeatable"
     )
@@ -116,13 +117,22 @@ def run(args: argparse.Namespace) -> int:
         from volid.io import read_machine, write_manifest
 
         machine = read_machine(args.machine)
-        plan = _plan(machine, _test(machine, args.test), args)
+        plan = _plan(machine, _test(machine, _named(args)), args)
         write_manifest(plan, args.output, overwrite=args.force)
     if args.json:
         print_json(_as_json(plan, args))
     else:
         print("\n".join([*_summary(plan), f"written: {args.output}"]))
     return conclude(args, plan.warnings)
+
+
+def _named(args: argparse.Namespace) -> str | None:
+    """TEST, from behind MACHINE or from --test. Raises `InputError` for two different ones."""
+    from volid.exceptions import InputError
+
+    if args.named and args.test and args.named != args.test:
+        raise InputError(f"two tests are named, {args.named} and --test {args.test}; keep one")
+    return args.named or args.test
 
 
 def _test(machine: Machine, name: str | None) -> str:

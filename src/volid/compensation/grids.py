@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from volid.compensation.interpolation import interpolate
+from volid.checks import SAME_POSITION
 from volid.compensation.parts import evaluate_part, full_positions, part_letters, part_notes
 from volid.exceptions import InputError, NotDeterminedError
 from volid.fitting.solution import Deviations, Solution
@@ -127,9 +128,12 @@ def _require_translations(solution: Solution, determined: np.ndarray, tool: tupl
     if lost:
         where = ", ".join(f"{v:g}" for v in tool)
         reasons = " ".join(solution.statements)
+        tools = np.concatenate([s.tool for s in solution.campaign.sets])
+        measured = bool((np.abs(tools - np.asarray(tool)).max(axis=1) < SAME_POSITION[True]).any())
+        advice = "Measure" if measured else "Ask for a measured tool vector (--tool), or measure"
         raise NotDeterminedError(
             f"grid: the data do not determine {', '.join(lost)} for tool vector ({where}) mm. {reasons} "
-            "Ask for a measured tool vector (--tool), or measure what is missing."
+            f"{advice} what is missing."
         )
 
 

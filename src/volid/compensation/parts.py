@@ -7,22 +7,25 @@ whether the data determine them follow from one place.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import jax.numpy as jnp
 import numpy as np
 
+from volid.error_functions import motion_names
 from volid.exceptions import InputError
 from volid.fitting.datum import split_null_space
 from volid.fitting.determination import known_deviations
 from volid.fitting.identifiability import parameter_units
 from volid.fitting.prediction import deviation_values, estimable, standard_uncertainties
 from volid.fitting.solution import Deviations, Solution
-from volid.iso230 import SPINDLE, parse
+from volid.iso230 import DIRECTIONS, SPINDLE, parse
 from volid.kinematics import transform
 from volid.machine import Machine
 
 TABLE, HEAD = "table", "head"
+LEFT_OUT = "not in the model"  # a note begins with it
 
 
 def rotary_letters(machine: Machine, side: str) -> tuple[str, ...]:
@@ -138,9 +141,18 @@ def turning_linear_axes(machine: Machine) -> tuple[str, ...]:
     )
 
 
+def left_out(machine: Machine, letters: Iterable[str]) -> list[str]:
+    """Error motions of these axes that the machine file switches off, axis by axis."""
+    used = motion_names(machine)
+    return [f"E{d}{a}" for a in DIRECTIONS if a in letters for d in DIRECTIONS if f"E{d}{a}" not in used]
+
+
 def part_notes(solution: Solution, letters: frozenset[str]) -> list[str]:
-    """What a grid of these axes' errors leaves out, in words: cross effects with other axes, linear axes that turn."""
+    """What a grid of these axes' errors leaves out, in words: functions switched off, cross effects, axes that turn."""
     machine, notes = solution.machine, []
+    missing = left_out(machine, letters)
+    if missing:
+        notes.append(f"{LEFT_OUT}: {', '.join(missing)}; their effect is not in this grid")
     for f in solution.model.functions:
         others = [machine.letters[s.axis] for s in f.splines]
         foreign = [a for a in others if a not in letters]

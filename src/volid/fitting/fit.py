@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -189,6 +190,19 @@ def _resolve(task: _Task) -> _Resolved:
     return _Resolved(task.fitter(chosen.segments, carrier), chosen)
 
 
+@contextmanager
+def breakdown_named() -> Iterator[None]:
+    """Also a decorator: raises `InputError` in place of a factorisation that fails, which no sound campaign causes."""
+    try:
+        yield
+    except np.linalg.LinAlgError as problem:
+        raise InputError(
+            f"the fit broke down ({problem}): readings, positions and travels contradict each other; check that positions, "
+            "travels, tool vectors, stations and readings are in mm, and that every axis column holds its own axis"
+        ) from problem
+
+
+@breakdown_named()
 def fit(
     campaign: Campaign,
     *,

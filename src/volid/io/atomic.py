@@ -94,7 +94,7 @@ def _temporary(path: Path) -> Path:
 
 
 def _refuse_existing(path: Path, overwrite: bool, folder: bool = False) -> None:
-    if path.is_dir() and not folder:
+    if os.path.isdir(path) and not folder:  # False for a name too long, which Path.is_dir raises for
         raise OutputError(f"{path} is a folder; name a file")
     if os.path.lexists(path) and not overwrite:
         raise OutputError(f"{path} exists; choose another name or pass --force")

@@ -16,6 +16,9 @@ from volid.observations.effects import check_effects
 FORMAT = "volid-campaign/1"
 STATION_FRAMES = ("stations", "machine")
 _LATER_KINDS = ("projection", "artefact")
+_LEAST_CONSTANT = (
+    1e-6  # mm: 1 nm; no length instrument of a machine shop is so good, but 0.1 to 1 µm written in metres are
+)
 
 
 def bodies(machine: Machine) -> tuple[str, ...]:
@@ -49,6 +52,15 @@ def check_station(station: Station, machine: Machine, where: str) -> None:
         raise InputError(f"{where}: known = true but there is no position; add position = [x, y, z] in mm")
     if station.frame == "machine" and not station.known:
         raise InputError(f'{where}: frame = "machine" is for known stations; add known = true or remove the frame')
+
+
+def check_constant(constant: float, where: str) -> None:
+    """Raises `InputError` for a constant part of the u of lengths [mm] between 0 and 1 nm: it must be in metres."""
+    if 0.0 < constant < _LEAST_CONSTANT:
+        raise InputError(
+            f"{where}: the constant part of u is {constant:g} mm, less than 1 nm; is it in metres? Expected mm, such as "
+            f"{1e3 * constant:g}, or 0 where there is only a proportional part"
+        )
 
 
 def check_unique(names: Iterable[str], what: str, where: str) -> None:

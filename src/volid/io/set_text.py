@@ -12,7 +12,7 @@ import numpy as np
 from volid.campaign import Effect, ObservationSet, standard_uncertainty
 from volid.exceptions import InputError
 from volid.io import probe_centres
-from volid.io.campaign_rules import check_unique, find_kind
+from volid.io.campaign_rules import check_constant, check_unique, find_kind
 from volid.io.csv_table import CsvTable, read_csv
 from volid.io.effect_text import read_effect
 from volid.io.toml_table import Table, is_number
@@ -192,6 +192,8 @@ def _uncertainty(table: Table, csv: CsvTable, kind: Kind, readings: np.ndarray) 
                 f"u = {{ constant = …, proportional = … }} here, or a column {own[0]} in {csv.source}"
             )
         spec = _specification(table, key)
+        if key == "u" and kind.unit == "mm":
+            check_constant(spec["constant"] if isinstance(spec, dict) else spec, table.where)
         values = standard_uncertainty(spec, readings[:, i])
         if np.isnan(values).any():
             pending[key] = spec

@@ -16,9 +16,9 @@ import numpy as np
 from volid.campaign import Campaign, ObservationSet
 from volid.checks import closures
 from volid.compensation.grids import describe_datum, linear_grid
+from volid.compensation.parts import left_out
 from volid.compensation.rotary_grids import rotary_grids
 from volid.compensation.volume import predict_residual, volumetric_summary
-from volid.error_functions import motion_names
 from volid.exceptions import InputError, NotDeterminedError
 from volid.fitting.adequacy import SuspectReading
 from volid.fitting.holdout import by_angle, rotary_poses, total
@@ -150,7 +150,7 @@ def _volume(solution: Solution, tool: tuple[float, float, float]) -> dict[str, A
         "accuracy": dict(zip(DIRECTIONS, before.accuracy.tolist(), strict=True)),
         "before": {"max": before.before_max, "rms": before.before_rms, "at": place},
         "after": None,
-        "left_out": _left_out(solution),
+        "left_out": left_out(solution.machine, LINEAR_AXES),
         "not_predicted": "not determined for this tool vector",
     }
     if found["left_out"]:
@@ -177,13 +177,6 @@ def _volume(solution: Solution, tool: tuple[float, float, float]) -> dict[str, A
             "interpolation": after.interpolation,
         },
     }
-
-
-def _left_out(solution: Solution) -> list[str]:
-    """Error motions of the linear axes that the machine file switches off."""
-    axes = [a for a in LINEAR_AXES if a in solution.machine.letters]
-    used = motion_names(solution.machine)
-    return [f"E{d}{a}" for a in axes for d in DIRECTIONS if f"E{d}{a}" not in used]
 
 
 def _tabulated(solution: Solution) -> dict[str, list[FunctionValue]]:

@@ -34,8 +34,11 @@ def _verdict_lines(data: dict[str, Any]) -> list[str]:
     lines = []
     if data["rejected"]:
         lines.append("*** MODEL REJECTED BY THE DATA: the uncertainties below do not hold ***")
-    lines += paragraph(data["verdict"][:1].upper() + data["verdict"][1:] + ".")
-    if data["not_determined"]:
+    verdict = data["verdict"][:1].upper() + data["verdict"][1:]
+    if data["accepted"] and data["not_determined"]:
+        verdict += ", but not everything is determined (n.d.); see below"
+    lines += paragraph(verdict + ".")
+    if data["not_determined"] and not data["accepted"]:
         lines.append("Not everything is determined; see below. n.d.: not determined.")
     if not data["converged"]:
         lines.append("*** NOT CONVERGED: the iteration stopped early; do not use these numbers ***")
