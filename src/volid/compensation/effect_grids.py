@@ -28,7 +28,8 @@ from volid.compensation.parts import (
 from volid.compensation.rotary_grids import POINTS as ROTARY_POINTS
 from volid.compensation.rotary_grids import RotaryGrid, reference_of_side, rotary_grids
 from volid.compensation.sampling import Sampling, choose_nodes
-from volid.compensation.types import GRID, ORIENTATION, CompensationType
+from volid.compensation.tables import propagated
+from volid.compensation.types import GRID, ORIENTATION, TYPES, CompensationType
 from volid.error_model import ROWS
 from volid.exceptions import InputError, NotDeterminedError
 from volid.fitting.solution import Solution
@@ -84,15 +85,14 @@ def _evaluate(solution: Solution, t: CompensationType, base: Base, place: _Place
     if not uncertainty:
         values = field_values(solution, t, base, place)
         return _Found(values, np.full_like(values, np.nan), np.ones(values.shape, dtype=bool))
-    values, covariance = np.linalg.eigh(solution.parameter_covariance)
-    root = covariance * np.sqrt(np.maximum(values, 0.0))
+    covariance = solution.parameter_covariance
     theta = np.asarray(solution.parameters)
     found: list[tuple[np.ndarray, ...]] = []
     for start in range(0, len(place.full), CHUNK):
         rows = slice(start, start + CHUNK)
         gradient = _gradient(solution, t, base, place, rows)
         lost = solution.is_lost(gradient.reshape(-1, len(theta))).reshape(gradient.shape[:2])
-        found.append((gradient @ theta, np.linalg.norm(gradient @ root, axis=2), ~lost))
+        found.append((gradient @ theta, propagated(gradient, covariance), ~lost))
     value, u, known = (np.concatenate(parts) for parts in zip(*found, strict=True))
     return _Found(np.where(known, value, np.nan), np.where(known, u, np.nan), known)
 
@@ -149,7 +149,7 @@ def effect_grids(
     return tuple(grids)
 
 
-_FOR = CompensationType("FOR", (ORIENTATION,), "", "", "", (GRID,))
+_FOR = TYPES["FOR"]
 
 
 def _axes_of(machine: Machine, side: str | None) -> tuple[str, ...]:

@@ -40,7 +40,7 @@ from volid.iso230 import LINEAR_AXES, SPINDLE, ErrorName, parse
 from volid.machine import Axis, Machine
 from volid.splines import Basis, design_matrix
 
-LINE_POINTS = 101  # over which the slope of a straightness line is fitted
+PANELS, PANEL_NODES = 60, 3  # Gauss-Legendre quadrature of the slope of a straightness line: uniform over the travel, as the datum's
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,11 +260,13 @@ def _moved(
 
 
 def _slope(solution: Solution, axis: Axis, base: Base) -> np.ndarray:
-    """Least-squares slope of the line over the travel, (3, n): squareness where it is across the axis."""
-    x = np.linspace(*axis.travel, LINE_POINTS)
-    line = _moved(solution, axis, base, x, np.zeros(LINE_POINTS), rotations=False)
-    arm = x - x.mean()
-    return np.asarray(np.tensordot(arm, line, axes=(0, 0)) / (arm @ arm))
+    """Least-squares slope of the line, uniform over the travel, (3, n): squareness where it is across the axis."""
+    nodes, weights = np.polynomial.legendre.leggauss(PANEL_NODES)
+    edges = np.linspace(*axis.travel, PANELS + 1)
+    x = (0.5 * (edges[:-1] + edges[1:])[:, None] + 0.5 * (edges[1] - edges[0]) * nodes).ravel()
+    line = _moved(solution, axis, base, x, np.zeros(len(x)), rotations=False)
+    arm, weight = x - 0.5 * sum(axis.travel), np.tile(weights, PANELS)
+    return np.asarray(np.tensordot(weight * arm, line, axes=(0, 0)) / (weight @ arm**2))
 
 
 def _rotary_axis(

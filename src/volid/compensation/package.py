@@ -52,6 +52,7 @@ def compensate(
     points: int | None = None,
     form: str | None = None,
     rule: Rule | None = None,
+    reference_point: Sequence[float] | None = None,
     uncertainty: bool = True,
 ) -> Compensation:
     """Tables and grids of several types, each in its first form, or in the `form` asked for where it has it.
@@ -70,7 +71,16 @@ def compensate(
     for t in types:
         if own_form[t.name] == GRID:
             own = rule if t.name.endswith("SPEC") else None
-            found += effect_grids(solution, t, base, grids, points=points, rule=own, uncertainty=uncertainty)
+            found += effect_grids(
+                solution,
+                t,
+                base,
+                grids,
+                points=points,
+                reference_point=reference_point,
+                rule=own,
+                uncertainty=uncertainty,
+            )
     return Compensation(tuple(t.name for t in types), held, _once(found))
 
 

@@ -132,10 +132,10 @@ def error_tables(
         solution.machine.index(letter)
     sampling = Sampling() if sampling is None else sampling
     tables: list[ErrorTable] = []
-    root = _root(solution.parameter_covariance)
+    covariance = solution.parameter_covariance
     for axis in solution.machine.axes:
-        tables += _axis_tables(solution, axis, types, base, sampling, (zero or {}).get(axis.letter), root)
-    return tuple(tables + _tool_frame(solution, types, base, root))
+        tables += _axis_tables(solution, axis, types, base, sampling, (zero or {}).get(axis.letter), covariance)
+    return tuple(tables + _tool_frame(solution, types, base, covariance))
 
 
 def _own(axis: Axis, types: Sequence[CompensationType]) -> list[CompensationType]:
@@ -150,7 +150,7 @@ def _axis_tables(
     base: Base,
     sampling: Sampling,
     zero: float | None,
-    root: np.ndarray,
+    covariance: np.ndarray,
 ) -> list[ErrorTable]:
     chosen = _own(axis, types)
     if not chosen:
@@ -172,7 +172,7 @@ def _axis_tables(
                 name = f"E{direction}{axis.letter}"
                 curve = np.stack([w[held, :, component].sum(axis=0) for w in ways], axis=1)
                 nodes = choose_nodes(name, dense, scale * curve, sampling, knots)
-                table = _table(rows, [chosen[k] for k in held], component, nodes, zero, root)
+                table = _table(rows, [chosen[k] for k in held], component, nodes, zero, covariance)
                 off = float(interpolation_error(dense, curve, nodes).max())
                 tables.append(replace(table, interpolation=off, applied=ITSELF if itself else MODEL))
     return tables
@@ -212,7 +212,7 @@ def _table(
     component: int,
     nodes: np.ndarray,
     zero: float | None,
-    root: np.ndarray,
+    covariance: np.ndarray,
 ) -> ErrorTable:
     solution, axis, base = rows.solution, rows.axis, rows.base
     name = f"E{DIRECTIONS[component]}{axis.letter}"
@@ -231,7 +231,7 @@ def _table(
         positions=nodes,
         forward=both[0] @ theta,
         reverse=both[1] @ theta,
-        u=np.stack([np.linalg.norm(own @ root, axis=1) for own in both], axis=1),
+        u=np.stack([propagated(own, covariance) for own in both], axis=1),
         outside=solution.outside(positions),
         applied=MODEL,
         interpolation=0.0,
@@ -243,9 +243,9 @@ def _table(
     )
 
 
-def _root(covariance: np.ndarray) -> np.ndarray:
-    values, vectors = np.linalg.eigh(covariance)
-    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
+def propagated(rows: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """Standard uncertainty of rows · θ, rows (..., n): sqrt(a C aᵀ)."""
+    return np.asarray(np.sqrt(np.maximum(np.sum((rows @ covariance) * rows, axis=-1), 0.0)))
 
 
 def _require_determined(solution: Solution, name: str, rows: np.ndarray) -> None:
@@ -302,7 +302,7 @@ def reach(machine: Machine, axis: Axis, base: Base) -> float:
 
 
 def _tool_frame(
-    solution: Solution, types: Sequence[CompensationType], base: Base, root: np.ndarray
+    solution: Solution, types: Sequence[CompensationType], base: Base, covariance: np.ndarray
 ) -> list[ErrorTable]:
     """Constants of the tool frame, one row each."""
     theta = np.asarray(solution.parameters)
@@ -315,7 +315,7 @@ def _tool_frame(
             total = sum(row for _, row in used)[None]  # type: ignore[index]
             name = f"E{direction}0{SPINDLE}"
             _require_determined(solution, name, total)
-            value, u = total @ theta, np.full((1, 2), np.linalg.norm(total @ root))
+            value, u = total @ theta, np.full((1, 2), propagated(total, covariance)[0])
             types_of = " + ".join(t.name for t, _ in used)
             basis = {"tool vector": f"{', '.join(f'{v:g}' for v in base.tool)} mm"}
             zero, at, inside = "a constant", np.zeros(1), np.zeros(1, dtype=bool)
