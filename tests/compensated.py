@@ -43,7 +43,9 @@ def node_positions(exact: ExactMachine, m: int, seed: int = 1) -> np.ndarray:
     """Random choices among the nodes of all tables and grids, where nothing is interpolated."""
     rng = np.random.default_rng(seed)
     counts = [LINEAR_NODES if a in "XYZ" else ROTARY_NODES for a in exact.axes]
-    return np.stack([rng.choice(np.linspace(*exact.travel[a], n), m) for a, n in zip(exact.axes, counts, strict=True)], 1)
+    return np.stack(
+        [rng.choice(np.linspace(*exact.travel[a], n), m) for a, n in zip(exact.axes, counts, strict=True)], 1
+    )
 
 
 def control_of(solution, names, folder, *, at=None, elevation=0.0, functions=(), rule=None, options=None, tool=TOOL):

@@ -1,4 +1,5 @@
-"""Closed loops of every compensation type on three machines: computed, written, read by a simulated control, judged by the exact chain.
+"""Closed loops of every compensation type on three machines: computed, written, read by a simulated control, judged by the
+exact chain.
 
 Each type meets a machine with nothing but the errors that it corrects, and one with nothing but those it must not touch
 (REQUIREMENTS A2). Positions are nodes of tables and grids, so that what is left is of second order: products of two errors, a few
@@ -14,6 +15,7 @@ from volid.compensation.orientation import distance_from_pole, side_rotation
 SECOND_ORDER = 2e-4  # mm: 0.2 µm, (100 µrad)² × 1 m and 100 µrad × 50 µm are below 0.02 µm; rotary chains add several
 ANGLE = 2e-7  # rad
 LINEAR, ROTARY = "XYZ", "ABC"
+PAIRS = ("EXC", "EYC", "EBA", "ECA", "EX0C")  # members of a pair share parameters
 
 
 def positioning(e):
@@ -61,7 +63,7 @@ def specified(e):
 
 
 def specified_rotary(e):
-    return str(e) in ("EXC", "EBA", "EX0C")
+    return str(e) in PAIRS
 
 
 # type: what it removes wherever it is alone, and what it must leave exactly alone
@@ -78,7 +80,7 @@ TYPES = {
     "R-SPEC": (specified_rotary, lambda e: not specified_rotary(e)),
 }
 CASES = [(m, t) for m in MACHINES for t in TYPES if m != "three-axis" or t.startswith("L-")]
-FUNCTIONS = {"L-SPEC": ("EXX", "EBX", "EYZ"), "R-SPEC": ("EXC", "EBA", "EX0C")}
+FUNCTIONS = {"L-SPEC": ("EXX", "EBX", "EYZ"), "R-SPEC": PAIRS}
 
 
 @pytest.mark.parametrize(("layout", "name"), CASES)
@@ -92,7 +94,7 @@ def test_type_removes_what_it_is_for_and_leaves_the_rest(layout, name, tmp_path)
     altered = control_of(own, [name], tmp_path / "own", functions=functions).command(q, tool)
     before = exact.deviation(q, tool, truth_of(own))
     after = remaining(exact, truth_of(own), q, altered, tool)
-    assert np.linalg.norm(before[:, :3], axis=1).max() > 0.005
+    assert np.linalg.norm(before[:, :3], axis=1).max() > 0.002
     assert np.linalg.norm(after[:, :3], axis=1).max() < SECOND_ORDER
     if name == "R-POS":  # the axis itself is moved: its rotation goes too
         assert np.abs(after[:, 3:]).max() < ANGLE
@@ -131,7 +133,7 @@ def test_lines_of_a_whole_machine(layout, tmp_path):
         np.testing.assert_allclose(measured["L-POS"][a].deviation[:, across], before.deviation[:, across], atol=1e-5)
         bent, straight = (measured[n][a].bent[:, across] for n in (None, "L-STR"))
         assert np.abs(bent).max() > 0.0005
-        assert np.abs(straight).max() < 0.35 * np.abs(bent).max()  # the slope is of the whole travel, the nodes are five
+        assert np.abs(straight).max() < 1e-5  # a straight line is left, with its slope
         np.testing.assert_allclose(measured["L-STR"][a].deviation[:, k], before.deviation[:, k], atol=1e-5)
         np.testing.assert_allclose(measured["L-SQU"][a].bent, before.bent, atol=2e-5)
     every = control_of(solution, ["L-POS", "L-STR", "L-SQU"], tmp_path / "all", at=at)
@@ -154,7 +156,8 @@ class _curves:
 
 @pytest.mark.parametrize("layout", MACHINES)
 def test_l_ang_leaves_what_the_lines_have(layout, tmp_path):
-    """Angular errors alone: afterwards the point moves anywhere, with any tool, as along the specific lines with the base tool."""
+    """Angular errors alone: afterwards the point moves anywhere, with any tool, as along the specific lines with the base
+    tool."""
     exact, solution = machine_of(layout, seed=5)
     solution = only(solution, linear_angular)
     truth = truth_of(solution)
@@ -169,7 +172,7 @@ def test_l_ang_leaves_what_the_lines_have(layout, tmp_path):
         along[:, exact.column(a)] = q[:, exact.column(a)]
         lines += exact.deviation(along, TOOL, truth)[:, :3] - start
     before = exact.deviation(q, tool, truth)
-    assert np.linalg.norm(before[:, :3] - lines, axis=1).max() > 0.02
+    assert np.linalg.norm(before[:, :3] - lines, axis=1).max() > 0.01
     np.testing.assert_allclose(after[:, :3], lines, atol=SECOND_ORDER)
     np.testing.assert_allclose(after[:, 3:], before[:, 3:], atol=ANGLE)
 
@@ -190,22 +193,23 @@ def test_r_ang_leaves_what_one_elevation_has_and_r_rax_removes_it(layout, tmp_pa
     np.testing.assert_allclose(left["R-ANG",][:, :3] + left["R-RAX",][:, :3], before[:, :3], atol=SECOND_ORDER)
     for found in left.values():
         np.testing.assert_allclose(found[:, 3:], before[:, 3:], atol=ANGLE)
-    if layout == "tilting table":  # at 80 mm above its point, on the table's own line, A at 0: R-RAX alone leaves nothing of C's tilt
+    if layout == "tilting table":  # on C's line, 80 mm above its point, A at 0: R-RAX alone leaves nothing of C's tilt
         only_c = only(solution, lambda e: e.axis == "C")
-        place = np.array(exact.point["C"]) + [0.0, 0.0, 80.0]
+        place = np.add(exact.point["C"], [0.0, 0.0, 80.0])
         q = np.zeros((9, len(exact.axes)))
         q[:, exact.column("C")] = np.linspace(-180.0, 180.0, 9)
         for k, a in enumerate("XYZ"):
             q[:, exact.column(a)] = place[k] - np.array(TOOL)[k]
         control = control_of(only_c, ["R-RAX"], tmp_path / "c", elevation=80.0)
         found = remaining(exact, truth_of(only_c), q, control.command(q, TOOL), TOOL)
-        assert np.abs(exact.deviation(q, TOOL, truth_of(only_c))[:, :3]).max() > 0.001
+        assert np.abs(exact.deviation(q, TOOL, truth_of(only_c))[:, :3]).max() > 0.0005
         assert np.abs(found[:, :3]).max() < 1e-5
 
 
 @pytest.mark.parametrize("layout", ["tilting table", "fork head"])
 def test_rotary_axes_turn_the_tool_axis_and_nothing_else_is_lost(layout, tmp_path):
-    """FOR, L-VOL+ and R-VOL+: away from the pole the tool axis stands as commanded; the turn about the tool axis stays, and shows."""
+    """FOR, L-VOL+ and R-VOL+: away from the pole the tool axis stands as commanded; the turn about the tool axis stays, and
+    shows."""
     exact, solution = machine_of(layout, seed=7)
     truth = truth_of(solution)
     q, tool = node_positions(exact, 300), np.array([30.0, 50.0, -230.0])

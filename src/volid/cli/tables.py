@@ -191,5 +191,6 @@ def _messages(tables: tuple[ErrorTable, ...], args: argparse.Namespace) -> list[
         return []
     points = ", ".join(f"{t.function} {int(t.outside.sum())} of {len(t.outside)}" for t in out)
     return [
-        f"points outside the measured positions: {points}: extrapolated (outside = 1). Measure there, or accept with --extrapolate"
+        f"points outside the measured positions: {points}: extrapolated (outside = 1). Measure there, or accept with "
+        f"--extrapolate"
     ]

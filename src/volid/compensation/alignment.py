@@ -1,8 +1,8 @@
 """To what the compensated motion is aligned (ISO/TR 16907 10.2): primary and secondary axis, or the spindle.
 
-By axes, it is another datum of the same solution (`Solution.in_datum`). By the spindle, the machine frame is turned so that its Z lies
-along the spindle's axis at the reference position: compensated Z motion is then parallel to the spindle, and a longer tool cuts at the
-same X and Y. Squareness between the axes is not changed by either.
+By axes, it is another datum of the same solution (`Solution.in_datum`). By the spindle, the machine frame is turned so that
+its Z lies along the spindle's axis at the reference position: compensated Z motion is then parallel to the spindle, and a
+longer tool cuts at the same X and Y. Squareness between the axes is not changed by either.
 """
 
 from __future__ import annotations
@@ -21,8 +21,9 @@ from volid.fitting.solution import Solution
 def spindle_turn(solution: Solution) -> np.ndarray:
     """Turn of the machine frame that puts its Z along the spindle, as linear map of θ, (3, n) [rad]; nothing about Z.
 
-    The orientation error of the tool at the reference positions, rotary axes at 0, table apart. Raises `InputError` when the model has no
-    tool-frame rotation, `NotDeterminedError` when the data do not determine it: with one tool vector per station they do not.
+    The orientation error of the tool at the reference positions, rotary axes at 0, table apart. Raises `InputError` when the
+    model has no tool-frame rotation, `NotDeterminedError` when the data do not determine it: with one tool vector per station
+    they do not.
     """
     machine = solution.machine
     names = [n for n in ("EA0S", "EB0S") if n in solution.model.names]

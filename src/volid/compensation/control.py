@@ -1,8 +1,8 @@
 """A simulated control: it reads tables, grids and tool data, and alters the commanded position as a real control does.
 
-Tables and grids by linear interpolation, end values held outside them, reversal by approach direction; lever arms with the tool vector
-that the control *believes* in; rotary axes turned against the orientation error, with a rule for poles; corrections rounded to the
-least increment; clamped axes stay. Not modelled: dynamics, the ramp at reversal, the order of cycles.
+Tables and grids by linear interpolation, end values held outside them, reversal by approach direction; lever arms with the
+tool vector that the control *believes* in; rotary axes turned against the orientation error, with a rule for poles;
+corrections rounded to the least increment; clamped axes stay. Not modelled: dynamics, the ramp at reversal, the order of cycles.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ TURNING = (FOR, "L-VOL+", "R-VOL+")
 
 
 class Expected(NamedTuple):
-    """What the control expects of its machine: `point`: deviation of the functional point (m, 3) [mm]; `orientation`: what it hands to
-    the rotary axes (m, 3) [rad]; `turn`: what the tables of the rotary axes themselves say, (m, n_axes) [°]."""
+    """What the control expects of its machine: `point`: deviation of the functional point (m, 3) [mm]; `orientation`: what it
+    hands to the rotary axes (m, 3) [rad]; `turn`: what the tables of the rotary axes themselves say, (m, n_axes) [°]."""
 
     point: np.ndarray
     orientation: np.ndarray
@@ -41,9 +41,10 @@ class Expected(NamedTuple):
 class Control:
     """A control of `machine` (nominal kinematics) with its compensation data; immutable.
 
-    `tool`: the tool vector it believes in (3,) [mm]; None: it is told the true one. `increment`: least increment by axis letter [mm or
-    °]. `clamped`: letters that do not move for a compensation. `poles`: see `PoleRule`. `correct_motion`: whether X, Y, Z make up for
-    what turned rotary axes do to the functional point; None: yes, unless orientation is all that is corrected (FOR alone).
+    `tool`: the tool vector it believes in (3,) [mm]; None: it is told the true one. `increment`: least increment by axis
+    letter [mm or °]. `clamped`: letters that do not move for a compensation. `poles`: see `PoleRule`. `correct_motion`:
+    whether X, Y, Z make up for what turned rotary axes do to the functional point; None: yes, unless orientation is all that
+    is corrected (FOR alone).
     """
 
     machine: Machine
@@ -52,7 +53,7 @@ class Control:
     tool: tuple[float, float, float] | None = None
     increment: Mapping[str, float] = field(default_factory=dict)
     clamped: Sequence[str] = ()
-    poles: PoleRule = PoleRule()
+    poles: PoleRule = field(default_factory=PoleRule)
     correct_motion: bool | None = None
 
     def __post_init__(self) -> None:
@@ -91,7 +92,8 @@ class Control:
     def command(
         self, positions: np.ndarray, tool: np.ndarray | None, directions: np.ndarray | None = None
     ) -> np.ndarray:
-        """Positions that the axes really get, (m, n_axes) [mm, °], for commanded ones and the machine's tool vector (3,) or (m, 3)."""
+        """Positions that the axes really get, (m, n_axes) [mm, °], for commanded ones and the machine's tool vector (3,) or
+        (m, 3)."""
         q = np.atleast_2d(np.asarray(positions, dtype=float))
         found = self.expected(q, tool, directions)
         turns = rotary_turns(self.machine, q, found.orientation, self.poles) if self._turns else np.zeros_like(q)
@@ -173,7 +175,8 @@ class Control:
         blank = np.isnan(values[:, 3:]).any(axis=1)
         if np.any(blank & (np.abs(lever).max(axis=1) > 1e-9)):
             raise InputError(
-                f"control: rotations of the {grid.type} grid are blank, not determined by the data; it holds for its own tool vector "
+                f"control: rotations of the {grid.type} grid are blank, not determined by the data; it holds for its "
+                f"own tool vector "
                 "or reference point only"
             )
         values[:, 3:] = np.nan_to_num(values[:, 3:])
@@ -206,8 +209,8 @@ class Control:
 
 
 class Motion(NamedTuple):
-    """What a compensation asks of the axes: `largest` |correction| per axis (n_axes,) [mm, °]; `slope`: largest change of a correction
-    per unit of another axis's motion (n_axes, n_axes): row the corrected axis, column the moving one."""
+    """What a compensation asks of the axes: `largest` |correction| per axis (n_axes,) [mm, °]; `slope`: largest change of a
+    correction per unit of another axis's motion (n_axes, n_axes): row the corrected axis, column the moving one."""
 
     largest: np.ndarray
     slope: np.ndarray
@@ -241,6 +244,7 @@ def check_motion(
             i = machine.index(letter)
             if found[i] > limit:
                 raise InputError(
-                    f"the compensation asks axis {letter} for {name} of {found[i]:.4g} {machine.axes[i].unit}{unit}, more than the limit "
+                    f"the compensation asks axis {letter} for {name} of {found[i]:.4g} {machine.axes[i].unit}{unit}, "
+                    f"more than the limit "
                     f"of {limit:g}; keep out of poles (--poles, --pole-margin), or allow more"
                 )

@@ -37,6 +37,7 @@ from volid.iso230 import LINEAR_AXES, ROTARY_AXES, SPINDLE
 from volid.machine import Machine
 
 CHUNK = 256
+MOST = 20_000  # points at which the interpolation of a grid is looked at
 LINES = 401  # dense points of a line on which the number of nodes is decided
 Rule = Callable[..., Any]
 
@@ -126,10 +127,11 @@ def effect_grids(
 ) -> tuple[Grid | RotaryGrid, ...]:
     """Grids of one type: of the linear axes, then of the rotary axes of table and head, those that the type needs.
 
-    `sampling`: step, at most so many points per axis, or a bound on the interpolation; else `points` per axis (default 21, rotary axes 37).
-    `rule`: of L-SPEC and R-SPEC, called as rule(solution, positions (m, n_axes), tool (m, 3)), returns error values (m, 6) [mm, rad].
-    `uncertainty`: False leaves out u, and the test whether the data determine the values, which take most of the time.
-    Raises `InputError` for a type without grids, `NotDeterminedError` when the data do not determine its translations.
+    `sampling`: step, at most so many points per axis, or a bound on the interpolation; else `points` per axis (default 21,
+    rotary axes 37). `rule`: of L-SPEC and R-SPEC, called as rule(solution, positions (m, n_axes), tool (m, 3)), returns error
+    values (m, 6) [mm, rad]. `uncertainty`: False leaves out u, and the test whether the data determine the values, which take
+    most of the time. Raises `InputError` for a type without grids, `NotDeterminedError` when the data do not determine its
+    translations.
     """
     if GRID not in t.forms:
         raise InputError(f"--type {t.name} has no grid; it is a table of the axis itself: volid tables --type {t.name}")
@@ -150,6 +152,23 @@ def effect_grids(
 
 
 _FOR = TYPES["FOR"]
+
+
+def grid_interpolation(solution: Solution, t: CompensationType, base: Base, grid: Grid | RotaryGrid) -> float:
+    """Largest deviation of a grid's linear interpolation in X, Y or Z [mm], at the centres of its cells and of their edges.
+
+    There the interpolation of a smooth function is worst: h² |f''| / 8 along each axis, summed over the axes.
+    """
+    lines = [np.sort(np.concatenate([n, 0.5 * (n[1:] + n[:-1])])) for n in grid.nodes]
+    positions = grid_positions(tuple(lines))
+    if len(positions) > MOST:
+        positions = positions[np.random.default_rng(0).choice(len(positions), MOST, replace=False)]
+    if isinstance(grid, RotaryGrid):
+        place = _rotary_place(solution.machine, grid.side, positions, np.asarray(grid.reference_point))
+    else:
+        place = _linear_place(solution.machine, positions, base)
+    off = field_values(solution, t, base, place) - grid.interpolate(positions)
+    return float(np.abs(off[:, :3]).max())
 
 
 def _axes_of(machine: Machine, side: str | None) -> tuple[str, ...]:
@@ -304,7 +323,8 @@ def _from_rule(solution: Solution, rule: Rule, place: _Place) -> _Found:
         raise InputError(f"--rule {name}: raised {type(error).__name__}: {error}") from error
     if values.shape != (len(place.full), 6) or not np.isfinite(values).all():
         raise InputError(
-            f"--rule {name}: returned shape {values.shape}; expected finite error values ({len(place.full)}, 6): mm, mm, mm, rad, rad, rad"
+            f"--rule {name}: returned shape {values.shape}; expected finite error values ({len(place.full)}, 6): mm, "
+            f"mm, mm, rad, rad, rad"
         )
     return _Found(values, np.full_like(values, np.nan), np.ones(values.shape, dtype=bool))
 

@@ -1,13 +1,15 @@
 """What each effect of a compensation type is made of: the error values that a control's kinematic model should hold.
 
-An effect keeps, of every axis, six error values that depend on that axis (CONVENTIONS 3); the deviation they cause follows from the
-kinematic model. Types on a *specific line* (L-POS, L-STR, L-SQU) hold what the functional point does along the lines through `at`
-with the base tool, lever effects there included; L-ANG holds the angular error motions, less what they do on these lines. So
+An effect keeps, of every axis, six error values that depend on that axis (CONVENTIONS 3); the deviation they cause follows
+from the kinematic model. Types on a *specific line* (L-POS, L-STR, L-SQU) hold what the functional point does along the lines
+through `at` with the base tool, lever effects there included; L-ANG holds the angular error motions, less what they do on
+these lines. So
 
     L-POS + L-STR + L-SQU + L-ANG = L-VOL  of a rigid machine, but for the constant deviation at `at`.
 
 R-RAX likewise holds the translations at one point: at an elevation above the table, on its line, or at the tip of the base tool;
-R-ANG the tilts, less what they do there. Everything is linear in the parameters θ, so that values and uncertainties come together.
+R-ANG the tilts, less what they do there. Everything is linear in the parameters θ, so that values and uncertainties come
+together.
 """
 
 from __future__ import annotations
@@ -40,7 +42,10 @@ from volid.iso230 import LINEAR_AXES, SPINDLE, ErrorName, parse
 from volid.machine import Axis, Machine
 from volid.splines import Basis, design_matrix
 
-PANELS, PANEL_NODES = 60, 3  # Gauss-Legendre quadrature of the slope of a straightness line: uniform over the travel, as the datum's
+PANELS, PANEL_NODES = (
+    60,
+    3,
+)  # Gauss-Legendre quadrature of the slope of a straightness line: uniform over the travel, as the datum's
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +73,8 @@ def base_of(
 ) -> Base:
     """A base: the lines through `at` (by axis letter; default the datum's origin, rotary axes at 0).
 
-    Raises `InputError` for an axis that the machine does not have, a position outside its travel, a function that the model lacks.
+    Raises `InputError` for an axis that the machine does not have, a position outside its travel, a function that the model
+    lacks.
     """
     machine, origin = solution.machine, dict(solution.datum.reference)
     full = np.array([origin.get(a.letter, a.reference) if a.is_linear else 0.0 for a in machine.axes])
@@ -244,18 +250,22 @@ def _is_angular(error: ErrorName) -> bool:
 def _moved(
     solution: Solution, axis: Axis, base: Base, own: np.ndarray, direction: np.ndarray, *, rotations: bool
 ) -> np.ndarray:
-    """Deviation of the functional point along the axis's line less that at `at`, (m, 3, n) [mm]; by angular errors alone."""
+    """Deviation of the functional point along the axis's line less that at `at`, (m, 3, n) [mm]; `rotations`: by angular
+    errors alone.
+
+    Of all linear axes' errors: where the other axes stand turned by their angular errors, they turn this one's motion.
+    """
     positions, ways = _on_line(solution, axis, base, own, direction)
     errors = model_errors(
         solution,
         np.vstack([positions, base.at]),
         np.vstack([ways, np.zeros_like(base.at)]),
-        lambda e: e.axis == axis.letter and (not rotations or _is_angular(e)),
+        lambda e: e.axis in LINEAR_AXES and (not rotations or _is_angular(e)),
         base.turn,
     )
-    own_rows = slice(ROWS * solution.machine.index(axis.letter), ROWS * solution.machine.index(axis.letter) + ROWS)
-    lever = influence(solution.machine, np.vstack([positions, base.at]), base.tool)[:, :3, own_rows]
-    caused = lever @ errors[:, own_rows]
+    rows = [r for i, a in enumerate(solution.machine.axes) if a.is_linear for r in range(ROWS * i, ROWS * i + ROWS)]
+    lever = influence(solution.machine, np.vstack([positions, base.at]), base.tool)[:, :3, rows]
+    caused = lever @ errors[:, rows]
     return np.asarray(caused[:-1] - caused[-1])
 
 
@@ -274,12 +284,11 @@ def _rotary_axis(
 ) -> np.ndarray:
     positions, ways = _on_line(solution, axis, base, own, direction)
     i = ROWS * solution.machine.index(axis.letter)
-    motion, constant = (
-        model_errors(solution, positions, ways, lambda e, c=c: e.axis == axis.letter and e.location == c, base.turn)[  # type: ignore[misc]
-            :, i : i + ROWS
-        ]
-        for c in (False, True)
-    )
+    own_rows = slice(i, i + ROWS)
+    motion = model_errors(solution, positions, ways, lambda e: e.axis == axis.letter and not e.location)[:, own_rows]
+    constant = model_errors(solution, positions, ways, lambda e: e.axis == axis.letter and e.location, base.turn)[
+        :, own_rows
+    ]
     along = axis.frame.T @ np.asarray(axis.unit_vector)
     own_turn = np.outer(along, along)
     tilt = (np.eye(3) - own_turn) @ motion[:, 3:]

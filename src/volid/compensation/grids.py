@@ -125,8 +125,9 @@ def linear_grid(
 
     On a machine with rotary axes: the errors of the linear axes alone, see `volid.compensation.rotary_grids`.
 
-    `step` [mm], or `points` per axis (default 21), or `nodes` by axis letter. Raises `NotDeterminedError` when the data do not determine the
-    translations for this tool vector, `InputError` for a step or a number of points that makes no grid. ISO/TR 16907 7.5.
+    `step` [mm], or `points` per axis (default 21), or `nodes` by axis letter. Raises `NotDeterminedError` when the data do not
+    determine the translations for this tool vector, `InputError` for a step or a number of points that makes no grid. ISO/TR
+    16907 7.5.
     """
     axes = tuple(a for a in LINEAR_AXES if a in solution.machine.letters)
     lines = node_lines(solution, axes, step, points, POINTS, nodes)

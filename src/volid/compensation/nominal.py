@@ -80,8 +80,8 @@ def axis_directions(machine: Machine, positions: np.ndarray) -> np.ndarray:
 def influence(machine: Machine, positions: np.ndarray, tool: np.ndarray) -> np.ndarray:
     """∂(deviation)/∂(error values) at the nominal machine, (m, 6, 6·(n_axes + 1)): lever arms and frames of all errors.
 
-    An error (e, ω) about point p, at the functional point x of its frame R: R (e + ω × (x - p)), and R ω. Products of two errors are left
-    out: below 0.02 µm per metre at 100 µrad.
+    An error (e, ω) about point p, at the functional point x of its frame R: R (e + ω × (x - p)), and R ω. Products of two
+    errors are left out: below 0.02 µm per metre at 100 µrad.
     """
     q = np.atleast_2d(positions)
     n = len(machine.axes)

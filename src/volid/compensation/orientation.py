@@ -1,10 +1,10 @@
 """Orientation corrected by rotary axes (type FOR): damped inverse kinematics, and the poles where it cannot work.
 
-The spindle turns about the tool axis k, so only the two components of the orientation error ω across k matter. With a_i the directions
-of the rotary axes and P = I - k kᵀ, the turns are δ = -(P A)⁺ ω. Where a singular value s of P A vanishes, a *kinematic pole*, a rotary
-axis stands parallel to the spindle: no axis turns the tool about one direction, and close by the turns asked for grow like 1/s. There
-the pseudo-inverse is damped, s/(s² + λ²) with λ² = (s₀/2)² (1 - (s/s₀)²) for s < s₀ = sin(margin); outside it is exact.
-Nakamura and Hanafusa 1986; Chiaverini 1997.
+The spindle turns about the tool axis k, so only the two components of the orientation error ω across k matter. With a_i the
+directions of the rotary axes and P = I - k kᵀ, the turns are δ = -(P A)⁺ ω. Where a singular value s of P A vanishes, a
+*kinematic pole*, a rotary axis stands parallel to the spindle: no axis turns the tool about one direction, and close by the
+turns asked for grow like 1/s. There the pseudo-inverse is damped, s/(s² + λ²) with λ² = (s₀/2)² (1 - (s/s₀)²) for s < s₀ =
+sin(margin); outside it is exact. Nakamura and Hanafusa 1986; Chiaverini 1997.
 """
 
 from __future__ import annotations

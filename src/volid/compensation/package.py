@@ -57,8 +57,9 @@ def compensate(
 ) -> Compensation:
     """Tables and grids of several types, each in its first form, or in the `form` asked for where it has it.
 
-    `tables`, `grids`: their sampling; `points`: per axis of a grid; `uncertainty`: of grids. Raises `InputError` for types that do not go together or that the
-    machine cannot have, or an L-SPEC or R-SPEC without `base.functions` or `rule`; `NotDeterminedError`.
+    `tables`, `grids`: their sampling; `points`: per axis of a grid; `uncertainty`: of grids. Raises `InputError` for types
+    that do not go together or that the machine cannot have, or an L-SPEC or R-SPEC without `base.functions` or `rule`;
+    `NotDeterminedError`.
     """
     types = in_full(select(names, solution.machine))
     for t in types:

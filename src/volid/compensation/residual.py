@@ -2,12 +2,13 @@
 
 At points over the travel, for every draw of the parameters,
 
-    remaining = e(draw) + what the altered command moves,    the command from tables and grids of the estimate, as a control holds them,
+    remaining = e(draw) + what the altered command moves,    the command from tables and grids of the estimate, as a control
+    holds them,
 
 so that uncertainty of the solution, interpolation, least increment, wrong tool data, poles and all that a type cannot reach come
-together. Translations are the functional point's less their least-squares rigid motion of the workpiece frame; the orientation less its
-rotation. Draws are the Monte Carlo samples of the solution when it has them, else normal ones from its covariance. Not included:
-repeatability and thermal change of the machine, which bound what can be reached.
+together. Translations are the functional point's less their least-squares rigid motion of the workpiece frame; the orientation
+less its rotation. Draws are the Monte Carlo samples of the solution when it has them, else normal ones from its covariance.
+Not included: repeatability and thermal change of the machine, which bound what can be reached.
 """
 
 from __future__ import annotations
@@ -52,9 +53,9 @@ class Places(NamedTuple):
 class Prediction(NamedTuple):
     """What one compensation leaves for one tool vector, each (10,) in the order of `QUANTITIES` [mm, rad].
 
-    `value`: mean over the draws of the largest and RMS length, the length that 95 % of the points keep, the largest |X|, |Y|, |Z| and
-    the largest |A|, |B|, |C| of the orientation and the largest tilt of the tool axis, which is what a turning tool feels; `low`, `high`: 95 % coverage interval; `exact`: if the solution were exact. NaN: not
-    determined by the data.
+    `value`: mean over the draws of the largest and RMS length, the length that 95 % of the points keep, the largest |X|, |Y|,
+    |Z| and the largest |A|, |B|, |C| of the orientation and the largest tilt of the tool axis, which is what a turning tool
+    feels; `low`, `high`: 95 % coverage interval; `exact`: if the solution were exact. NaN: not determined by the data.
     """
 
     value: np.ndarray
@@ -65,8 +66,8 @@ class Prediction(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Column:
-    """Predictions of one list of types: one per tool vector; `motion`: what it asks of the axes; `unintended`: largest motion of the
-    functional point by turned rotary axes [mm], corrected unless FOR stands alone."""
+    """Predictions of one list of types: one per tool vector; `motion`: what it asks of the axes; `unintended`: largest motion
+    of the functional point by turned rotary axes [mm], corrected unless FOR stands alone."""
 
     name: str
     predictions: tuple[Prediction, ...]
@@ -77,7 +78,8 @@ class Column:
 
 @dataclass(frozen=True, eq=False)
 class Forecast:
-    """Columns from "none" to the last list of types. `tools`: tool vectors (k, 3) [mm]. `draws`: how many, `source`: from where."""
+    """Columns from "none" to the last list of types. `tools`: tool vectors (k, 3) [mm]. `draws`: how many, `source`: from
+    where."""
 
     columns: tuple[Column, ...]
     tools: np.ndarray
@@ -112,9 +114,9 @@ def forecast(
 ) -> Forecast:
     """Predictions for each list of types, after "none", for each tool vector (default: the base tool).
 
-    `control`: options of `Control`: increment, clamped, poles, correct_motion. `tool_error`: what the control believes less the true
-    tool vector [mm]. Others as in `compensate`. Raises `InputError`, and `NotDeterminedError` when the data do not determine the
-    deviation of the functional point over the volume.
+    `control`: options of `Control`: increment, clamped, poles, correct_motion. `tool_error`: what the control believes less
+    the true tool vector [mm]. Others as in `compensate`. Raises `InputError`, and `NotDeterminedError` when the data do not
+    determine the deviation of the functional point over the volume.
     """
     tools = base.tool[None] if tools is None else np.atleast_2d(tools)
     places = volume_places(solution.machine) if places is None else places

@@ -1,8 +1,8 @@
 """The best rigid compensation of a machine that is not rigid (ISO/TR 16907 7.4.2).
 
-When a control can only hold single-axis functions, but the model has cross effects f(own axis, other axis), its functions should not be
-those of one line: they are chosen so that the deviation that remains over the working volume is least, in the least-squares sense over
-points and tool vectors. What remains then is the cross effects' own share.
+When a control can only hold single-axis functions, but the model has cross effects f(own axis, other axis), its functions
+should not be those of one line: they are chosen so that the deviation that remains over the working volume is least, in the
+least-squares sense over points and tool vectors. What remains then is the cross effects' own share.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ RELATIVE_RANK = 1e-9  # of the singular values of scaled columns
 
 
 class Remaining(NamedTuple):
-    """What the best rigid functions leave of the functional point's deviation over the volume [mm]: RMS and largest length, and the same
-    before compensation."""
+    """What the best rigid functions leave of the functional point's deviation over the volume [mm]: RMS and largest length,
+    and the same before compensation."""
 
     rms: float
     maximum: float
@@ -37,9 +37,10 @@ class Remaining(NamedTuple):
 def best_rigid(solution: Solution, tools: np.ndarray) -> tuple[Solution, Remaining]:
     """The solution with single-axis functions only, and what they leave.
 
-    `tools`: tool vectors (k, 3) [mm] over which the volume is to be served; several non-collinear ones tell angular functions from
-    translations. θ' = (A'ᵀA')⁺A'ᵀ A θ over 2048 Sobol points, translations of the functional point; the covariance goes along. Directions that
-    the tools leave open stay at their least-norm value. Reversal and constants are kept as parts of the fit.
+    `tools`: tool vectors (k, 3) [mm] over which the volume is to be served; several non-collinear ones tell angular functions
+    from translations. θ' = (A'ᵀA')⁺A'ᵀ A θ over 2048 Sobol points, translations of the functional point; the covariance goes
+    along. Directions that the tools leave open stay at their least-norm value. Reversal and constants are kept as parts of the
+    fit.
     """
     machine = solution.machine
     settings = {n: replace(s, over=None, segments=_own(s)) for n, s in machine.model.functions.items()}

@@ -115,10 +115,10 @@ def rotary_grids(
 ) -> tuple[RotaryGrid, ...]:
     """Spatial grids of the rotary axes over their whole travel: table first, then head, those that the machine has.
 
-    `step` [°], or `points` per axis (default 37), or `nodes` by axis letter. `reference_point` [mm]: in the frame of the body that bears the rotary axes,
-    which coincides with the machine frame when the linear axes stand at 0 (by default the `point` of the axis nearest the bed,
-    for each side its own). Location errors and error motions of the side's rotary axes are in it; on the head side also the
-    constants of the tool frame. Location errors of the linear axes stay in the linear grid.
+    `step` [°], or `points` per axis (default 37), or `nodes` by axis letter. `reference_point` [mm]: in the frame of the body
+    that bears the rotary axes, which coincides with the machine frame when the linear axes stand at 0 (by default the `point`
+    of the axis nearest the bed, for each side its own). Location errors and error motions of the side's rotary axes are in it;
+    on the head side also the constants of the tool frame. Location errors of the linear axes stay in the linear grid.
 
     Raises `InputError` for a machine without rotary axes, a linear axis between stacked ones, or a step that makes no grid;
     `NotDeterminedError` when the data do not determine the translations. ISO/TR 16907 7.5, Table 3.

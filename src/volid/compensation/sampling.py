@@ -13,7 +13,7 @@ import numpy as np
 from volid.exceptions import InputError
 
 POINTS = 21  # of a table when nothing is asked for
-DENSE = 1201  # points of the dense sampling: its own interpolation is good to (POINTS / DENSE)² of that of a table
+DENSE = 601  # points of the dense sampling: its own interpolation is good to (POINTS / DENSE)² of that of a table
 CANDIDATES = 241  # of free spacing
 LARGEST = 2000  # points per table
 EQUAL, FREE = "equal", "free"
@@ -24,8 +24,8 @@ class Sampling:
     """How tables are sampled.
 
     `step` [mm or °], `max_points`, `max_error`: stated bound on the linear interpolation [mm]. `spacing`: "equal" (most controls)
-    or "free". `offset`: distance at which rotations are weighed against `max_error` [mm]: tool offset, reach of the machine; None:
-    each axis's own reach. Raises `InputError` for numbers that make no table.
+    or "free". `offset`: distance at which rotations are weighed against `max_error` [mm]: tool offset, reach of the machine;
+    None: each axis's own reach. Raises `InputError` for numbers that make no table.
     """
 
     step: float | None = None
@@ -138,8 +138,11 @@ def _shortest(allowed: np.ndarray) -> list[int]:
 
 def _fewest_free(dense: np.ndarray, values: np.ndarray, bound: float) -> np.ndarray | None:
     x, _, worst = _candidates(dense, values)
-    nodes = x[_shortest(worst <= bound)]
-    return nodes if interpolation_error(dense, values, nodes).max() <= 1.001 * bound else None
+    for share in (1.0, 0.95, 0.9, 0.8, 0.6, 0.4):  # between the candidates the curve may bend more than at them
+        nodes = x[_shortest(worst <= share * bound)]
+        if interpolation_error(dense, values, nodes).max() <= bound:
+            return np.asarray(nodes)
+    return None
 
 
 def _best_free(dense: np.ndarray, values: np.ndarray, n: int) -> np.ndarray:

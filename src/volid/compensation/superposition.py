@@ -1,7 +1,8 @@
 """A new compensation on top of an existing one (ISO/TR 16907 10.5): the sum, on the union of the points of both.
 
-A machine that was measured with its old tables active shows what they leave; the new tables belong on top, not in their place. Both are
-piecewise linear, so the union of their points holds the sum exactly. Outside its own range a table holds its end value, as a control does.
+A machine that was measured with its old tables active shows what they leave; the new tables belong on top, not in their place.
+Both are piecewise linear, so the union of their points holds the sum exactly. Outside its own range a table holds its end
+value, as a control does.
 """
 
 from __future__ import annotations
@@ -55,12 +56,14 @@ def _add_table(new: ErrorTable, old: ErrorTable) -> ErrorTable:
 def _note(kind: str, zero: str, before: int, added: int) -> tuple[str, ...]:
     where = f", zero at {zero}" if zero else ""
     return (
-        f"sum of the existing compensation ({kind}{where}, {before} points) and the new one ({added} points); u is of the new one",
+        f"sum of the existing compensation ({kind}{where}, {before} points) and the new one ({added} points); u is of "
+        f"the new one",
     )
 
 
 def add_grid(new: AnyGrid, old: AnyGrid) -> AnyGrid:
-    """A new grid on top of an existing one, on the union of their nodes; the old one is moved to the new tool vector or reference point.
+    """A new grid on top of an existing one, on the union of their nodes; the old one is moved to the new tool vector or
+    reference point.
 
     Raises `InputError` when axes, side or what the control does with the two differ, or rotations that are blank are needed.
     """

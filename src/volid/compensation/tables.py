@@ -1,8 +1,8 @@
 """Error and compensation tables, one per function (ISO/TR 16907 Table 1), for controls that know single-axis functions.
 
-A table holds the error value of one function over one axis, absolute, for both approach directions. A control adds the compensation
-value, minus it, by linear interpolation: translations move X, Y, Z; the rotations of L-ANG, L-VOL, R-ANG, R-VOL go through its
-kinematic model (lever arms of the current tool); R-POS moves the rotary axis itself.
+A table holds the error value of one function over one axis, absolute, for both approach directions. A control adds the
+compensation value, minus it, by linear interpolation: translations move X, Y, Z; the rotations of L-ANG, L-VOL, R-ANG, R-VOL
+go through its kinematic model (lever arms of the current tool); R-POS moves the rotary axis itself.
 """
 
 from __future__ import annotations
@@ -80,8 +80,9 @@ class ErrorTable:
     def table_1(self, reversal: str = COLUMNS, *, errors: bool = False) -> tuple[tuple[str, ...], np.ndarray]:
         """The table of ISO/TR 16907, Table 1: columns such as X, EXX(+), EXX(-); one row per position.
 
-        `reversal`: "columns" for both directions, "difference" for EXX(+) and the reversal value B = E(+) - E(-) in a second column, "value"
-        for the mean alone (its one reversal value is `reversal_value`). Compensation values, or error values (`errors`).
+        `reversal`: "columns" for both directions, "difference" for EXX(+) and the reversal value B = E(+) - E(-) in a second
+        column, "value" for the mean alone (its one reversal value is `reversal_value`). Compensation values, or error values
+        (`errors`).
         """
         sign = 1.0 if errors else -1.0
         up, down, f = sign * self.forward, sign * self.reverse, self.function
@@ -120,8 +121,8 @@ def error_tables(
     """Tables of every function that the `types` correct by tables, axis by axis.
 
     `zero`: by axis letter, where the values of its tables are to be zero (mean of both directions) instead of at the lines'
-    crossing. Raises `InputError` for a type without tables or a limit too small for the stated error; `NotDeterminedError` when the
-    data do not determine a function. ISO/TR 16907 8.2, Table 1.
+    crossing. Raises `InputError` for a type without tables or a limit too small for the stated error; `NotDeterminedError`
+    when the data do not determine a function. ISO/TR 16907 8.2, Table 1.
     """
     for t in types:
         if TABLES not in t.forms:

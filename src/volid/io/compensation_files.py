@@ -38,7 +38,9 @@ def save_compensation(
             sheet = table_sheet(table, form, table_header(table, form, solution, source))
             with (place / f"{table.function}.csv").open("w", newline="", encoding="utf-8") as stream:
                 write_csv(stream, sheet)
-        for grid, path in zip(made.grids, grid_paths(made.grids, place / "grid.csv") if made.grids else [], strict=True):
+        for grid, path in zip(
+            made.grids, grid_paths(made.grids, place / "grid.csv") if made.grids else [], strict=True
+        ):
             save_grid(grid, solution, path, errors=errors, source=source)
 
 
@@ -55,7 +57,9 @@ def load_control(machine: Machine, paths: Iterable[str | Path], **options: Any) 
         elif kind == GRID_FORMAT:
             grids.append(read_grid(path))
         else:
-            raise InputError(f"{path}: format is '{kind}'; expected '{TABLE_FORMAT}' or '{GRID_FORMAT}', written by volid")
+            raise InputError(
+                f"{path}: format is '{kind}'; expected '{TABLE_FORMAT}' or '{GRID_FORMAT}', written by volid"
+            )
     names = [t.function for t in tables]
     twice = next((n for n in names if names.count(n) > 1), None)
     if twice:

@@ -1,14 +1,15 @@
 """Error and compensation tables as CSV (`volid-table/1`), one function per file (ISO/TR 16907 Table 1).
 
-Lines "# key: value" say what the numbers are and where they come from, enough to make the table again; then the columns: position,
-values, u, `outside` (1: not measured there). The value columns are
+Lines "# key: value" say what the numbers are and where they come from, enough to make the table again; then the columns:
+position, values, u, `outside` (1: not measured there). The value columns are
 
     X,EXX                 without reversal, or one `reversal value` for the axis in the header (--reversal value)
     X,EXX(+),EXX(-)       approached in + and in - (--reversal columns)
     X,EXX(+),B_EXX        approached in +, and the reversal value EXX(+) - EXX(-) (--reversal difference)
 
-Lengths mm, rotations rad, positions mm or degrees. Incremental tables hold the differences of *rounded* absolute values, the first row
-the value itself, so that rounding does not add up: a running sum gives the absolute table. Read back, a table holds error values.
+Lengths mm, rotations rad, positions mm or degrees. Incremental tables hold the differences of *rounded* absolute values, the
+first row the value itself, so that rounding does not add up: a running sum gives the absolute table. Read back, a table holds
+error values.
 """
 
 from __future__ import annotations
@@ -118,7 +119,8 @@ def table_header(
         "units": f"{table.axis} {axis_unit}; {table.function} {unit}; u_… standard uncertainty (k = 1)",
         "applied": table.applied,
         "applied means": _APPLIED[table.applied],
-        "interpolation": f"linear, end values held outside; largest deviation between the points {table.interpolation:.6g} {unit}",
+        "interpolation": f"linear, end values held outside; largest deviation between the points "
+        f"{table.interpolation:.6g} {unit}",
         "zero": table.zero,
         "reversal": _reversal_text(table, form),
         "least increment": "all digits"

@@ -1,4 +1,5 @@
-"""The forecast of compensation types as text, as plain data, as a table for files, and as a figure. Lengths µm, rotations µrad."""
+"""The forecast of compensation types as text, as plain data, as a table for files, and as a figure. Lengths µm, rotations
+µrad."""
 
 from __future__ import annotations
 
@@ -32,7 +33,7 @@ def forecast_text(found: Forecast, machine: Machine, feeds: np.ndarray) -> list[
     lines = []
     for i, tool in enumerate(found.tools):
         lines += [f"remaining deviation over the working volume, tool {vector(tool.tolist())} mm"]
-        lines += _side_by_side(found.columns, i) + [""]
+        lines += [*_side_by_side(found.columns, i), ""]
     lines.append(
         f"95 % coverage intervals [ ] from {found.draws} draws of {found.source}; X … C: largest of each component."
     )
