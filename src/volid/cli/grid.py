@@ -142,14 +142,20 @@ def _superimposed(grids: tuple[AnyGrid, ...], args: argparse.Namespace) -> tuple
     from volid.exceptions import InputError
     from volid.io.grid_files import read_grid
 
-    found = {getattr(g, "side", "linear"): g for g in grids}
+    found = list(grids)
     for path in args.add_to or []:
         old = read_grid(path)
         side = getattr(old, "side", "linear")
-        if side not in found:
-            raise InputError(f"--add-to {path}: a {side} grid; the new ones are {', '.join(found)}")
-        found[side] = add_grid(found[side], old)
-    return tuple(found.values())
+        own = [
+            i
+            for i, g in enumerate(found)
+            if getattr(g, "side", "linear") == side and (g.type == "FOR") == (old.type == "FOR")
+        ]
+        if not own:
+            new = ", ".join(f"{g.type} ({getattr(g, 'side', 'linear')})" for g in found)
+            raise InputError(f"--add-to {path}: a {old.type} grid ({side}) has no partner among the new ones: {new}")
+        found[own[0]] = add_grid(found[own[0]], old)
+    return tuple(found)
 
 
 def _write(grids: tuple[AnyGrid, ...], solution: Solution, args: argparse.Namespace, notes: list[str]) -> list[Path]:

@@ -171,7 +171,8 @@ def effect_errors(
     included (L-VOL); so are all four of the rotary axes (R-VOL).
     """
     linear = {a.letter for a in solution.machine.linear} | ({SPINDLE} if not _has_head(solution.machine) else set())
-    wanted, out = set(effects), 0.0
+    wanted = set(effects)
+    out = np.zeros((len(positions), ROWS * (len(solution.machine.axes) + 1), solution.model.n_parameters))
     for own, group, whole in ((True, LINEAR_EFFECTS, LINEAR_SPEC), (False, ROTARY_EFFECTS, ROTARY_SPEC)):
         if set(group) <= wanted or whole in wanted:
             names = None if set(group) <= wanted else base.functions

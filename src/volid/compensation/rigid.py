@@ -59,7 +59,7 @@ def best_rigid(solution: Solution, tools: np.ndarray) -> tuple[Solution, Remaini
     return found, Remaining(*_sizes(left), *_sizes((before @ theta).reshape(-1, 3)))
 
 
-def _own(settings: FunctionSettings) -> object:
+def _own(settings: FunctionSettings) -> int | str | None:
     return settings.segments[0] if isinstance(settings.segments, tuple) else settings.segments
 
 

@@ -191,7 +191,7 @@ def read_table(path: str | Path) -> ErrorTable:
         raise InputError(f"{table.where(i)}: {axis} is {positions[i]:g}; expected positions that rise from row to row")
     forward, reverse = _values(table, name, header, str(path))
     u = _uncertainties(table, name)
-    basis = {k: header[k] for k in ("line", "tool vector", "elevation") if k in header}
+    basis: dict[str, str] = {k: header[k] for k in ("line", "tool vector", "elevation") if k in header}
     off = re.search(r"points ([\d.e+-]+)", header.get("interpolation", ""))
     return ErrorTable(
         type=header["type"],

@@ -137,7 +137,7 @@ def forecast_figure(found: Forecast, machine_name: str) -> Figure:
     left.set_yscale("log")
     left.set_ylabel("remaining deviation / µm")
     left.legend(fontsize=8, frameon=False)
-    for k, colour in zip(range(len(LENGTHS), len(QUANTITIES)), ("#0b5fa5", "#d1495b", "#2e8b57"), strict=True):
+    for k, colour in zip(range(len(LENGTHS), len(QUANTITIES)), ("#0b5fa5", "#d1495b", "#2e8b57", "black"), strict=True):
         value = 1e6 * np.array([c.predictions[0].value[k] for c in found.columns])
         right.plot(x, value, "o-", color=colour, lw=0.8, label=QUANTITIES[k])
     right.set_ylabel("largest orientation error / µrad")
