@@ -10,6 +10,7 @@ from exact_chain import ExactMachine, Truth, machine_toml, random_truth
 from exact_chain import apply as carried
 
 from volid.campaign import Campaign, ObservationSet
+from volid.error_functions import spline_axes
 from volid.error_model import build_model
 from volid.fitting.adequacy import Adequacy
 from volid.fitting.solution import Residuals, Solution, Statistics
@@ -146,7 +147,8 @@ def made_up(
 ) -> Solution:
     """A solution with random errors (about 5 µm, 15 µrad, times `scale`) and uncertainties of `u` of that: no fit needed."""
     rng = np.random.default_rng(seed)
-    every = {f"E{d}{a}": (segments,) for d in "XYZABC" for a in machine.letters}
+    names = [f"E{d}{a}" for d in "XYZABC" for a in machine.letters]
+    every = {n: (segments,) * len(spline_axes(machine, n)) for n in names}
     model = build_model(machine, every, datum=datum)
     size = np.empty(model.n_parameters)
     for f in model.functions:

@@ -316,8 +316,8 @@ def test_wrong_points_are_named(solution_file, run, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--type", "R-POS"], "--type R-POS is not offered yet; available: L-VOL, R-VOL"),
-        (["--type", "LVOL"], "'LVOL' is no compensation type of ISO/TR 16907; available: L-VOL, R-VOL"),
+        (["--type", "R-POS"], "--type R-POS has no grid; it is a table of the axis itself: volid tables --type R-POS"),
+        (["--type", "LVOL"], "'LVOL' is no compensation type of ISO/TR 16907; available: L-POS, L-STR"),
         (["--type", "R-VOL"], "has no rotary axis"),
         (["--type", "R-VOL", "--tool", "0,0,1"], "--tool is for L-VOL"),
         (["--reference-point", "0,0,1"], "--reference-point is for R-VOL"),

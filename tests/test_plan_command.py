@@ -134,7 +134,9 @@ def test_the_test_may_stand_behind_the_machine(run, tmp_path):
     status, text, err = run("plan", vertical, "standard", "--test", "K1", "-o", tmp_path / "p.toml")
     assert (status, text) == (2, "")
     assert "two tests are named, standard and --test K1; keep one" in err
-    assert "--test 'tandard' is unknown; expected one of" in run("plan", vertical, "tandard", "-o", tmp_path / "p.toml")[2]
+    assert (
+        "--test 'tandard' is unknown; expected one of" in run("plan", vertical, "tandard", "-o", tmp_path / "p.toml")[2]
+    )
 
 
 def test_what_is_too_much_is_named_with_the_usage_of_the_verb(run, tmp_path):

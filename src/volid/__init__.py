@@ -26,8 +26,15 @@ _os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 if TYPE_CHECKING:
     from volid.campaign import Campaign, ObservationSet, Station
     from volid.checks import check_campaign, closures
+    from volid.compensation.control import Control
+    from volid.compensation.effects import base_of as compensation_base
     from volid.compensation.grids import Grid, linear_grid
+    from volid.compensation.package import Compensation, compensate
+    from volid.compensation.residual import Forecast, forecast
+    from volid.compensation.rigid import best_rigid
     from volid.compensation.rotary_grids import RotaryGrid, rotary_grids
+    from volid.compensation.tables import ErrorTable, error_tables
+    from volid.compensation.types import TYPES as COMPENSATION_TYPES
     from volid.compensation.volume import predict_residual, volumetric_summary
     from volid.exceptions import InputError, NotDeterminedError, OutputError, VolidError
     from volid.fitting.datum import parse_datum
@@ -36,10 +43,12 @@ if TYPE_CHECKING:
     from volid.io import load_campaign
     from volid.io import read_machine as load_machine
     from volid.io import write_campaign as save_campaign
+    from volid.io.compensation_files import load_control, save_compensation
     from volid.io.grid_files import read_grid as load_grid
     from volid.io.grid_files import save_grid
     from volid.io.solution_hdf5 import read_solution as load_solution
     from volid.io.solution_hdf5 import write_solution as save_solution
+    from volid.io.table_files import read_table as load_table
     from volid.machine import Datum, Machine
     from volid.random_truth import random_truth
     from volid.report.summary import summary
@@ -78,8 +87,21 @@ __all__ = [  # in the order of the work  # noqa: RUF022
     "RotaryGrid",
     "save_grid",
     "load_grid",
+    "COMPENSATION_TYPES",
+    "compensation_base",
+    "compensate",
+    "Compensation",
+    "error_tables",
+    "ErrorTable",
+    "load_table",
+    "save_compensation",
+    "load_control",
+    "Control",
+    "best_rigid",
     "volumetric_summary",
     "predict_residual",
+    "forecast",
+    "Forecast",
     # what can go wrong
     "VolidError",
     "InputError",
@@ -89,16 +111,25 @@ __all__ = [  # in the order of the work  # noqa: RUF022
 _PLACES = {
     "volid.campaign": ("Campaign", "ObservationSet", "Station"),
     "volid.checks": ("check_campaign", "closures"),
+    "volid.compensation.control": ("Control",),
+    "volid.compensation.effects": ("base_of as compensation_base",),
     "volid.compensation.grids": ("Grid", "linear_grid"),
+    "volid.compensation.package": ("Compensation", "compensate"),
+    "volid.compensation.residual": ("Forecast", "forecast"),
+    "volid.compensation.rigid": ("best_rigid",),
     "volid.compensation.rotary_grids": ("RotaryGrid", "rotary_grids"),
+    "volid.compensation.tables": ("ErrorTable", "error_tables"),
+    "volid.compensation.types": ("TYPES as COMPENSATION_TYPES",),
     "volid.compensation.volume": ("predict_residual", "volumetric_summary"),
     "volid.exceptions": ("VolidError", "InputError", "OutputError", "NotDeterminedError"),
     "volid.fitting.datum": ("parse_datum",),
     "volid.fitting.fit": ("fit",),
     "volid.fitting.solution": ("Solution",),
     "volid.io": ("load_campaign", "read_machine as load_machine", "write_campaign as save_campaign"),
+    "volid.io.compensation_files": ("load_control", "save_compensation"),
     "volid.io.grid_files": ("read_grid as load_grid", "save_grid"),
     "volid.io.solution_hdf5": ("read_solution as load_solution", "write_solution as save_solution"),
+    "volid.io.table_files": ("read_table as load_table",),
     "volid.machine": ("Datum", "Machine"),
     "volid.random_truth": ("random_truth",),
     "volid.report.summary": ("summary",),

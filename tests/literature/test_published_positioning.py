@@ -3,6 +3,7 @@
 Expected values are the published ones (µm, printed to 0.1), see datasets/published_positioning/README.md.
 """
 
+import runpy
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,8 @@ from volid.fitting.fit import fit
 from volid.io import load_campaign
 
 FOLDER = Path(__file__).parents[2] / "datasets/published_positioning"
+MAKE = runpy.run_path(str(FOLDER / "make.py"))  # the tables as printed, and the deviations from them
+TABLES, deviations = MAKE["TABLES"], MAKE["deviations"]
 STEP = 25.0  # mm
 PUBLISHED = {"EXX": {"E": 31.8, "R": 4.2}, "EZZ": {"E": 33.3, "R": 6.3}}  # µm, bidirectional
 U_OF_MEAN = {("EXX", 1): 4.2, ("EXX", -1): 2.6, ("EZZ", 1): 3.9, ("EZZ", -1): 4.0}  # R = 4 s, one direction, µm
@@ -63,3 +66,74 @@ def test_without_redundancy_the_fit_says_so_and_fits_exactly(solution):
 
 def test_only_positioning_is_in_the_model(solution):
     assert solution.model.names == ("EXX", "EZZ")
+
+
+# --------------------------------------------------------------------- from the tables to the corrected machine (L-POS)
+
+
+@pytest.fixture(scope="module")
+def folder(solution, tmp_path_factory):
+    """L-POS tables every 25 mm with both directions, zero at the lower end, increments as published."""
+    from volid.compensation.effects import base_of
+    from volid.compensation.package import compensate
+    from volid.compensation.sampling import Sampling
+    from volid.io.compensation_files import save_compensation
+    from volid.io.table_files import TableForm
+
+    made = compensate(solution, ["L-POS"], base_of(solution, (0.0, 0.0, 0.0)), tables=Sampling(step=STEP))
+    place = tmp_path_factory.mktemp("tables") / "out"
+    save_compensation(made, solution, place, form=TableForm(incremental=True))
+    return place
+
+
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_the_published_incremental_table_comes_back(folder, name):
+    """Increments from row to row are the published ones, µm printed to 0.001; the first row differs by the choice of zero."""
+    lines = [line for line in (folder / f"{name}.csv").read_text().splitlines() if not line.startswith("#")]
+    assert lines[0].split(",")[:3] == [name[2], f"{name}(+)", f"{name}(-)"]
+    rows = np.array([[float(c) for c in line.split(",")[:3]] for line in lines[1:]])
+    published = np.array([[float(v) for v in TABLES[name[2]][way].split()] for way in (1, -1)]).T
+    np.testing.assert_allclose(1e3 * rows[1:, 1:], published[1:], atol=0.0006)
+    np.testing.assert_allclose(1e3 * (rows[0, 2] - rows[0, 1]), published[0, 1] - published[0, 0], atol=0.0006)
+    summed = np.cumsum(rows[:, 1:], axis=0)
+    assert np.ptp(summed) * 1e3 == pytest.approx(PUBLISHED[name]["E"], abs=0.05)
+
+
+def test_the_corrected_machine_is_below_one_micrometre(solution, folder):
+    """The machine of the published mean deviations (straight lines between them), by exact matrices: before E = 31.8 and 33.3 µm,
+    after L-POS with reversal less than 1 µm at and between the points, in both directions; with one reversal value, not."""
+    from exact_chain import ExactMachine, Truth
+
+    from volid.compensation.tables import with_one_reversal
+    from volid.io.compensation_files import load_control
+
+    exact = ExactMachine("w X' Y' b Z (C) t", {"X": (0, 500), "Y": (0, 200), "Z": (0, 325)})
+    mean, reversal = {}, {}
+    for axis in "XZ":
+        up, down = (np.array([float(v) for v in deviations(axis, way)]) for way in (1, -1))
+        x = STEP * np.arange(len(up))
+        mean[f"E{axis}{axis}"] = lambda q, x=x, v=0.5 * (up + down): np.interp(q, x, v)
+        reversal[f"E{axis}{axis}"] = lambda q, x=x, v=up - down: np.interp(q, x, v)
+    truth = Truth(functions=mean, reversal=reversal)
+    control = load_control(solution.machine, [folder])
+    lumped = load_control(solution.machine, [folder])
+    lumped = type(lumped)(solution.machine, tuple(with_one_reversal(t) for t in lumped.tables))
+    for axis, name in (("X", "EXX"), ("Z", "EZZ")):
+        x = np.linspace(*exact.travel[axis], 201)
+        found, left, one = [], [], []
+        for way in (1.0, -1.0):
+            q = np.tile([250.0, 100.0, 162.5], (201, 1))
+            k = exact.column(axis)
+            q[:, k] = x
+            ways = np.zeros_like(q)
+            ways[:, k] = way
+            nominal = exact.functional_point(q, np.zeros(3))
+            for kept, command in (
+                (found, q),
+                (left, control.command(q, None, ways)),
+                (one, lumped.command(q, None, ways)),
+            ):
+                kept.append((exact.functional_point(command, np.zeros(3), truth, ways) - nominal)[:, "XYZ".index(axis)])
+        assert np.ptp(found) * 1e3 == pytest.approx(PUBLISHED[name]["E"], abs=0.05)
+        assert np.ptp(left) * 1e3 < 0.02  # both directions together, to the last digit of the campaign: far below 1 µm
+        assert np.ptp(one) * 1e3 > 0.2  # reversal changes along the axis

@@ -35,7 +35,12 @@ VERBS = {
     "summary": ("summary", "what a solution says: verdict, squareness, volumetric accuracy, error functions"),
     "errors": ("errors", "deviation of the functional point at given axis positions and tool vectors"),
     "functions": ("functions", "table of the error functions and location errors with their uncertainty"),
+    "tables": ("tables", "error or compensation tables per function, for controls that know single-axis functions"),
     "grid": ("grid", "spatial grid of compensation (or error) values over the working volume"),
+    "residual": (
+        "residual",
+        "what each compensation type leaves over the working volume, side by side, with intervals",
+    ),
     "datum": ("datum", "the same solution in another datum, without a new fit"),
     "multilaterate": (
         "multilaterate",

@@ -18,6 +18,7 @@ from volid.cli.common import (
     tool_vector,
     write_sheets,
 )
+from volid.cli.compensation_options import add_base, add_sampling, base_from, prepared, rule_from, sampling_of
 from volid.cli.progress import Progress
 from volid.report.text import vector
 
@@ -28,18 +29,17 @@ if TYPE_CHECKING:
 HELP = "spatial grid of compensation (or error) values over the working volume"
 
 LINEAR, ROTARY = "L-VOL", "R-VOL"
-TYPES = (LINEAR, ROTARY)
-_LATER = ("L-POS", "L-STR", "L-SQU", "L-ANG", "FOR", "L-VOL+", "R-POS", "R-RAX", "R-POR", "R-ANG", "R-VOL+")
-_EPILOG = f"""\
-Types: {", ".join(TYPES)}. Compensation values are minus the error values (actual - nominal);
---errors writes the error values. The grid spans the travels, both ends included, the first axis
-varying fastest; translations in mm, rotations in degrees. Lines that begin with # state type, sign,
-tool vector or reference point, frame, datum and source. OUT is CSV, or HDF5 when it ends in .h5.
+_EPILOG = """\
+Every type of ISO/TR 16907 but R-POS has a grid; default L-VOL, repeat --type to combine types.
+Compensation values are minus the error values (actual - nominal); --errors writes the error
+values. The grid spans the travels, both ends included, the first axis varying fastest; translations
+in mm, rotations in degrees. Lines that begin with # state type, sign, tool vector or reference
+point, frame, datum, source and command. OUT is CSV, or HDF5 when it ends in .h5.
 
-L-VOL holds for one tool vector; with rotary axes, for a rotated one and the linear axes' errors
-only. R-VOL (ISO/TR 16907 Table 3) holds at a reference point; the lever arm from it is stated.
-Rotary axes on both sides make two grids, whose effects add up: OUT.csv then becomes OUT.table.csv
-and OUT.head.csv.
+A linear grid holds for one tool vector; with rotary axes, for a rotated one and the linear axes'
+errors only. A rotary grid (ISO/TR 16907 Table 3) holds at a reference point; the lever arm from it
+is stated. Several grids, whose effects add up, become OUT.linear.csv, OUT.table.csv, OUT.head.csv.
+FOR, L-VOL+ and R-VOL+ turn rotary axes by the rotations of their grids.
 
 example:
   volid grid solution.h5 --type L-VOL --step 50 --tool 0,0,-150 -o grid.csv
@@ -55,26 +55,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
     explain(parser, _EPILOG)
     add_solution(parser)
-    parser.add_argument("--type", default=LINEAR, metavar="TYPE", help="type of compensation; default L-VOL")
-    spacing = parser.add_mutually_exclusive_group()
-    spacing.add_argument("--step", metavar="S", type=float, help="spacing of the nodes, mm; degrees for R-VOL")
-    spacing.add_argument("--points", metavar="N", type=int, help="nodes per axis; default 21, for R-VOL 37")
     parser.add_argument(
-        "--tool", metavar="x,y,z", type=tool_vector, help="tool vector, mm; default: the most used one of the campaign"
+        "--type", action="append", metavar="TYPE", help="type of compensation; default L-VOL; repeat it"
     )
+    parser.add_argument("--points", metavar="N", type=int, help="nodes per axis; default 21, rotary axes 37")
+    add_sampling(parser, "nodes")
+    add_base(parser, "tool vector, mm; default: the most used one of the campaign")
     parser.add_argument(
         "--reference-point",
         metavar="x,y,z",
         type=tool_vector,
-        help="of R-VOL, mm, machine frame, linear axes at 0; default: on the rotary axis nearest the bed",
+        help="of rotary grids, mm, machine frame, linear axes at 0; default: on the rotary axis nearest the bed",
     )
     parser.add_argument("--errors", action="store_true", help="error values instead of compensation values")
     parser.add_argument("--extrapolate", action="store_true", help="nodes outside what was measured are meant")
+    parser.add_argument("--add-to", metavar="OLD", action="append", help="existing grid to superimpose on; repeat it")
     add_output(parser, "OUT", "grid, .csv or .h5; default: CSV on standard output")
 
 
 def run(args: argparse.Namespace) -> int:
     """Read, evaluate, write; 1 when values need attention. Raises `InputError`, `OutputError`, `NotDeterminedError`."""
+    args.type = args.type or [LINEAR]
     _check_options(args)
     check_output(args.output, args.force, [args.solution])
     with Progress() as progress:
@@ -83,8 +84,8 @@ def run(args: argparse.Namespace) -> int:
 
         solution = read_solution(args.solution)
         progress("evaluating the grid")
-        grids = _grids(solution, args)
-        paths = _write(grids, solution, args)
+        grids, notes = _grids(solution, args)
+        paths = _write(grids, solution, args, notes)
     if args.output and not args.json:
         for grid, path in zip(grids, paths, strict=True):
             print(f"{_described(grid, args)} written: {path}")
@@ -93,46 +94,89 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _check_options(args: argparse.Namespace) -> None:
+    from volid.compensation.types import GRID, compensation_type
     from volid.exceptions import InputError
 
-    available = f"available: {', '.join(TYPES)}"
-    if args.type in _LATER:
-        raise InputError(f"--type {args.type} is not offered yet; {available}")
-    if args.type not in TYPES:
-        raise InputError(f"--type '{args.type}' is no compensation type of ISO/TR 16907; {available}")
-    if args.type == ROTARY and args.tool is not None:
+    types = [compensation_type(name) for name in args.type]
+    for t in types:
+        if GRID not in t.forms:
+            raise InputError(
+                f"--type {t.name} has no grid; it is a table of the axis itself: volid tables --type {t.name}"
+            )
+    linear, rotary = any(t.is_linear or t.turns for t in types), any(t.is_rotary or t.turns for t in types)
+    if not linear and args.tool is not None and args.type == [ROTARY]:
         raise InputError(
             "--tool is for L-VOL; an R-VOL grid holds for every tool, through the lever arm from its reference point "
             "(--reference-point x,y,z)"
         )
-    if args.type == LINEAR and args.reference_point is not None:
+    if not rotary and args.reference_point is not None:
         raise InputError("--reference-point is for R-VOL; an L-VOL grid holds for a tool vector (--tool x,y,z)")
+    if args.points is not None and args.points < 2:
+        raise InputError(f"--points {args.points}; expected at least 2 per axis")
+    if args.points is not None and any(v is not None for v in (args.step, args.max_points, args.max_error)):
+        raise InputError("--points stands alone; take it, or --step, or --max-points and --max-error")
 
 
-def _grids(solution: Solution, args: argparse.Namespace) -> tuple[AnyGrid, ...]:
-    from volid.compensation.grids import linear_grid
-    from volid.compensation.rotary_grids import rotary_grids
+def _grids(solution: Solution, args: argparse.Namespace) -> tuple[tuple[AnyGrid, ...], list[str]]:
+    from volid.compensation.package import compensate
     from volid.report.summary import most_used_tool
 
-    if args.type == ROTARY:
-        return rotary_grids(solution, step=args.step, points=args.points, reference_point=args.reference_point)
     tool = most_used_tool(solution.campaign) if args.tool is None else args.tool
-    return (linear_grid(solution, step=args.step, points=args.points, tool=tool),)
+    solution, notes = prepared(solution, args, [tool])
+    made = compensate(
+        solution,
+        args.type,
+        base_from(solution, args, tool),
+        grids=sampling_of(args),
+        points=args.points,
+        form="grid",
+        rule=rule_from(args.rule),
+        reference_point=args.reference_point,
+    )
+    return _superimposed(made.grids, args), notes
 
 
-def _write(grids: tuple[AnyGrid, ...], solution: Solution, args: argparse.Namespace) -> list[Path]:
+def _superimposed(grids: tuple[AnyGrid, ...], args: argparse.Namespace) -> tuple[AnyGrid, ...]:
+    """Grids on top of the existing ones of --add-to, matched by side. Raises `InputError` for one that has no partner."""
+    from volid.compensation.superposition import add_grid
+    from volid.exceptions import InputError
+    from volid.io.grid_files import read_grid
+
+    found = list(grids)
+    for path in args.add_to or []:
+        old = read_grid(path)
+        side = getattr(old, "side", "linear")
+        own = [
+            i
+            for i, g in enumerate(found)
+            if getattr(g, "side", "linear") == side and (g.type == "FOR") == (old.type == "FOR")
+        ]
+        if not own:
+            new = ", ".join(f"{g.type} ({getattr(g, 'side', 'linear')})" for g in found)
+            raise InputError(f"--add-to {path}: a {old.type} grid ({side}) has no partner among the new ones: {new}")
+        found[own[0]] = add_grid(found[own[0]], old)
+    return tuple(found)
+
+
+def _write(grids: tuple[AnyGrid, ...], solution: Solution, args: argparse.Namespace, notes: list[str]) -> list[Path]:
     """The grids to their files, or one to standard output; the paths. Raises `InputError` for two without a file."""
     from volid.exceptions import InputError
     from volid.io.grid_files import COMPENSATION, ERROR, grid_header, grid_paths, grid_sheet, write_grid_hdf5
 
     if len(grids) > 1 and not (args.output or args.json):
         raise InputError(
-            "two grids, of the rotary axes in the table and in the head; name a file with -o, or take --json"
+            f"{len(grids)} grids ({', '.join(getattr(g, 'side', 'linear') for g in grids)}); name a file with -o, or take --json"
         )
     paths = grid_paths(grids, args.output) if args.output else []
     for path in paths:
         check_output(path, args.force, [args.solution])
-    headers = [grid_header(grid, ERROR if args.errors else COMPENSATION, solution, args.solution) for grid in grids]
+    values = ERROR if args.errors else COMPENSATION
+    headers = [
+        grid_header(g, values, solution, args.solution, args.command_line)
+        | {f"note {len(g.notes) + i}": note for i, note in enumerate(notes, start=1)}
+        for g in grids
+    ]
+    whole = "grids" if args.type == [ROTARY] or len(grids) > 1 else ""
     if args.output and Path(args.output).suffix.lower() in HDF5:
         for grid, header, path in zip(grids, headers, paths, strict=True):
             write_grid_hdf5(grid, header, path, args.force)
@@ -140,31 +184,31 @@ def _write(grids: tuple[AnyGrid, ...], solution: Solution, args: argparse.Namesp
             {"header": h, "nodes": dict(zip(g.axes, g.nodes, strict=True))} for g, h in zip(grids, headers, strict=True)
         ]
         if args.json:
-            print_json({"grids": found} if args.type == ROTARY else found[0])
+            print_json({whole: found} if whole else found[0])
         return paths
     sheets = [grid_sheet(grid, header) for grid, header in zip(grids, headers, strict=True)]
-    write_sheets(sheets, paths, args, key="grids" if args.type == ROTARY else "")
+    write_sheets(sheets, paths, args, key=whole)
     return paths
 
 
 def _described(grid: AnyGrid, args: argparse.Namespace) -> str:
     counts = " × ".join(str(len(nodes)) for nodes in grid.nodes)
     values = "error" if args.errors else "compensation"
-    if args.type == LINEAR:
-        return f"{counts} nodes of {values} values for tool vector {vector(getattr(grid, 'tool', ()))} mm"
+    if not hasattr(grid, "side"):
+        return f"{counts} nodes of {grid.type}, {values} values for tool vector {vector(getattr(grid, 'tool', ()))} mm"
     where = vector(getattr(grid, "reference_point", ()))
     side = getattr(grid, "side", "")
-    return f"{counts} nodes of {values} values of {', '.join(grid.axes)} in the {side}, reference point {where} mm,"
+    return f"{counts} nodes of {grid.type}, {values} values of {', '.join(grid.axes)} in the {side}, reference point {where} mm,"
 
 
 def _messages(grid: AnyGrid, args: argparse.Namespace, several: bool) -> list[str]:
     from volid.compensation.parts import LEFT_OUT
 
-    what = f"{getattr(grid, 'side', '')}: " if several else ""
+    what = f"{getattr(grid, 'side', 'linear')}: " if several else ""
     messages = [f"{what}{note}" for note in grid.notes if note.startswith(LEFT_OUT)]
     lost = [f"d{c}" for k, c in enumerate("XYZABC") if (grid.values[:, k] != grid.values[:, k]).any()]
     if lost:
-        advice = "no other tool vector" if args.type == LINEAR else "no lever arm"
+        advice = "no lever arm" if hasattr(grid, "side") else "no other tool vector"
         messages.append(f"{what}{', '.join(lost)} not determined by the data and left blank; use {advice}")
     outside = int(grid.outside.sum())
     if outside and not args.extrapolate:

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from volid.compensation.interpolation import interpolate
 from volid.checks import SAME_POSITION
+from volid.compensation.interpolation import interpolate
 from volid.compensation.parts import evaluate_part, full_positions, part_letters, part_notes
 from volid.exceptions import InputError, NotDeterminedError
 from volid.fitting.solution import Deviations, Solution
-from volid.iso230 import LINEAR_AXES
+from volid.iso230 import DIRECTIONS, LINEAR_AXES
 from volid.machine import Axis
 
 POINTS = 21
 LARGEST = 2_000_000
+_IN_DEGREES = np.array([1.0] * 3 + [180.0 / np.pi] * 3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +49,15 @@ class Grid:
         """Compensation values, minus the error values, (n, 6) [mm, rad] (CONVENTIONS 5)."""
         return -self.values
 
+    def table_2(self, *, errors: bool = False) -> tuple[tuple[str, ...], np.ndarray]:
+        """The table of ISO/TR 16907, Table 2: columns n, X, Y, Z [mm], ΔX, ΔY, ΔZ [mm], ΔA, ΔB, ΔC [°]; one row per node.
+
+        Compensation values, or error values (`errors`).
+        """
+        columns = ("n", *self.axes, *(f"Δ{letter}" for letter in DIRECTIONS))
+        values = (self.values if errors else self.compensation) * _IN_DEGREES
+        return columns, np.column_stack([np.arange(1, len(values) + 1), self.positions, values])
+
     def interpolate(self, positions: np.ndarray) -> np.ndarray:
         """Error values by linear interpolation, as a control does it, at (m, k) positions in `axes` order; (m, 6)."""
         shape = tuple(len(n) for n in reversed(self.nodes))
@@ -76,6 +87,27 @@ def axis_nodes(axis: Axis, step: float | None, points: int) -> np.ndarray:
     return inner if high - inner[-1] < 1e-6 * step else np.append(inner, high)
 
 
+def node_lines(
+    solution: Solution,
+    axes: tuple[str, ...],
+    step: float | None,
+    points: int | None,
+    default: int,
+    nodes: Mapping[str, np.ndarray] | None = None,
+) -> tuple[np.ndarray, ...]:
+    """Node positions of each axis. Raises `InputError` for numbers that make no grid, or one of more than two million nodes."""
+    if points is not None and points < 2:
+        raise InputError(f"grid: points = {points}; expected at least 2 per axis")
+    own = nodes or {}
+    lines = tuple(
+        np.asarray(own[a]) if a in own else axis_nodes(solution.machine.axis(a), step, points or default) for a in axes
+    )
+    size = int(np.prod([len(n) for n in lines]))
+    if size > LARGEST:
+        raise InputError(f"grid: {size} points asked for, more than {LARGEST}; take a larger step")
+    return lines
+
+
 def grid_positions(nodes: tuple[np.ndarray, ...]) -> np.ndarray:
     """All nodes, shape (n, k), the first axis varying fastest."""
     mesh = np.meshgrid(*reversed(nodes), indexing="ij")
@@ -88,22 +120,20 @@ def linear_grid(
     step: float | None = None,
     points: int | None = None,
     tool: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    nodes: Mapping[str, np.ndarray] | None = None,
 ) -> Grid:
     """Spatial grid of the linear axes over the whole travel, for (rotated) tool vector `tool` [mm].
 
     On a machine with rotary axes: the errors of the linear axes alone, see `volid.compensation.rotary_grids`.
 
-    `step` [mm], or `points` per axis (default 21). Raises `NotDeterminedError` when the data do not determine the
-    translations for this tool vector, `InputError` for a step or a number of points that makes no grid. ISO/TR 16907 7.5.
+    `step` [mm], or `points` per axis (default 21), or `nodes` by axis letter. Raises `NotDeterminedError` when the data do not
+    determine the translations for this tool vector, `InputError` for a step or a number of points that makes no grid. ISO/TR
+    16907 7.5.
     """
-    if points is not None and points < 2:
-        raise InputError(f"grid: points = {points}; expected at least 2 per axis")
     axes = tuple(a for a in LINEAR_AXES if a in solution.machine.letters)
-    nodes = tuple(axis_nodes(solution.machine.axis(a), step, points or POINTS) for a in axes)
-    size = int(np.prod([len(n) for n in nodes]))
-    if size > LARGEST:
-        raise InputError(f"grid: {size} points asked for, more than {LARGEST}; take a larger step")
-    positions = grid_positions(nodes)
+    lines = node_lines(solution, axes, step, points, POINTS, nodes)
+    positions = grid_positions(lines)
+    size = len(positions)
     tools = np.broadcast_to(np.asarray(tool, dtype=float), (size, 3))
     letters = part_letters(solution.machine, None)
     found = evaluate_part(solution, letters, full_positions(solution.machine, axes, positions), tools, axes)
@@ -111,7 +141,7 @@ def linear_grid(
     return Grid(
         type="L-VOL",
         axes=axes,
-        nodes=nodes,
+        nodes=lines,
         positions=positions,
         values=found.values,
         u=found.u,

@@ -10,9 +10,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import replace
 
-import jax.numpy as jnp
 import numpy as np
 
+from volid.compensation.nominal import carry
 from volid.error_functions import motion_names
 from volid.exceptions import InputError
 from volid.fitting.datum import split_null_space
@@ -21,7 +21,6 @@ from volid.fitting.identifiability import parameter_units
 from volid.fitting.prediction import deviation_values, estimable, standard_uncertainties
 from volid.fitting.solution import Deviations, Solution
 from volid.iso230 import DIRECTIONS, SPINDLE, parse
-from volid.kinematics import transform
 from volid.machine import Machine
 
 TABLE, HEAD = "table", "head"
@@ -110,9 +109,7 @@ def lever_points(machine: Machine, side: str, positions: np.ndarray, tool: np.nd
     Table: linear positions plus (rotated) tool vector. Head: the rotated tool vector, turned about the axes' own lines. The
     lever arm of a rotary grid is this less the grid's reference point.
     """
-    q, tool = jnp.asarray(positions, dtype=float).T, np.broadcast_to(np.asarray(tool, dtype=float), (len(positions), 3))
-    x = transform(machine, q, None, tuple(jnp.asarray(tool.T)), start=len(machine.axes), stop=side_body(machine, side))  # type: ignore[arg-type]
-    return np.stack([np.broadcast_to(np.asarray(c), (len(positions),)) for c in x], axis=1)
+    return carry(machine, positions, tool, len(machine.axes), side_body(machine, side))
 
 
 def rotated_tool(machine: Machine, positions: np.ndarray, tool: np.ndarray) -> np.ndarray:
@@ -124,10 +121,7 @@ def rotated_tool(machine: Machine, positions: np.ndarray, tool: np.ndarray) -> n
 
 def tool_reaching(machine: Machine, side: str, positions: np.ndarray, point: np.ndarray) -> np.ndarray:
     """Tool vectors (m, 3) [mm] that nominally put the functional point at `point` of the body that bears the rotary axes."""
-    q = jnp.asarray(positions, dtype=float).T
-    x = tuple(jnp.full(len(positions), c) for c in point)
-    x = transform(machine, q, None, x, start=side_body(machine, side), stop=len(machine.axes))  # type: ignore[arg-type,assignment]
-    return np.stack([np.asarray(c) for c in x], axis=1)
+    return carry(machine, positions, point, side_body(machine, side), len(machine.axes))
 
 
 def turning_linear_axes(machine: Machine) -> tuple[str, ...]:

@@ -8,12 +8,12 @@ with them, taken at the rotated tool vector. What is left is of second order: ab
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from volid.compensation.grids import LARGEST, Grid, axis_nodes, describe_datum, grid_positions
+from volid.compensation.grids import Grid, describe_datum, grid_positions, node_lines
 from volid.compensation.interpolation import interpolate
 from volid.compensation.parts import (
     HEAD,
@@ -111,38 +111,44 @@ def rotary_grids(
     step: float | None = None,
     points: int | None = None,
     reference_point: tuple[float, float, float] | None = None,
+    nodes: Mapping[str, np.ndarray] | None = None,
 ) -> tuple[RotaryGrid, ...]:
     """Spatial grids of the rotary axes over their whole travel: table first, then head, those that the machine has.
 
-    `step` [°], or `points` per axis (default 37). `reference_point` [mm]: in the frame of the body that bears the rotary axes,
-    which coincides with the machine frame when the linear axes stand at 0 (by default the `point` of the axis nearest the bed,
-    for each side its own). Location errors and error motions of the side's rotary axes are in it; on the head side also the
-    constants of the tool frame. Location errors of the linear axes stay in the linear grid.
+    `step` [°], or `points` per axis (default 37), or `nodes` by axis letter. `reference_point` [mm]: in the frame of the body
+    that bears the rotary axes, which coincides with the machine frame when the linear axes stand at 0 (by default the `point`
+    of the axis nearest the bed, for each side its own). Location errors and error motions of the side's rotary axes are in it;
+    on the head side also the constants of the tool frame. Location errors of the linear axes stay in the linear grid.
 
     Raises `InputError` for a machine without rotary axes, a linear axis between stacked ones, or a step that makes no grid;
     `NotDeterminedError` when the data do not determine the translations. ISO/TR 16907 7.5, Table 3.
     """
-    if points is not None and points < 2:
-        raise InputError(f"grid: points = {points}; expected at least 2 per axis")
     sides = [side for side in (TABLE, HEAD) if rotary_letters(solution.machine, side)]
     if not sides:
         raise InputError(
             f"grid: machine '{solution.machine.name}' has no rotary axis; R-VOL is for rotary axes, L-VOL for linear ones"
         )
-    return tuple(_grid(solution, side, step, points, reference_point) for side in sides)
+    return tuple(_grid(solution, side, step, points, reference_point, nodes) for side in sides)
+
+
+def reference_of_side(machine: Machine, side: str, reference: Sequence[float] | None = None) -> np.ndarray:
+    """Reference point of a side's grid (3,) [mm]: by default the `point` of its axis nearest the bed."""
+    own = machine.axis(rotary_letters(machine, side)[-1 if side == TABLE else 0]).point
+    return np.asarray(own if reference is None else reference, dtype=float)
 
 
 def _grid(
-    solution: Solution, side: str, step: float | None, points: int | None, reference: Sequence[float] | None
+    solution: Solution,
+    side: str,
+    step: float | None,
+    points: int | None,
+    reference: Sequence[float] | None,
+    own: Mapping[str, np.ndarray] | None,
 ) -> RotaryGrid:
     machine = solution.machine
-    letters = rotary_letters(machine, side)
-    axes = tuple(a for a in ROTARY_AXES if a in letters)
-    nodes = tuple(axis_nodes(machine.axis(a), step, points or POINTS) for a in axes)
-    size = int(np.prod([len(n) for n in nodes]))
-    if size > LARGEST:
-        raise InputError(f"grid: {size} points asked for, more than {LARGEST}; take a larger step")
-    x, y, z = machine.axis(letters[-1 if side == TABLE else 0]).point if reference is None else reference
+    axes = tuple(a for a in ROTARY_AXES if a in rotary_letters(machine, side))
+    nodes = node_lines(solution, axes, step, points, POINTS, own)
+    x, y, z = reference_of_side(machine, side, reference)
     positions = grid_positions(nodes)
     full = full_positions(machine, axes, positions)
     tool = tool_reaching(machine, side, full, np.array([x, y, z]))

@@ -41,6 +41,12 @@ _SIGN = {
     ERROR: "error value = actual - nominal; the compensation value is minus it",
     COMPENSATION: "compensation value = -(actual - nominal); a control that adds it to the command removes the deviation",
 }
+_POSITION = "the control moves X, Y, Z by d at the functional point; orientation stays as it is"
+_APPLIED = {
+    "FOR": "the control turns the rotary axes against dA, dB, dC, outside kinematic poles; dX, dY, dZ are 0",
+    "L-VOL+": f"{_POSITION.split(';')[0]}, and turns the rotary axes against dA, dB, dC, outside kinematic poles",
+    "R-VOL+": f"{_POSITION.split(';')[0]}, and turns the rotary axes against dA, dB, dC, outside kinematic poles",
+}
 _TOOL = "{} mm; another tool vector t: d(t) = d + (dA, dB, dC in rad) x (t - this tool vector)"
 _ROTATED = "; tool vectors as the rotary axes of the head turn them; the linear axes' errors only"
 _ROTARY = "R-VOL"
@@ -51,19 +57,35 @@ _NAMED = ("format", "type", "values", "frame", "datum")
 AnyGrid = Grid | RotaryGrid
 
 
-def grid_header(grid: AnyGrid, values: str, solution: Solution, source: str | Path | None = None) -> dict[str, str]:
-    """What a grid file says about itself; `values`: "error" or "compensation"; `source`: the solution's file."""
+def grid_header(
+    grid: AnyGrid,
+    values: str,
+    solution: Solution,
+    source: str | Path | None = None,
+    command: Sequence[str] = (),
+) -> dict[str, str]:
+    """What a grid file says about itself, enough to make it again (ISO/TR 16907 12).
+
+    `values`: "error" or "compensation"; `source`: the solution's file; `command`: the words of the command line.
+    """
     lines = {
         "format": FORMAT,
         "type": grid.type,
         "values": values,
         "sign": _SIGN[values],
+        "applied": _APPLIED.get(grid.type, _POSITION),
         "absolute": "absolute values, not increments",
         "units": f"{_units(grid)} dX, dY, dZ mm; dA, dB, dC degrees; u_… standard uncertainty (k = 1)",
         **(_rotary_lines(grid) if isinstance(grid, RotaryGrid) else _tool_lines(grid, solution)),
         "frame": grid.frame,
+        "limits": "; ".join(
+            f"{a} {n[0]:g} … {n[-1]:g}, {len(n)} points" for a, n in zip(grid.axes, grid.nodes, strict=True)
+        )
+        + "; linear interpolation",
     }
     lines |= source_lines(solution, source) | {"datum": grid.datum}
+    if command:
+        lines["command"] = " ".join(command)
     if any(note.startswith(REJECTED) for note in grid.notes):
         del lines[REJECTED]  # said in the notes, which a reader gets back
     return lines | {f"note {i}": note for i, note in enumerate(grid.notes, start=1)}
@@ -95,11 +117,14 @@ def _three(values: Sequence[float]) -> str:
 
 
 def grid_paths(grids: Sequence[AnyGrid], path: str | Path) -> list[Path]:
-    """Where grids go: `path` for one; for the two sides of a machine OUT.table.csv and OUT.head.csv instead of OUT.csv."""
+    """Where grids go: `path` for one; of several OUT.linear.csv, OUT.table.csv and OUT.head.csv instead of OUT.csv."""
     path = Path(path)
     if len(grids) == 1:
         return [path]
-    return [path.with_name(f"{path.stem}.{getattr(grid, 'side', grid.type)}{path.suffix}") for grid in grids]
+    names = [getattr(grid, "side", "linear") for grid in grids]
+    several = {n for n in names if names.count(n) > 1}
+    parts = [f"{n}.{g.type}" if n in several else n for n, g in zip(names, grids, strict=True)]
+    return [path.with_name(f"{path.stem}.{part}{path.suffix}") for part in parts]
 
 
 def grid_sheet(grid: AnyGrid, header: Mapping[str, str]) -> Sheet:
@@ -176,7 +201,7 @@ def _read_csv(path: str | Path) -> AnyGrid:
     comments = [line[1:].strip() for line in read_text(Path(path)).split("\n") if line.startswith("#")]
     header = dict(line.split(": ", 1) for line in comments if ": " in line)
     table = read_csv(path)
-    letters, unit = (ROTARY_AXES, "degrees") if header.get("type") == _ROTARY else (LINEAR_AXES, "mm")
+    letters, unit = (ROTARY_AXES, "degrees") if "side" in header else (LINEAR_AXES, "mm")
     axes = tuple(letter for letter in letters if letter in table)
     known = (*axes, *COLUMNS, *U_COLUMNS, OUTSIDE)
     table.only(known)
@@ -202,7 +227,7 @@ def _assemble(
     u: np.ndarray,
     outside: np.ndarray,
 ) -> AnyGrid:
-    rotary = header.get("type") == _ROTARY
+    rotary = "side" in header or header.get("type") == _ROTARY
     for key in (*_NAMED, *(("side", "reference point", "period") if rotary else ("tool vector",))):
         if key not in header:
             raise InputError(f"{path}: header '{key}' is missing; expected a grid written by volid, '{FORMAT}'")

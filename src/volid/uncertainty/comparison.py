@@ -5,16 +5,16 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import qmc
 
 from volid.error_functions import reference_of
+from volid.even_points import even_points
 from volid.fitting.datum import rigid_motion_rows, tool_rotation_rows
 from volid.fitting.prediction import deviation_values, gradient_matrix
 from volid.fitting.solution import Solution
 from volid.iso230 import SPINDLE, parse
 from volid.truth import Truth
 
-POINTS = 64  # of the deviation field, over the travel (Sobol)
+POINTS = 64  # of the deviation field, over the travel (Halton)
 POSITIONS = 7  # of every error motion
 COVERAGE_FACTOR = 1.96  # 95 % of a normal distribution
 NOTHING = 1e-6  # of the largest u of a function: below, the datum fixes the value and u says nothing
@@ -79,7 +79,7 @@ def _field(solution: Solution, truth: Truth) -> tuple[np.ndarray, np.ndarray]:
     """Difference of the deviation fields and its u, (POINTS, 3) each."""
     low = np.array([axis.travel[0] for axis in solution.machine.axes])
     length = np.array([axis.length for axis in solution.machine.axes])
-    positions = low + qmc.Sobol(len(low), seed=0).random(POINTS) * length
+    positions = low + even_points(POINTS, len(low)) * length
     vectors = np.unique(np.round(np.concatenate([s.tool for s in solution.campaign.sets]), 6), axis=0)
     tool, still = vectors[np.arange(POINTS) % len(vectors)], np.zeros_like(positions)
     known: np.ndarray = np.ones(POINTS, dtype=bool)

@@ -1,0 +1,144 @@
+"""Options that `tables`, `grid` and `residual` share: types, base, datum, sampling, and what a user's rule is."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from volid.cli.common import tool_vector
+
+if TYPE_CHECKING:
+    from volid.compensation.effects import Base
+    from volid.compensation.sampling import Sampling
+    from volid.fitting.solution import Solution
+
+
+def assignments(text: str) -> dict[str, float]:
+    """ "X=500,Y=300" as numbers by axis letter, for argparse."""
+    found = {}
+    try:
+        for part in text.split(","):
+            key, value = part.split("=")
+            found[key.strip()] = float(value)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"'{text}' is no list of positions; expected such as X=500,Y=300") from None
+    return found
+
+
+def add_types(parser: argparse.ArgumentParser) -> None:
+    """--type, repeated."""
+    parser.add_argument(
+        "--type",
+        action="append",
+        metavar="TYPE",
+        required=True,
+        help="type of compensation; repeat it to combine types",
+    )
+
+
+def add_base(parser: argparse.ArgumentParser, tool_help: str) -> None:
+    """What a compensation is based on: --at, --tool, --elevation, --functions, --rule, --datum, --align, --rigid."""
+    parser.add_argument(
+        "--at",
+        metavar="X=..,Y=..",
+        type=assignments,
+        help="where the specific lines cross; default: the datum's origin",
+    )
+    parser.add_argument("--tool", metavar="x,y,z", type=tool_vector, help=tool_help)
+    parser.add_argument(
+        "--elevation", metavar="H", type=float, default=0.0, help="of R-RAX and R-ANG above a table axis's point, mm"
+    )
+    parser.add_argument("--functions", metavar="EXX,EAX", help="functions that L-SPEC or R-SPEC corrects")
+    parser.add_argument(
+        "--rule", metavar="MODULE:FUNCTION", help="L-SPEC, R-SPEC by a Python rule; also FILE.py:FUNCTION"
+    )
+    parser.add_argument("--datum", metavar="primary=Z,…", help="datum after compensation (see volid datum)")
+    parser.add_argument(
+        "--align", choices=("axes", "spindle"), default="axes", help="align to the datum's axes or the spindle"
+    )
+    parser.add_argument(
+        "--rigid", action="store_true", help="single-axis functions that leave least of a model with cross effects"
+    )
+
+
+def add_sampling(parser: argparse.ArgumentParser, kind: str) -> None:
+    """--step, --max-points, --max-error, --offset."""
+    parser.add_argument("--step", metavar="S", type=float, help=f"spacing of the {kind}, mm or degrees")
+    parser.add_argument("--max-points", metavar="N", type=int, help="at most so many points (per axis)")
+    parser.add_argument(
+        "--max-error", metavar="E", type=float, help="fewest points that interpolate linearly within E mm"
+    )
+    parser.add_argument(
+        "--offset", metavar="R", type=float, help="offset of the tool from the axis at which E holds for rotations, mm"
+    )
+
+
+def sampling_of(args: argparse.Namespace, spacing: str = "equal") -> Sampling:
+    """How tables or grids are sampled. Raises `InputError`."""
+    from volid.compensation.sampling import Sampling
+
+    return Sampling(args.step, args.max_points, args.max_error, spacing, args.offset)
+
+
+def prepared(
+    solution: Solution, args: argparse.Namespace, tools: Sequence[Sequence[float]]
+) -> tuple[Solution, list[str]]:
+    """The solution in the datum asked for, and rigid when asked for; notes about what that does."""
+    notes: list[str] = []
+    if args.datum:
+        from volid.fitting.datum import parse_datum
+
+        solution = solution.in_datum(parse_datum(solution.machine, args.datum))
+    if args.rigid:
+        import numpy as np
+
+        from volid.compensation.rigid import best_rigid
+
+        around = [np.add(t, d) for t in tools for d in ((0, 0, 0), (100, 0, 0), (0, 100, 0), (0, 0, 100))]
+        solution, left = best_rigid(solution, np.array(around))
+        notes.append(
+            f"best rigid functions: RMS {1e3 * left.rms_before:.2f} µm before, {1e3 * left.rms:.2f} µm after, largest "
+            f"{1e3 * left.maximum:.2f} µm, if the control knew them exactly"
+        )
+    return solution, notes
+
+
+def base_from(solution: Solution, args: argparse.Namespace, tool: Sequence[float]) -> Base:
+    """What the compensation is based on. Raises `InputError`, `NotDeterminedError`."""
+    from volid.compensation.alignment import aligned_to_spindle
+    from volid.compensation.effects import base_of
+
+    names = [n.strip() for n in args.functions.split(",")] if args.functions else []
+    base = base_of(solution, tool, args.at, args.elevation, names)
+    return aligned_to_spindle(solution, base) if args.align == "spindle" else base
+
+
+def rule_from(text: str | None) -> Any:
+    """The Python function that "package.module:function" or "file.py:function" names. Raises `InputError`."""
+    import importlib
+    import importlib.util
+    from pathlib import Path
+
+    from volid.exceptions import InputError
+
+    if text is None:
+        return None
+    place, _, name = text.rpartition(":")
+    if not place:
+        raise InputError(f"--rule '{text}'; expected module:function or file.py:function")
+    try:
+        if place.endswith(".py"):
+            spec = importlib.util.spec_from_file_location(Path(place).stem, place)
+            if spec is None or spec.loader is None:
+                raise ImportError(place)
+            module = importlib.util.module_from_spec(spec)
+            spec.loader.exec_module(module)
+        else:
+            module = importlib.import_module(place)
+    except Exception as error:  # a user's file may fail in any way
+        raise InputError(f"--rule {text}: {place} cannot be imported: {type(error).__name__}: {error}") from None
+    function = getattr(module, name, None)
+    if not callable(function):
+        raise InputError(f"--rule {text}: {place} has no function '{name}'")
+    return function

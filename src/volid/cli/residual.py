@@ -1,0 +1,180 @@
+"""`volid residual`: what each compensation type leaves."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from volid.cli.common import (
+    add_output,
+    add_solution,
+    attention,
+    check_output,
+    conclude,
+    explain,
+    print_json,
+    tool_vector,
+    write_sheet,
+)
+from volid.cli.compensation_options import add_base, assignments, base_from, prepared, rule_from
+from volid.cli.progress import Progress
+
+if TYPE_CHECKING:
+    from volid.compensation.residual import Forecast
+    from volid.fitting.solution import Solution
+
+HELP = "what each compensation type leaves over the working volume, side by side, with intervals"
+LINEAR_FEED, ROTARY_FEED = 10_000.0, 3_600.0  # mm/min; °/min, ten turns
+
+_EPILOG = """\
+Every --type is one row of the table, types joined by a comma act together: --type L-VOL,R-VOL. The
+first row is "none". A simulated control applies tables and grids as they would be written; what is
+left is the functional point's deviation and the orientation error at points over the travels, with
+95 % intervals from the Monte Carlo samples of the solution (volid uncertainty), else from its
+covariance. --tools adds rows for other tool lengths with the same compensation; --tool-error lets
+the control believe in a wrong tool vector.
+
+Limits: --limit and --speed-limit refuse a compensation that asks an axis for more; speeds for axes
+that move one at a time with --feed (linear, mm/min) and --turn (rotary, degrees/min).
+
+example:
+  volid residual solution.h5 --type L-POS --type L-VOL --tool 0,0,-150 --figure residual.png
+
+exit status: 0 good; 1 written, but the model is rejected or the volume leaves what was measured;
+1 and nothing written when the data do not determine the deviation; 2 bad input, or a limit exceeded
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the command."""
+    explain(parser, _EPILOG)
+    add_solution(parser)
+    parser.add_argument(
+        "--type", action="append", metavar="TYPE[,TYPE]", required=True, help="a row of the table; repeat it"
+    )
+    add_base(parser, "base tool vector, mm; default: the most used one of the campaign")
+    parser.add_argument(
+        "--tools", metavar="x,y,z", type=tool_vector, action="append", help="further tool vectors; repeat it"
+    )
+    parser.add_argument(
+        "--tool-error", metavar="x,y,z", type=tool_vector, default=(0.0, 0.0, 0.0), help="believed less true tool, mm"
+    )
+    parser.add_argument("--points", metavar="N", type=int, help="nodes per axis of grids; default 21, rotary axes 37")
+    parser.add_argument(
+        "--tables", action="store_true", help="types as tables of single functions where they have them"
+    )
+    parser.add_argument(
+        "--increment", metavar="X=..", type=assignments, help="least increments of the axes, mm or degrees"
+    )
+    parser.add_argument("--clamp", metavar="A,C", help="axes that stay clamped")
+    parser.add_argument("--poles", choices=("limit", "keep out"), default="limit", help="near kinematic poles")
+    parser.add_argument(
+        "--pole-margin", metavar="D", type=float, default=5.0, help="where that begins, degrees; default 5"
+    )
+    parser.add_argument(
+        "--limit", metavar="X=..", type=assignments, default={}, help="largest correction, mm or degrees"
+    )
+    parser.add_argument("--speed-limit", metavar="X=..", type=assignments, default={}, help="largest speed, per minute")
+    parser.add_argument("--feed", metavar="F", type=float, default=LINEAR_FEED, help=f"mm/min; default {LINEAR_FEED:g}")
+    parser.add_argument(
+        "--turn", metavar="F", type=float, default=ROTARY_FEED, help=f"degrees/min; default {ROTARY_FEED:g}"
+    )
+    parser.add_argument("--figure", metavar="FILE", help="a figure, .png, .svg or .pdf (needs matplotlib)")
+    parser.add_argument("--seed", metavar="N", type=int, default=0, help="of points and draws")
+    add_output(parser, "OUT.csv", "table of all numbers; the text goes to standard output anyway")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Read, forecast, write; 1 when values need attention. Raises `InputError`, `OutputError`, `NotDeterminedError`."""
+    check_output(args.output, args.force, [args.solution])
+    check_output(args.figure, args.force, [args.solution])
+    with Progress() as progress:
+        progress("reading the solution")
+        import numpy as np
+
+        from volid.io.solution_hdf5 import read_solution
+
+        solution = read_solution(args.solution)
+        progress("predicting")
+        found, notes = _forecast(solution, args)
+        axes = solution.machine.axes
+        feeds = np.array([args.feed if a.is_linear else args.turn for a in axes])
+        _check_limits(found, solution, feeds, args)
+        if args.figure:
+            progress("drawing")
+            _draw(found, solution, args)
+    _write(found, solution, feeds, notes, args)
+    outside = [a.letter for a, (low, high) in zip(axes, solution.measured_range(), strict=True)
+               if low > a.travel[0] + 0.01 * a.length or high < a.travel[1] - 0.01 * a.length]  # fmt: skip
+    messages = [m for m in attention(solution) if "do not determine" not in m]
+    if outside:
+        messages.append(
+            f"the travel of {', '.join(outside)} was not measured to its ends; the prediction extrapolates there"
+        )
+    return conclude(args, messages)
+
+
+def _forecast(solution: Solution, args: argparse.Namespace) -> tuple[Forecast, list[str]]:
+    import numpy as np
+
+    from volid.compensation.orientation import PoleRule
+    from volid.compensation.residual import forecast
+    from volid.compensation.types import select
+    from volid.report.summary import most_used_tool
+
+    lists = [[t.strip() for t in text.split(",")] for text in args.type]
+    for names in lists:
+        select(names, solution.machine)
+    tool = most_used_tool(solution.campaign) if args.tool is None else args.tool
+    tools = [tool, *(args.tools or [])]
+    solution, notes = prepared(solution, args, tools)
+    control: dict[str, Any] = {"poles": PoleRule(args.pole_margin, args.poles), "increment": args.increment or {}}
+    control["clamped"] = tuple(a.strip() for a in args.clamp.split(",")) if args.clamp else ()
+    found = forecast(
+        solution, lists, base_from(solution, args, tool), np.array(tools), points=args.points, rule=rule_from(args.rule),
+        form="tables" if args.tables else None, control=control, tool_error=args.tool_error, seed=args.seed,
+    )  # fmt: skip
+    return found, notes
+
+
+def _check_limits(found: Forecast, solution: Solution, feeds: Any, args: argparse.Namespace) -> None:
+    from volid.compensation.control import asked_speed, check_motion
+    from volid.exceptions import InputError
+
+    for column in found.columns[1:]:
+        try:
+            speed = asked_speed(column.motion, feeds)
+            check_motion(solution.machine, column.motion, speed, args.limit, args.speed_limit)
+        except InputError as error:
+            raise InputError(f"{column.name}: {error}") from None
+
+
+def _draw(found: Forecast, solution: Solution, args: argparse.Namespace) -> None:
+    from volid.io.atomic import atomic_output
+    from volid.report.residual import forecast_figure
+
+    figure = forecast_figure(found, solution.machine.name)
+    kind = Path(args.figure).suffix.lstrip(".").lower() or "png"
+    with atomic_output(args.figure, args.force) as temporary:
+        figure.savefig(temporary, format=kind, dpi=150)
+
+
+def _write(found: Forecast, solution: Solution, feeds: Any, notes: list[str], args: argparse.Namespace) -> None:
+    from volid.io.tables_csv import Sheet, source_lines
+    from volid.report.residual import COLUMNS, forecast_data, forecast_rows, forecast_text
+
+    header = {
+        "values": "remaining deviation after compensation, mm; orientation A, B, C rad; low, high: 95 % coverage interval",
+        "draws": f"{found.draws}, {found.source}",
+        **source_lines(solution, args.solution),
+        "command": " ".join(args.command_line),
+    }
+    if args.output:
+        as_json, args.json = args.json, False
+        write_sheet(Sheet(header, COLUMNS, forecast_rows(found)), args)
+        args.json = as_json
+    if args.json:
+        print_json(forecast_data(found, solution.machine, feeds))
+        return
+    print("\n".join([*forecast_text(found, solution.machine, feeds), *notes]))

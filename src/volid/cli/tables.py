@@ -1,0 +1,196 @@
+"""`volid tables`: error and compensation tables of single functions."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from volid.cli.common import (
+    add_output,
+    add_solution,
+    attention,
+    conclude,
+    explain,
+    print_json,
+)
+from volid.cli.compensation_options import (
+    add_base,
+    add_sampling,
+    add_types,
+    assignments,
+    base_from,
+    prepared,
+    sampling_of,
+)
+from volid.cli.progress import Progress
+
+if TYPE_CHECKING:
+    from volid.compensation.tables import ErrorTable
+    from volid.fitting.solution import Solution
+    from volid.io.table_files import TableForm
+    from volid.io.tables_csv import Sheet
+
+HELP = "error or compensation tables per function, for controls that know single-axis functions"
+
+_EPILOG = """\
+One CSV file per function goes into DIR: EXX.csv, EYX.csv, … Values are compensation values, minus
+the error values (actual - nominal); --errors writes error values. Types with tables: L-POS, L-STR,
+L-SQU along the lines through --at with the base tool (squareness as a slope of the straightness
+table), R-POS, R-RAX; L-ANG, L-VOL, R-POR, R-ANG, R-VOL for a control with a kinematic model.
+Types that are named together share one table per function.
+
+Points: --step, --max-points, --max-error (fewest points that keep the bound; with --max-points a
+bound that cannot be kept is refused), --spacing free for tables that need no equal steps. Rounded
+to --increment, also on the running sum of --incremental, so that rounding does not add up.
+--add-to sums an existing table or folder of tables (written by volid tables) and the new ones.
+
+example:
+  volid tables solution.h5 --type L-POS --at X=500,Y=300,Z=-250 -o tables
+  volid tables solution.h5 --type L-STR --type L-SQU --max-error 0.0005 --incremental -o tables
+
+exit status: 0 good; 1 written, but tables leave what was measured (unless --extrapolate) or the
+model is rejected; 1 and nothing written when the data do not determine a function; 2 bad input
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the command."""
+    explain(parser, _EPILOG)
+    add_solution(parser)
+    add_types(parser)
+    add_base(parser, "base tool vector, mm; default: the most used one; L-ANG and L-VOL demand it")
+    add_sampling(parser, "points")
+    parser.add_argument(
+        "--spacing", choices=("equal", "free"), default="equal", help="equal or free steps; default equal"
+    )
+    parser.add_argument("--errors", action="store_true", help="error values instead of compensation values")
+    parser.add_argument("--incremental", action="store_true", help="increments from row to row")
+    parser.add_argument(
+        "--reversal",
+        choices=("columns", "value", "difference"),
+        default="columns",
+        help="both directions as columns (default), one value per axis, or the difference as second column",
+    )
+    parser.add_argument("--increment", metavar="D", type=float, help="least increment of lengths, mm")
+    parser.add_argument("--angle-increment", metavar="D", type=float, help="least increment of rotations, degrees")
+    parser.add_argument(
+        "--zero", metavar="X=..", type=assignments, help="where tables of an axis are zero; default: --at"
+    )
+    parser.add_argument("--add-to", metavar="OLD", help="existing table or folder of tables to superimpose on")
+    parser.add_argument("--extrapolate", action="store_true", help="points outside what was measured are meant")
+    add_output(parser, "DIR", "folder for the tables", required=True)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Read, tabulate, write; 1 when values need attention. Raises `InputError`, `OutputError`, `NotDeterminedError`."""
+    from volid.io.atomic import atomic_folder
+
+    form = _form(args)
+    with Progress() as progress:
+        progress("reading the solution")
+        from volid.io.solution_hdf5 import read_solution
+
+        solution = read_solution(args.solution)
+        progress("tabulating")
+        tables, notes = _tables(solution, args)
+        sheets = _sheets(tables, form, solution, args, notes)
+        _refuse_others(Path(args.output), sheets)
+        with atomic_folder(args.output, args.force) as folder:
+            _write(sheets, folder)
+    if args.json:
+        found = [{"header": dict(s.header), "columns": s.columns, "rows": list(s.rows)} for s in sheets.values()]
+        print_json({"tables": found})
+    else:
+        _print(tables, form, args, notes)
+    return conclude(args, [m for m in attention(solution) if "do not determine" not in m] + _messages(tables, args))
+
+
+def _form(args: argparse.Namespace) -> TableForm:
+    from math import radians
+
+    from volid.io.table_files import TableForm
+
+    angle = None if args.angle_increment is None else radians(args.angle_increment)
+    return TableForm(args.errors, args.incremental, args.reversal, args.increment, angle)
+
+
+def _tables(solution: Solution, args: argparse.Namespace) -> tuple[tuple[ErrorTable, ...], list[str]]:
+    from volid.compensation.superposition import add_tables
+    from volid.compensation.tables import error_tables
+    from volid.compensation.types import select
+    from volid.exceptions import InputError
+    from volid.io.table_files import tables_in
+    from volid.report.summary import most_used_tool
+
+    types = select(args.type, solution.machine)
+    needing = [t.name for t in types if t.name in ("L-ANG", "L-VOL")]
+    if needing and args.tool is None:
+        raise InputError(
+            f"--type {needing[0]} needs the tool vector of its lines, because angular errors act through it; give --tool x,y,z, "
+            "such as --tool 0,0,-150"
+        )
+    tool = most_used_tool(solution.campaign) if args.tool is None else args.tool
+    solution, notes = prepared(solution, args, [tool])
+    base = base_from(solution, args, tool)
+    tables = error_tables(solution, types, base, sampling_of(args, args.spacing), args.zero)
+    if not tables:
+        raise InputError(f"--type {', '.join(args.type)}: the model has no function that it corrects; nothing to write")
+    return add_tables(tables, list(tables_in(args.add_to))) if args.add_to else tables, notes
+
+
+def _sheets(
+    tables: tuple[ErrorTable, ...], form: TableForm, solution: Solution, args: argparse.Namespace, notes: list[str]
+) -> dict[str, Sheet]:
+    from volid.io.table_files import table_header, table_sheet
+
+    sheets = {}
+    for table in tables:
+        header = table_header(table, form, solution, args.solution, args.command_line)
+        header |= {f"note {len(table.notes) + i}": note for i, note in enumerate(notes, start=1)}
+        sheet = table_sheet(table, form, header)
+        sheets[f"{table.function}.csv"] = sheet._replace(rows=list(sheet.rows))
+    return sheets
+
+
+def _refuse_others(folder: Path, sheets: dict[str, Sheet]) -> None:
+    """Raises `OutputError` when old tables would stay beside the new ones, where a control would read them too."""
+    from volid.exceptions import OutputError
+
+    left = sorted(p.name for p in folder.glob("*.csv") if p.name not in sheets) if folder.is_dir() else []
+    if left:
+        raise OutputError(f"{folder} holds other tables ({', '.join(left[:5])}); choose another folder or remove them")
+
+
+def _write(sheets: dict[str, Sheet], folder: Path) -> None:
+    from volid.io.tables_csv import write_csv
+
+    for name, sheet in sheets.items():
+        with (folder / name).open("w", newline="", encoding="utf-8") as stream:
+            write_csv(stream, sheet)
+
+
+def _print(tables: tuple[ErrorTable, ...], form: TableForm, args: argparse.Namespace, notes: list[str]) -> None:
+    from volid.io.table_files import written_values
+    from volid.report.text import micro, table, unit_of
+
+    rows = []
+    for t in tables:
+        loss = written_values(t, form)[2]
+        off = [micro(v, t.unit, 3) for v in (t.interpolation, loss)]
+        rows.append([t.function, t.type, str(len(t.positions)), *off, unit_of(t.unit)])
+    print("\n".join(table(["table", "type", "points", "interpolation", "rounding", ""], rows, left=2, right=1)))
+    for note in notes:
+        print(note)
+    print(f"{len(tables)} tables written: {args.output}")
+
+
+def _messages(tables: tuple[ErrorTable, ...], args: argparse.Namespace) -> list[str]:
+    out = [t for t in tables if t.outside.any()]
+    if not out or args.extrapolate:
+        return []
+    points = ", ".join(f"{t.function} {int(t.outside.sum())} of {len(t.outside)}" for t in out)
+    return [
+        f"points outside the measured positions: {points}: extrapolated (outside = 1). Measure there, or accept with "
+        f"--extrapolate"
+    ]

@@ -1,0 +1,48 @@
+"""To what the compensated motion is aligned (ISO/TR 16907 10.2): primary and secondary axis, or the spindle.
+
+By axes, it is another datum of the same solution (`Solution.in_datum`). By the spindle, the machine frame is turned so that
+its Z lies along the spindle's axis at the reference position: compensated Z motion is then parallel to the spindle, and a
+longer tool cuts at the same X and Y. Squareness between the axes is not changed by either.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from volid.compensation.effects import Base, model_errors
+from volid.compensation.nominal import influence
+from volid.compensation.parts import TABLE, rotary_letters
+from volid.exceptions import InputError, NotDeterminedError
+from volid.fitting.solution import Solution
+
+
+def spindle_turn(solution: Solution) -> np.ndarray:
+    """Turn of the machine frame that puts its Z along the spindle, as linear map of θ, (3, n) [rad]; nothing about Z.
+
+    The orientation error of the tool at the reference positions, rotary axes at 0, table apart. Raises `InputError` when the
+    model has no tool-frame rotation, `NotDeterminedError` when the data do not determine it: with one tool vector per station
+    they do not.
+    """
+    machine = solution.machine
+    names = [n for n in ("EA0S", "EB0S") if n in solution.model.names]
+    if len(names) < 2:
+        raise InputError("--align spindle: the model leaves out EA0S or EB0S, the tilt of the spindle against the axes")
+    at = np.array([[a.reference if a.is_linear else 0.0 for a in machine.axes]])
+    table = rotary_letters(machine, TABLE)
+    errors = model_errors(solution, at, np.zeros_like(at), lambda e: e.axis not in table)[0]
+    rows = np.asarray(influence(machine, at, np.zeros(3))[0, 3:] @ errors)
+    rows[2] = 0.0
+    held = [n for n in solution.held_tool_rotation if n in names]
+    if held or solution.is_lost(rows[:2]).any():
+        raise NotDeterminedError(
+            f"--align spindle: the data do not determine the tilt of the spindle ({', '.join(held or names)}). "
+            f"{' '.join(solution.statements)} Measure with several tool vectors, or align by axes (--datum primary=Z,secondary=X)"
+        )
+    return rows
+
+
+def aligned_to_spindle(solution: Solution, base: Base) -> Base:
+    """The base with the machine frame turned to the spindle. See `spindle_turn` for what it raises."""
+    return replace(base, turn=spindle_turn(solution))

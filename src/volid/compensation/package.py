@@ -1,0 +1,99 @@
+"""A whole compensation: tables and grids of several types together, as one control gets them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from volid.compensation.control import Control
+from volid.compensation.effect_grids import Rule, effect_grids
+from volid.compensation.effects import Base
+from volid.compensation.grids import Grid
+from volid.compensation.rotary_grids import RotaryGrid
+from volid.compensation.sampling import Sampling
+from volid.compensation.tables import ErrorTable, error_tables
+from volid.compensation.types import GRID, TABLES, TYPES, CompensationType, select
+from volid.exceptions import InputError
+from volid.fitting.solution import Solution
+from volid.machine import Machine
+
+
+@dataclass(frozen=True, eq=False)
+class Compensation:
+    """Tables and grids of the types `names`, before or after they were files."""
+
+    names: tuple[str, ...]
+    tables: tuple[ErrorTable, ...]
+    grids: tuple[Grid | RotaryGrid, ...]
+
+    def control(self, machine: Machine, **options: Any) -> Control:
+        """A control of `machine` with this compensation; `options`: tool, increment, clamped, poles, correct_motion."""
+        return Control(machine, self.tables, self.grids, **options)
+
+
+def in_full(types: Sequence[CompensationType]) -> tuple[CompensationType, ...]:
+    """The types with orientation in one place: beside a type that turns rotary axes, L-VOL becomes L-VOL+, R-VOL R-VOL+."""
+    if not any(t.turns for t in types):
+        return tuple(types)
+    raised = {"L-VOL": "L-VOL+", "R-VOL": "R-VOL+"}
+    names = [raised.get(t.name, t.name) for t in types]
+    kept = [n for n in names if n != "FOR" or not {"L-VOL+", "R-VOL+"} & set(names)]
+    return tuple(TYPES[n] for n in dict.fromkeys(kept))
+
+
+def compensate(
+    solution: Solution,
+    names: Sequence[str],
+    base: Base,
+    *,
+    tables: Sampling | None = None,
+    grids: Sampling | None = None,
+    points: int | None = None,
+    form: str | None = None,
+    rule: Rule | None = None,
+    reference_point: Sequence[float] | None = None,
+    uncertainty: bool = True,
+) -> Compensation:
+    """Tables and grids of several types, each in its first form, or in the `form` asked for where it has it.
+
+    `tables`, `grids`: their sampling; `points`: per axis of a grid; `uncertainty`: of grids. Raises `InputError` for types
+    that do not go together or that the machine cannot have, or an L-SPEC or R-SPEC without `base.functions` or `rule`;
+    `NotDeterminedError`.
+    """
+    types = in_full(select(names, solution.machine))
+    for t in types:
+        if t.name.endswith("SPEC") and rule is None and not base.functions:
+            raise InputError(f"--type {t.name} needs what it corrects: --functions EXX,EAX,… or --rule module:function")
+    own_form = {t.name: form if form in t.forms else t.forms[0] for t in types}
+    in_tables = [t for t in types if own_form[t.name] == TABLES]
+    held = error_tables(solution, in_tables, base, tables) if in_tables else ()
+    found: list[Grid | RotaryGrid] = []
+    for t in types:
+        if own_form[t.name] == GRID:
+            own = rule if t.name.endswith("SPEC") else None
+            found += effect_grids(
+                solution,
+                t,
+                base,
+                grids,
+                points=points,
+                reference_point=reference_point,
+                rule=own,
+                uncertainty=uncertainty,
+            )
+    return Compensation(tuple(t.name for t in types), held, _once(found))
+
+
+def _once(grids: Sequence[Grid | RotaryGrid]) -> tuple[Grid | RotaryGrid, ...]:
+    """L-VOL+ brings the rotary axes' FOR grids, R-VOL+ the linear ones; with both, the + grids hold them already."""
+    plus = {getattr(g, "side", None) for g in grids if g.type in ("L-VOL+", "R-VOL+")}
+    kept: list[Grid | RotaryGrid] = []
+    for g in grids:
+        side = getattr(g, "side", None)
+        again = g.type == "FOR" and (
+            side in plus or any(k.type == "FOR" and getattr(k, "side", None) == side for k in kept)
+        )
+        if not again:
+            kept.append(g)
+    return tuple(kept)

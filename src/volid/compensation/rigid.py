@@ -1,0 +1,103 @@
+"""The best rigid compensation of a machine that is not rigid (ISO/TR 16907 7.4.2).
+
+When a control can only hold single-axis functions, but the model has cross effects f(own axis, other axis), its functions
+should not be those of one line: they are chosen so that the deviation that remains over the working volume is least, in the
+least-squares sense over points and tool vectors. What remains then is the cross effects' own share.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from volid.compensation.effects import model_errors
+from volid.compensation.nominal import influence
+from volid.error_model import build_model
+from volid.even_points import even_points
+from volid.fitting.solution import Solution
+from volid.machine import FunctionSettings, ModelSettings
+
+POINTS = 2048
+RELATIVE_RANK = 1e-9  # of the singular values of scaled columns
+
+
+class Remaining(NamedTuple):
+    """What the best rigid functions leave of the functional point's deviation over the volume [mm]: RMS and largest length,
+    and the same before compensation."""
+
+    rms: float
+    maximum: float
+    rms_before: float
+    maximum_before: float
+
+
+def best_rigid(solution: Solution, tools: np.ndarray) -> tuple[Solution, Remaining]:
+    """The solution with single-axis functions only, and what they leave.
+
+    `tools`: tool vectors (k, 3) [mm] over which the volume is to be served; several non-collinear ones tell angular functions
+    from translations. θ' = (A'ᵀA')⁺A'ᵀ A θ over 2048 Sobol points, translations of the functional point; the covariance goes
+    along. Directions that the tools leave open stay at their least-norm value. Reversal and constants are kept as parts of the
+    fit.
+    """
+    machine = solution.machine
+    settings = {n: replace(s, over=None, segments=_own(s)) for n, s in machine.model.functions.items()}
+    plain = replace(machine, model=ModelSettings(machine.model.degree, machine.model.segments, settings))
+    segments = {n: k[:1] for n, k in solution.model.segments.items()}
+    model = build_model(plain, segments, datum=solution.datum)
+    rigid = replace(solution, model=model, campaign=replace(solution.campaign, machine=plain))
+    q, tool, way = _places(solution, np.atleast_2d(tools))
+    before, after = (_rows(s, q, tool, way) for s in (solution, rigid))
+    scale = np.linalg.norm(after, axis=0)
+    scale = np.where(scale > 0, scale, 1.0)
+    mapping = (np.linalg.pinv(after / scale, rcond=RELATIVE_RANK) @ before) / scale[:, None]
+    theta = np.asarray(solution.parameters)
+    left = (before @ theta - after @ (mapping @ theta)).reshape(-1, 3)
+    found = _moved(solution, rigid, mapping)
+    return found, Remaining(*_sizes(left), *_sizes((before @ theta).reshape(-1, 3)))
+
+
+def _own(settings: FunctionSettings) -> int | str | None:
+    return settings.segments[0] if isinstance(settings.segments, tuple) else settings.segments
+
+
+def _places(solution: Solution, tools: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    low = np.array([a.travel[0] for a in solution.machine.axes])
+    length = np.array([a.length for a in solution.machine.axes])
+    q = low + even_points(POINTS, len(low)) * length
+    rng = np.random.default_rng(0)
+    return q, tools[np.arange(POINTS) % len(tools)], rng.choice([-1.0, 1.0], q.shape)
+
+
+def _rows(solution: Solution, q: np.ndarray, tool: np.ndarray, way: np.ndarray) -> np.ndarray:
+    """Translations as linear map of θ, (3 m, n)."""
+    parts = []
+    for start in range(0, len(q), 256):
+        rows = slice(start, start + 256)
+        errors = model_errors(solution, q[rows], way[rows], lambda _: True)
+        parts.append(influence(solution.machine, q[rows], tool[rows])[:, :3] @ errors)
+    return np.concatenate(parts).reshape(3 * len(q), -1)
+
+
+def _sizes(field: np.ndarray) -> tuple[float, float]:
+    size = np.linalg.norm(field, axis=1)
+    return float(np.sqrt(np.mean(size**2))), float(size.max())
+
+
+def _moved(old: Solution, new: Solution, mapping: np.ndarray) -> Solution:
+    """Parameters, covariance and samples through θ' = mapping · θ; nuisance parameters keep theirs."""
+    n, k = old.model.n_parameters, len(old.nuisance_table)
+    full = np.zeros((len(mapping) + k, n + k))
+    full[: len(mapping), :n], full[len(mapping) :, n:] = mapping, np.eye(k)
+    return replace(
+        new,
+        parameters=jnp.asarray(mapping @ np.asarray(old.parameters)),
+        covariance=jnp.asarray(full @ np.asarray(old.covariance) @ full.T),
+        null_space=jnp.zeros((len(mapping), 0))
+        if not old.null_space.shape[1]
+        else jnp.asarray(mapping @ old.null_space),
+        samples=None if old.samples is None else old.samples.mapped(full),
+        prior_root=None,
+    )

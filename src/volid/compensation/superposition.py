@@ -1,0 +1,110 @@
+"""A new compensation on top of an existing one (ISO/TR 16907 10.5): the sum, on the union of the points of both.
+
+A machine that was measured with its old tables active shows what they leave; the new tables belong on top, not in their place.
+Both are piecewise linear, so the union of their points holds the sum exactly. Outside its own range a table holds its end
+value, as a control does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from volid.compensation.grids import Grid, grid_positions
+from volid.compensation.rotary_grids import RotaryGrid
+from volid.compensation.tables import ErrorTable
+from volid.exceptions import InputError
+
+AnyGrid = Grid | RotaryGrid
+
+
+def add_tables(new: Sequence[ErrorTable], old: Sequence[ErrorTable]) -> tuple[ErrorTable, ...]:
+    """New tables, each added to the old one of the same function; old ones without a new one are kept.
+
+    Raises `InputError` when two tables of one function are applied differently, or the old ones name a function twice.
+    """
+    names = [t.function for t in old]
+    twice = [n for n in names if names.count(n) > 1]
+    if twice:
+        raise InputError(f"--add-to: two existing tables of {twice[0]}; expected one per function")
+    before = {t.function: t for t in old}
+    added = [_add_table(t, before[t.function]) if t.function in before else t for t in new]
+    done = {t.function for t in new}
+    return (*added, *(t for t in old if t.function not in done))
+
+
+def _add_table(new: ErrorTable, old: ErrorTable) -> ErrorTable:
+    if new.applied != old.applied:
+        raise InputError(f"--add-to: the existing {old.function} acts on {old.applied}, the new one on {new.applied}")
+    nodes = np.union1d(old.positions, new.positions)
+    up, down = np.ones(len(nodes)), -np.ones(len(nodes))
+    own = new.positions[0] - 1e-9, new.positions[-1] + 1e-9
+    return replace(
+        new,
+        type=f"{new.type} on top of {old.type}",
+        positions=nodes,
+        forward=new.at(nodes, up) + old.at(nodes, up),
+        reverse=new.at(nodes, down) + old.at(nodes, down),
+        u=np.stack([np.interp(nodes, new.positions, c) for c in new.u.T], axis=1),
+        outside=(np.interp(nodes, new.positions, new.outside) > 0) | (nodes < own[0]) | (nodes > own[1]),
+        notes=(*new.notes, *_note(old.type, old.zero, len(old.positions), len(new.positions))),
+    )
+
+
+def _note(kind: str, zero: str, before: int, added: int) -> tuple[str, ...]:
+    where = f", zero at {zero}" if zero else ""
+    return (
+        f"sum of the existing compensation ({kind}{where}, {before} points) and the new one ({added} points); u is of "
+        f"the new one",
+    )
+
+
+def add_grid(new: AnyGrid, old: AnyGrid) -> AnyGrid:
+    """A new grid on top of an existing one, on the union of their nodes; the old one is moved to the new tool vector or
+    reference point.
+
+    Raises `InputError` when axes, side or what the control does with the two differ, or rotations that are blank are needed.
+    """
+    if type(new) is not type(old) or new.axes != old.axes or getattr(new, "side", "") != getattr(old, "side", ""):
+        raise InputError(
+            f"--add-to: the existing grid is over {', '.join(old.axes)} {getattr(old, 'side', '')}, the new one over "
+            f"{', '.join(new.axes)} {getattr(new, 'side', '')}; expected the same"
+        )
+    if (new.type == "FOR") != (old.type == "FOR") or new.type.endswith("+") != old.type.endswith("+"):
+        raise InputError(
+            f"--add-to: a control applies a {old.type} grid otherwise than a {new.type} grid; they have no sum"
+        )
+    nodes = tuple(np.union1d(a, b) for a, b in zip(old.nodes, new.nodes, strict=True))
+    positions = grid_positions(nodes)
+    own, before = _held(new, positions), _held(old, positions)
+    before[:, :3] += _shift(new, old, before)
+    return replace(
+        new,
+        type=new.type,
+        nodes=nodes,
+        positions=positions,
+        values=own + before,
+        u=_held(replace(new, values=new.u), positions),
+        outside=_held(replace(new, values=np.repeat(new.outside[:, None] * 1.0, 6, axis=1)), positions)[:, 0] > 0,
+        notes=(*new.notes, *_note(old.type, "", len(old.values), len(new.values))),
+        **({"determined": np.isfinite(own + before)} if isinstance(new, RotaryGrid) else {}),
+    )
+
+
+def _held(grid: AnyGrid, positions: np.ndarray) -> np.ndarray:
+    """Values at positions, end values held outside the grid."""
+    held = np.stack([np.clip(positions[:, k], n[0], n[-1]) for k, n in enumerate(grid.nodes)], axis=1)
+    return np.array(grid.interpolate(held))
+
+
+def _shift(new: AnyGrid, old: AnyGrid, values: np.ndarray) -> np.ndarray:
+    """What the old rotations do between the old and the new tool vector or reference point."""
+    if isinstance(new, RotaryGrid):
+        arm = np.subtract(new.reference_point, getattr(old, "reference_point", new.reference_point))
+    else:
+        arm = np.subtract(new.tool, getattr(old, "tool", new.tool))
+    if not arm.any():
+        return np.zeros((len(values), 3))
+    return np.asarray(np.cross(values[:, 3:], arm))

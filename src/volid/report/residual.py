@@ -1,0 +1,149 @@
+"""The forecast of compensation types as text, as plain data, as a table for files, and as a figure. Lengths µm, rotations
+µrad."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from volid.compensation.control import asked_speed
+from volid.compensation.orientation import poles
+from volid.compensation.residual import ANGLES, LENGTHS, QUANTITIES, Column, Forecast
+from volid.machine import Machine
+from volid.report.text import table, vector
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+COLUMNS = ("type", "tool_x", "tool_y", "tool_z", "quantity", "unit", "value", "low", "high", "exact")
+
+
+def _scale(k: int) -> float:
+    return 1e6 if QUANTITIES[k] in ANGLES else 1e3
+
+
+def _number(value: float, scale: float) -> str:
+    return "n.d." if np.isnan(value) else f"{scale * value:.2f}"
+
+
+def forecast_text(found: Forecast, machine: Machine, feeds: np.ndarray) -> list[str]:
+    """One table side by side, from "none" to the last; by tool vector when there are several; what is asked of the axes."""
+    lines = []
+    for i, tool in enumerate(found.tools):
+        lines += [f"remaining deviation over the working volume, tool {vector(tool.tolist())} mm"]
+        lines += [*_side_by_side(found.columns, i), ""]
+    lines.append(
+        f"95 % coverage intervals [ ] from {found.draws} draws of {found.source}; X … C: largest of each component."
+    )
+    lines.append(
+        "A rigid motion of the workpiece frame is taken out. Repeatability and thermal change of the machine come on top."
+    )
+    return [*lines, "", *_motion(found.columns, machine, feeds), *_pole_lines(found, machine)]
+
+
+def _side_by_side(columns: Sequence[Column], i: int) -> list[str]:
+    header = ["type", "largest", "[95 %]", "95 %", "RMS", "[95 %]", "X", "Y", "Z  µm", "A", "B", "C", "tool axis  µrad"]
+    rows = []
+    for column in columns:
+        p = column.predictions[i]
+        text = [_number(v, _scale(k)) for k, v in enumerate(p.value)]
+        spans = [f"{_number(p.low[k], _scale(k))} … {_number(p.high[k], _scale(k))}" for k in (0, 2)]
+        rows.append([column.name, text[0], spans[0], text[1], text[2], spans[1], *text[3:]])
+    return table(header, rows)
+
+
+def _motion(columns: Sequence[Column], machine: Machine, feeds: np.ndarray) -> list[str]:
+    moving = ", ".join(f"{a.letter} {f:g} {a.unit}/min" for a, f in zip(machine.axes, feeds, strict=True))
+    header = ["largest correction", *(f"{a.letter} {a.unit}" for a in machine.axes)]
+    header += [f"{a.letter} {a.unit}/min" for a in machine.axes]
+    rows = []
+    for column in columns[1:]:
+        speed = asked_speed(column.motion, feeds)
+        rows.append([column.name, *(f"{v:.4f}" for v in column.motion.largest), *(f"{v:.3f}" for v in speed)])
+    lines = [*table(header, rows), f"speeds for one axis moving at a time: {moving}"] if rows else []
+    for column in columns:
+        if column.unintended > 0:
+            done = "not corrected" if column.name == "FOR" else "corrected by X, Y, Z"
+            lines.append(
+                f"{column.name}: turned rotary axes move the functional point by up to {1e3 * column.unintended:.2f} µm, {done}"
+            )
+    return lines
+
+
+def _pole_lines(found: Forecast, machine: Machine) -> list[str]:
+    if not any(c.unintended > 0 for c in found.columns):
+        return []
+    named = poles(machine)
+    return [f"kinematic pole at {p}" for p in named] or ["no kinematic pole within the travels"]
+
+
+def forecast_data(found: Forecast, machine: Machine, feeds: np.ndarray) -> dict[str, Any]:
+    """The forecast as plain data, mm and rad."""
+    letters = machine.letters
+    columns = []
+    for c in found.columns:
+        columns.append(
+            {
+                "type": c.name,
+                "predictions": [
+                    {k: dict(zip(QUANTITIES, getattr(p, k).tolist(), strict=True)) for k in p._fields}
+                    for p in c.predictions
+                ],
+                "largest_correction": dict(zip(letters, c.motion.largest.tolist(), strict=True)),
+                "speed_per_min": dict(zip(letters, asked_speed(c.motion, feeds).tolist(), strict=True)),
+                "unintended_motion": c.unintended,
+            }
+        )
+    named = [str(p) for p in poles(machine)] if len([a for a in machine.axes if not a.is_linear]) > 1 else []
+    return {
+        "tools": found.tools.tolist(),
+        "draws": found.draws,
+        "source": found.source,
+        "columns": columns,
+        "poles": named,
+    }
+
+
+def forecast_rows(found: Forecast) -> list[tuple[Any, ...]]:
+    """Rows of the CSV file, columns `COLUMNS`; mm and rad."""
+    rows: list[tuple[Any, ...]] = []
+    for column in found.columns:
+        for tool, p in zip(found.tools.tolist(), column.predictions, strict=True):
+            for k, name in enumerate(QUANTITIES):
+                numbers = (float(v[k]) for v in p)
+                rows.append((column.name, *tool, name, "rad" if name in ANGLES else "mm", *numbers))
+    return rows
+
+
+def forecast_figure(found: Forecast, machine_name: str) -> Figure:
+    """Largest and RMS length and the orientation after each type, with 95 % intervals, for the first tool vector; lengths by tool
+    vector when there are several. Needs matplotlib."""
+    import matplotlib.pyplot as plt
+
+    figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4.4), layout="constrained", width_ratios=(3, 2))
+    names = [c.name for c in found.columns]
+    x = np.arange(len(names))
+    for k, colour in ((0, "#0b5fa5"), (2, "#2e8b57")):
+        for i, tool in enumerate(found.tools):
+            p = [c.predictions[i] for c in found.columns]
+            value = 1e3 * np.array([v.value[k] for v in p])
+            span = np.abs(1e3 * np.array([[v.low[k] for v in p], [v.high[k] for v in p]]) - value)
+            label = f"{LENGTHS[k]}, tool {vector(tool.tolist())} mm"
+            shift = 0.12 * (i - 0.5 * (len(found.tools) - 1))
+            left.errorbar(x + shift, value, yerr=span, fmt="o" if i == 0 else "s", color=colour, alpha=1 / (1 + 0.5 * i),
+                          capsize=3, label=label)  # fmt: skip
+    left.set_yscale("log")
+    left.set_ylabel("remaining deviation / µm")
+    left.legend(fontsize=8, frameon=False)
+    for k, colour in zip(range(len(LENGTHS), len(QUANTITIES)), ("#0b5fa5", "#d1495b", "#2e8b57", "black"), strict=True):
+        value = 1e6 * np.array([c.predictions[0].value[k] for c in found.columns])
+        right.plot(x, value, "o-", color=colour, lw=0.8, label=QUANTITIES[k])
+    right.set_ylabel("largest orientation error / µrad")
+    right.legend(fontsize=8, frameon=False)
+    for panel in (left, right):
+        panel.set_xticks(x, [n.replace(" + ", "\n+ ") for n in names], fontsize=7, rotation=0 if len(names) < 7 else 60)
+        panel.grid(axis="y", color="0.9")
+    figure.suptitle(f"{machine_name}: what each compensation type leaves (95 % intervals)", fontsize=11)
+    return figure

@@ -1,0 +1,194 @@
+"""`volid tables`, `grid` and `residual` on a solution file: output, exit status, one clear message for bad input."""
+
+import csv
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from compensated import MACHINES, TOOL, machine_of
+
+from volid.cli import main
+from volid.fitting.solution import Residuals, Statistics
+from volid.io.compensation_files import load_control
+from volid.io.grid_files import read_grid
+from volid.io.solution_hdf5 import write_solution
+from volid.io.table_files import read_table, tables_in
+
+ORIGIN = "0,0,-150"
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """Solution files of the three machines."""
+    folder = tmp_path_factory.mktemp("solutions")
+    found = {}
+    for layout in MACHINES:
+        _, solution = machine_of(layout, seed=3)
+        z = np.zeros((2, 3))
+        solution = replace(
+            solution, statistics=Statistics(6, 0, {"ends": 0.0}, 1, True), readings=Residuals((z,), (z,), (z > 1,))
+        )
+        path = folder / f"{layout.split()[0]}.h5"
+        write_solution(solution, path)
+        found[layout] = (path, solution)
+    return found
+
+
+@pytest.fixture
+def run(capsys):
+    def call(*arguments):
+        status = main([str(a) for a in arguments])
+        captured = capsys.readouterr()
+        return status, captured.out, captured.err
+
+    return call
+
+
+def test_tables_command(files, run, tmp_path):
+    path, solution = files["three-axis"]
+    out = tmp_path / "tables"
+    lines = ("--at", "X=200,Y=0,Z=100", "--max-error", "0.0005", "--increment", "0.0001")
+    status, text, _ = run("tables", path, "--type", "L-POS", "--type", "L-STR", *lines, "-o", out)
+    assert status == 0
+    assert "9 tables written" in text
+    table = read_table(out / "EYX.csv")
+    assert (table.type, table.zero) == ("L-STR", "X = 200 mm")
+    assert abs(float(table.at(np.array([200.0]), np.zeros(1))[0])) < 6e-4  # the bound and the rounding
+    header = (out / "EXX.csv").read_text(encoding="utf-8")
+    assert (
+        "# line: Y = 0 mm, Z = 100 mm" in header
+        and "# command: volid tables" in header
+        and "# source sha256: " in header
+    )
+    assert len(load_control(solution.machine, [out]).tables) == 9
+    status, _, err = run("tables", path, "--type", "L-POS", "-o", out)
+    assert (status, "exists" in err) == (2, True)
+    status, _, err = run("tables", path, "--type", "L-POS", "-o", out, "--force")
+    assert (status, "holds other tables (EXY.csv" in err) == (2, True)
+
+
+def test_tables_on_top_of_existing_ones(files, run, tmp_path):
+    path, _ = files["three-axis"]
+    assert run("tables", path, "--type", "L-POS", "--step", "200", "-o", tmp_path / "old")[0] == 0
+    command = ("tables", path, "--type", "L-POS", "--step", "100", "--add-to", tmp_path / "old", "-o", tmp_path / "sum")
+    assert run(*command)[0] == 0
+    old, new = ({t.function: t for t in tables_in(tmp_path / f)} for f in ("old", "sum"))
+    at = np.array([-400.0, -200.0, 0.0, 200.0])  # nodes of both
+    np.testing.assert_allclose(new["EXX"].at(at, 0 * at), 2.0 * old["EXX"].at(at, 0 * at), atol=2e-9)
+    assert new["EXX"].type == "L-POS on top of L-POS"
+
+
+@pytest.mark.parametrize(
+    ("layout", "arguments", "message"),
+    [
+        ("three-axis", ["--type", "FOR"], "cannot turn its tool into every direction"),
+        ("three-axis", ["--type", "L-ANG"], "--type L-ANG needs the tool vector"),
+        ("three-axis", ["--type", "L-VOL"], "--type L-VOL needs the tool vector"),
+        ("three-axis", ["--type", "L-POS", "--max-error", "1e-5", "--max-points", "4"], "EXX: "),
+        ("three-axis", ["--type", "L-POS", "--at", "X=5000"], "--at X=5000 lies outside the travel"),
+        ("three-axis", ["--type", "L-POS", "--at", "C=1"], "has no axis C"),
+        ("three-axis", ["--type", "L-POS", "--type", "L-VOL"], "both correct positioning"),
+        ("tilting table", ["--type", "R-POS", "--type", "R-VOL"], "both correct angular positioning"),
+        ("three-axis", ["--type", "L-POS", "--add-to", "nowhere.csv"], "nowhere.csv: there is no such file"),
+        ("three-axis", ["--type", "L-POS", "--datum", "primary=C"], "datum: primary = 'C'"),
+    ],
+)
+def test_wrong_tables_are_refused(files, run, tmp_path, layout, arguments, message):
+    status, text, err = run("tables", files[layout][0], *arguments, "-o", tmp_path / "out")
+    assert (status, text) == (2, "")
+    assert message in err and "Traceback" not in err
+    assert not (tmp_path / "out").exists()
+
+
+def test_grids_of_several_types(files, run, tmp_path):
+    path, solution = files["tilting table"]
+    out = tmp_path / "grid.csv"
+    status, _, _ = run(
+        "grid",
+        path,
+        "--type",
+        "L-POS",
+        "--type",
+        "R-RAX",
+        "--type",
+        "FOR",
+        "--points",
+        "3",
+        "--tool",
+        ORIGIN,
+        "-o",
+        out,
+    )
+    assert status == 0
+    names = sorted(p.name for p in tmp_path.iterdir())
+    assert names == ["grid.linear.FOR.csv", "grid.linear.L-POS.csv", "grid.table.FOR.csv", "grid.table.R-RAX.csv"]
+    grid = read_grid(tmp_path / "grid.table.FOR.csv")
+    assert (grid.type, grid.side) == ("FOR", "table") and not grid.values[:, :3].any() and grid.values[:, 3:].any()
+    control = load_control(solution.machine, [tmp_path])
+    q = np.full((1, 5), 10.0)
+    assert np.abs(control.command(q, np.array(TOOL)) - q)[0, [solution.machine.index(a) for a in "AC"]].min() > 0
+
+
+def test_rule_and_functions_on_the_command_line(files, run, tmp_path):
+    path, _ = files["three-axis"]
+    rule = tmp_path / "rule.py"
+    rule.write_text("import numpy as np\ndef ramp(solution, q, tool):\n    return np.outer(q[:, 0], [1e-5, 0, 0, 0, 0, 0])\n"
+                    "def bad(solution, q, tool):\n    return q\n")  # fmt: skip
+    base = ("grid", path, "--type", "L-SPEC", "--points", "3", "--tool", ORIGIN)
+    assert run(*base, "--rule", f"{rule}:ramp", "-o", tmp_path / "r.csv")[0] == 0
+    grid = read_grid(tmp_path / "r.csv")
+    np.testing.assert_allclose(
+        grid.values[:, 0], 1e-5 * grid.positions[:, 1], atol=1e-9
+    )  # q[:, 0] is Y in w Y' X' or X
+    assert run(*base, "--functions", "EXX", "-o", tmp_path / "f.csv")[0] == 0
+    assert not read_grid(tmp_path / "f.csv").values[:, 1:].any()
+    for option, message in (
+        (["--rule", f"{rule}:bad"], "returned shape (27, 3); expected finite error values (27, 6)"),
+        (["--rule", f"{rule}:none"], "has no function 'none'"),
+        (["--rule", "no.such.module:f"], "cannot be imported"),
+        (["--functions", "EQQ"], "--functions EQQ: not in the model"),
+        ([], "L-SPEC needs what it corrects"),
+    ):
+        status, _, err = run(*base, *option, "-o", tmp_path / "x.csv")
+        assert (status, message in err, "Traceback" in err) == (2, True, False), err
+
+
+def test_residual_command(files, run, tmp_path):
+    path, _ = files["tilting table"]
+    out = tmp_path / "r.csv"
+    types = ("--type", "L-POS", "--type", "L-VOL,R-VOL", "--type", "L-VOL+,R-VOL+")
+    tools = ("--tool", ORIGIN, "--tools", "0,0,-250", "--points", "7")
+    status, text, _ = run("residual", path, *types, *tools, "--figure", tmp_path / "f.png", "-o", out)
+    assert status == 0
+    for words in ("tool (0, 0, -150) mm", "tool (0, 0, -250) mm", "none", "L-VOL+ + R-VOL+", "95 % coverage intervals",
+                  "kinematic pole at A = 0°: C is parallel", "corrected by X, Y, Z", "C °/min"):  # fmt: skip
+        assert words in text, words
+    assert (tmp_path / "f.png").read_bytes().startswith(b"\x89PNG")
+    rows = list(
+        csv.DictReader(line for line in out.read_text(encoding="utf-8").splitlines() if not line.startswith("#"))
+    )
+    assert len(rows) == 4 * 2 * 10
+    largest = {r["type"]: float(r["value"]) for r in rows if r["quantity"] == "largest" and r["tool_z"] == "-150.0"}
+    assert largest["L-VOL + R-VOL"] < 0.25 * largest["none"]
+
+
+def test_residual_as_json_and_limits(files, run):
+    path, _ = files["tilting table"]
+    base = ("residual", path, "--type", "FOR", "--tool", ORIGIN, "--points", "5")
+    status, text, _ = run(*base, "--json")
+    found = json.loads(text)
+    assert (status, [c["type"] for c in found["columns"]]) == (0, ["none", "FOR"])
+    asked = found["columns"][1]["largest_correction"]["C"]
+    for option, words in ((["--limit", f"C={asked / 2}"], "moves"), (["--speed-limit", "C=0.001"], "speed")):
+        status, text, err = run(*base, *option)
+        assert (status, text) == (2, "")
+        assert f"FOR: the compensation asks axis C for {words}" in err and "more than the limit" in err
+    status, text, err = run(*base, "--poles", "keep out", "--pole-margin", "20", "--json")
+    assert json.loads(text)["columns"][1]["largest_correction"]["C"] < asked
+
+
+def test_residual_of_a_type_that_cannot_be(files, run):
+    status, text, err = run("residual", files["three-axis"][0], "--type", "L-POS", "--type", "L-VOL+")
+    assert (status, text) == (2, "")
+    assert "--type L-VOL+" in err and "Traceback" not in err

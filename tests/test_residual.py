@@ -1,0 +1,293 @@
+"""Predicted residuals: they agree with what the exact chain leaves, within their intervals; wrong tools, increments, limits,
+draws."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from compensated import MACHINES, TOOL, machine_of, node_positions, remaining, truth_of
+from exact_chain import gauge_free
+
+from volid.compensation.alignment import aligned_to_spindle
+from volid.compensation.control import Control, asked_motion, asked_speed, check_motion
+from volid.compensation.effects import base_of
+from volid.compensation.orientation import PoleRule, poles
+from volid.compensation.package import compensate
+from volid.compensation.residual import QUANTITIES, Places, forecast, volume_places
+from volid.compensation.rigid import best_rigid
+from volid.compensation.sampling import Sampling
+from volid.compensation.types import select
+from volid.exceptions import InputError, NotDeterminedError
+from volid.uncertainty.samples import Samples
+
+TRUTHS = 12
+LISTS = {
+    "three-axis": (["L-POS"], ["L-STR"], ["L-SQU"], ["L-ANG"], ["L-VOL"], ["L-SPEC"]),
+    "tilting table": (
+        ["R-POS"],
+        ["L-VOL", "R-RAX"],
+        ["L-POS", "R-POR"],
+        ["L-VOL", "R-VOL"],
+        ["L-VOL+", "R-VOL+"],
+        ["FOR"],
+    ),
+    "fork head": (["R-ANG"], ["L-VOL", "R-VOL"], ["L-VOL+"], ["R-VOL+"], ["L-VOL", "R-SPEC"]),
+}
+
+
+@pytest.mark.parametrize("layout", MACHINES)
+def test_prediction_agrees_with_the_simulated_machine(layout):
+    """True machines drawn from the covariance, judged by exact matrices: largest, RMS and X inside the 95 % intervals, as
+    often as such intervals should be (pooled; the largest of correlated shares: 85 % of 12 × types × 3)."""
+    exact, solution = machine_of(layout, seed=3, u=0.15)
+    functions = ("EXC", "EYC") if layout != "three-axis" else ("EXX", "EBX")
+    base = base_of(solution, TOOL, functions=functions)
+    places = volume_places(solution.machine, 96)
+    found = forecast(
+        solution,
+        LISTS[layout],
+        base,
+        places=places,
+        points=7,
+        tables=Sampling(max_points=11),
+        control={"poles": PoleRule(10.0)},
+    )
+    values, vectors = np.linalg.eigh(solution.parameter_covariance)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    rng = np.random.default_rng(1)
+    theta = np.asarray(solution.parameters)
+    inside = []
+    for _ in range(TRUTHS):
+        truth = truth_of(replace(solution, parameters=theta + root @ rng.standard_normal(len(theta))))
+        for column in found.columns:
+            control = column.compensation.control(solution.machine, poles=PoleRule(10.0))
+            altered = control.command(places.positions, np.array(TOOL))
+            left = remaining(exact, truth, places.positions, altered, TOOL)[:, :3]
+            free, _ = gauge_free(left, places.positions, TOOL, tool_rotation=False, machine=exact)
+            size = np.linalg.norm(free, axis=1)
+            p = column.predictions[0]
+            for k, value in ((0, size.max()), (2, np.sqrt(np.mean(size**2))), (3, np.abs(free[:, 0]).max())):
+                inside.append(p.low[k] - 1e-4 < value < p.high[k] + 1e-4)
+    assert np.mean(inside) > 0.85
+
+
+def test_types_go_down_from_none_to_the_last():
+    _, solution = machine_of("tilting table", seed=3)
+    found = forecast(solution, [["L-VOL"], ["L-VOL", "R-VOL"], ["L-VOL+", "R-VOL+"]], base_of(solution, TOOL), points=9)
+    assert [c.name for c in found.columns] == ["none", "L-VOL", "L-VOL + R-VOL", "L-VOL+ + R-VOL+"]
+    value = np.array([c.predictions[0].value for c in found.columns])
+    rms, tilt = QUANTITIES.index("RMS"), QUANTITIES.index("tool axis")
+    assert value[2, rms] < 0.2 * value[0, rms]
+    np.testing.assert_allclose(value[2, tilt], value[0, tilt], rtol=0.1)  # orientation untouched
+    np.testing.assert_allclose(value[3, :3], value[2, :3], rtol=0.01)
+    for c in found.columns:
+        assert np.all(c.predictions[0].low <= c.predictions[0].value) and np.all(
+            c.predictions[0].value <= c.predictions[0].high
+        )
+
+
+def test_wrong_tool_length_shows_the_predicted_extra_deviation():
+    """L-VOL with a control that believes in a tool 100 mm too long: the extra is ω × Δt in every point, by exact matrices too."""
+    exact, solution = machine_of("three-axis", seed=3)
+    error = np.array([0.0, 0.0, -100.0])
+    base, q = base_of(solution, TOOL), node_positions(exact, 64)
+    made = compensate(solution, ["L-VOL"], base, points=5, uncertainty=False)
+    right, wrong = made.control(solution.machine), made.control(solution.machine, tool=tuple(np.add(TOOL, error)))
+    truth = truth_of(solution)
+    left = [remaining(exact, truth, q, c.command(q, np.array(TOOL)), TOOL)[:, :3] for c in (right, wrong)]
+    orientation = exact.deviation(q, TOOL, truth)[:, 3:]
+    np.testing.assert_allclose(left[1] - left[0], -np.cross(orientation, error), atol=2e-4)
+    still = Places(q, np.zeros_like(q))
+    found = forecast(solution, [["L-VOL"]], base, places=still, points=5, tool_error=error)
+    free, _ = gauge_free(left[1], q, TOOL, tool_rotation=False, machine=exact)
+    assert found.columns[1].predictions[0].exact[0] == pytest.approx(np.linalg.norm(free, axis=1).max(), abs=1e-4)
+    plain = forecast(solution, [["L-VOL"]], base, places=still, points=5)
+    assert found.columns[1].predictions[0].exact[2] > 1.2 * plain.columns[1].predictions[0].exact[2]
+
+
+def test_draws_are_the_monte_carlo_samples_when_there_are_some():
+    """Samples of which every second is the estimate and every other one shifted by one vector: intervals end at these two
+    values."""
+    _, solution = machine_of("three-axis", seed=3)
+    theta = np.asarray(solution.parameters)
+    x = np.tile(theta, (200, 1))
+    x[::2] *= 1.5
+    none = np.zeros(200)
+    samples = Samples(200, lambda: iter([x]), none, none, none, none, 0)
+    found = forecast(replace(solution, samples=samples), [], base_of(solution, TOOL))
+    p = found.columns[0].predictions[0]
+    assert (found.draws, found.source) == (200, "Monte Carlo samples of the solution")
+    np.testing.assert_allclose(p.low, p.exact, rtol=1e-9)
+    np.testing.assert_allclose(p.high, 1.5 * p.exact, rtol=1e-9)
+
+
+def test_least_increment_and_clamped_axes():
+    """Rounding to 2 µm adds a uniform deviation of variance (2 µm)²/12 per axis; a clamped axis gets no correction."""
+    _, solution = machine_of("three-axis", seed=3)
+    base = base_of(solution, TOOL)
+    increment = {a: 0.002 for a in "XYZ"}
+    made = compensate(solution, ["L-VOL"], base, points=9, uncertainty=False)
+    q = np.round(volume_places(solution.machine, 512).positions, 1)
+    fine = made.control(solution.machine).command(q, np.array(TOOL)) - q
+    coarse = made.control(solution.machine, increment=increment, clamped=("Y",)).command(q, np.array(TOOL)) - q
+    y = solution.machine.index("Y")
+    assert np.all(coarse[:, y] == 0.0)
+    others = [i for i in range(3) if i != y]
+    np.testing.assert_allclose(coarse[:, others] / 0.002, np.round(coarse[:, others] / 0.002), atol=1e-6)
+    assert np.std((coarse - fine)[:, others]) == pytest.approx(0.002 / np.sqrt(12), rel=0.1)
+
+
+def test_motion_speed_and_limits():
+    """Control of one table EXX = 10 µm · sin: largest correction and its slope in closed form."""
+    _, solution = machine_of("three-axis", seed=3)
+    made = compensate(solution, ["L-POS"], base_of(solution, TOOL), tables=Sampling(max_points=101), uncertainty=False)
+    table = next(t for t in made.tables if t.function == "EXX")
+    x = np.linspace(-400.0, 400.0, 801)
+    wave = 0.010 * np.sin(2 * np.pi * x / 200.0)
+    table = replace(table, positions=x, forward=wave, reverse=wave)
+    control = Control(solution.machine, (table,))
+    q = np.zeros((801, 3))
+    q[:, solution.machine.index("X")] = x
+    motion = asked_motion(control, q, np.array(TOOL))
+    i = solution.machine.index("X")
+    assert motion.largest[i] == pytest.approx(0.010, rel=1e-3)
+    assert motion.slope[i, i] == pytest.approx(0.010 * 2 * np.pi / 200.0, rel=0.01)
+    speed = asked_speed(motion, np.full(3, 10_000.0))
+    assert speed[i] == pytest.approx(10_000.0 * 0.010 * 2 * np.pi / 200.0, rel=0.01)
+    check_motion(solution.machine, motion, speed, {"X": 0.011}, {"X": 4.0})
+    with pytest.raises(InputError, match=r"axis X for moves of 0\.01 mm, more than the limit of 0\.005"):
+        check_motion(solution.machine, motion, speed, {"X": 0.005}, {})
+    with pytest.raises(InputError, match=r"axis X for speed of 3\.1.* mm/min, more than the limit of 1"):
+        check_motion(solution.machine, motion, speed, {}, {"X": 1.0})
+
+
+def test_poles_are_found_named_and_kept_out_or_limited():
+    """C' A' with A = 0, fork head C A with A = 0: C parallel to the spindle. Three-axis machines have no FOR to ask about."""
+    for layout in ("tilting table", "fork head"):
+        exact, solution = machine_of(layout, seed=3)
+        (pole,) = poles(solution.machine)
+        assert (pole.position, pole.axis, pole.direction) == ((("A", 0.0),), "C", (0.0, 1.0, 0.0))
+        assert "A = 0°: C is parallel to the spindle" in str(pole)
+        q = np.zeros((201, len(exact.axes)))
+        a = np.linspace(-10.0, 10.0, 201)
+        q[:, exact.column("A")] = a
+        made = compensate(solution, ["FOR"], base_of(solution, TOOL), points=9, uncertainty=False)
+        c = exact.column("C")
+        limited, out = (
+            np.abs(made.control(solution.machine, poles=PoleRule(5.0, mode)).command(q, np.array(TOOL)) - q)[:, c]
+            for mode in ("limit", "keep out")
+        )
+        assert np.all(out[np.abs(a) < 4.99] == 0.0)
+        np.testing.assert_allclose(limited[np.abs(a) > 5.01], out[np.abs(a) > 5.01], rtol=1e-9)
+        assert limited.max() < 2.0 * out.max() and limited[100] < 1e-9  # at the pole itself no turn
+        with pytest.raises(InputError, match="--poles 'off'"):
+            PoleRule(5.0, "off")
+
+
+def test_best_rigid_functions_leave_the_interaction_only():
+    """EXX(x, y) without angular functions: the best EXX(x) and EXY(y) leave the doubly centred part, a closed form (7.4.2)."""
+    cross = 'EXX = { over = ["X", "Y"], segments = [3, 3] }\n"E[ABC]?" = false\n"E[ABC]0S" = false'
+    _, solution = machine_of("three-axis", functions=cross, segments=3, seed=2)
+    model = solution.model
+    keep = model.by_name["EXX", "mean"].parameters
+    theta = np.zeros(model.n_parameters)
+    theta[keep] = np.asarray(solution.parameters)[keep]
+    solution = replace(solution, parameters=theta)
+    rigid, left = best_rigid(solution, np.array([TOOL]))
+    assert all(len(f.splines) < 2 for f in rigid.model.functions)
+    x, y = np.meshgrid(np.linspace(-400, 400, 81), np.linspace(-350, 350, 81), indexing="ij")
+    q = np.zeros((x.size, 3))
+    q[:, solution.machine.index("X")], q[:, solution.machine.index("Y")] = x.ravel(), y.ravel()
+    from volid.compensation.effects import model_errors
+
+    row = 6 * solution.machine.index("X")
+    field = (model_errors(solution, q, np.zeros_like(q), lambda _: True)[:, row] @ theta).reshape(x.shape)
+    centred = field - field.mean(axis=0) - field.mean(axis=1, keepdims=True) + field.mean()
+    assert left.rms == pytest.approx(np.sqrt(np.mean(centred**2)), rel=0.03)  # Sobol points against a dense grid
+    assert left.rms < left.rms_before
+    one_line = field - field[:, 40:41]  # what functions of the line y = 0 would leave
+    assert left.rms < 0.9 * np.sqrt(np.mean((one_line - one_line.mean()) ** 2))
+
+
+def test_alignment_to_the_spindle():
+    """After L-VOL aligned to the spindle, Z motion is parallel to the spindle at the reference: both directions from exact
+    matrices."""
+    exact, solution = machine_of("three-axis", seed=6)
+    truth = truth_of(solution)
+    plain = base_of(solution, TOOL)
+    z = exact.column("Z")
+    q = np.tile([np.mean(exact.travel[a]) for a in exact.axes], (2, 1))
+    q[:, z] = exact.travel["Z"]
+    spindle = exact.pose(q[:1] * 0 + np.mean(q, axis=0), truth)[0, :3, 2]
+    angle = {}
+    for name, base in (("datum", plain), ("spindle", aligned_to_spindle(solution, plain))):
+        made = compensate(solution, ["L-VOL"], base, points=5, uncertainty=False)
+        moved = exact.functional_point(made.control(solution.machine).command(q, np.array(TOOL)), TOOL, truth)
+        direction = (moved[1] - moved[0]) / np.linalg.norm(moved[1] - moved[0])
+        angle[name] = np.linalg.norm(np.cross(direction, spindle))
+    tilt = np.hypot(truth.constants["EA0S"], truth.constants["EB0S"])
+    assert angle["datum"] == pytest.approx(tilt, abs=2e-7)
+    assert angle["spindle"] < 2e-7
+    column = np.zeros((solution.model.n_parameters, 1))
+    column[solution.model.by_name["EA0S", "location"].parameters] = 1.0
+    with pytest.raises(NotDeterminedError, match="tilt of the spindle"):
+        aligned_to_spindle(replace(solution, null_space=column), plain)
+
+
+def test_alignment_to_other_axes_is_the_solution_in_that_datum():
+    """Primary Z, secondary X: after L-VOL in that datum, Z's mean line stands as the frame's own, whatever the old datum said."""
+    from volid.fitting.datum import parse_datum
+
+    exact, solution = machine_of("three-axis", seed=6)
+    moved = solution.in_datum(parse_datum(solution.machine, "primary=Z,secondary=X"))
+    made = compensate(moved, ["L-VOL"], base_of(moved, TOOL), points=5, uncertainty=False)
+    q = node_positions(exact, 200)
+    altered = made.control(solution.machine).command(q, np.array(TOOL))
+    left = remaining(exact, truth_of(solution), q, altered, TOOL)[:, :3]
+    free, _ = gauge_free(left, q, TOOL, tool_rotation=False, machine=exact)
+    assert np.linalg.norm(left, axis=1).max() > 0.002  # a rigid motion: the new frame
+    assert np.linalg.norm(free, axis=1).max() < 2e-4  # and nothing else, at the nodes
+
+
+@pytest.mark.parametrize(
+    ("layout", "names", "message"),
+    [
+        ("three-axis", ["FOR"], "--type FOR: machine .* cannot turn its tool"),
+        ("three-axis", ["R-POS"], "has no rotary axis"),
+        ("three-axis", ["LVOL"], "is no compensation type of ISO/TR 16907; available: L-POS"),
+        ("three-axis", ["L-POS", "L-VOL"], "L-POS and L-VOL both correct positioning"),
+        ("tilting table", ["R-POS", "FOR"], "R-POS and FOR both turn the rotary axes"),
+        ("tilting table", ["L-SPEC", "L-POS"], "may correct the same errors twice"),
+    ],
+)
+def test_types_that_cannot_be(layout, names, message):
+    _, solution = machine_of(layout)
+    with pytest.raises(InputError, match=message):
+        select(names, solution.machine)
+
+
+def test_for_needs_two_directions_of_rotary_axes():
+    from five_axis import ROTARY_TABLE, exact_machine, volid_machine
+
+    with pytest.raises(InputError, match=r"FOR: .* at least two rotary axes that are not parallel"):
+        select(["FOR"], volid_machine(exact_machine(ROTARY_TABLE), segments=4))
+
+
+def test_control_without_tool_vector_is_refused():
+    _, solution = machine_of("three-axis", seed=3)
+    q = np.zeros((1, 3))
+    for name in ("L-ANG", "L-VOL"):
+        made = compensate(solution, [name], base_of(solution, TOOL), points=3, uncertainty=False)
+        with pytest.raises(InputError, match=f"{name} needs the tool vector"):
+            made.control(solution.machine).command(q, None)
+    made = compensate(solution, ["L-POS"], base_of(solution, TOOL), uncertainty=False)
+    assert made.control(solution.machine).command(q, None).shape == (1, 3)
+
+
+def test_undetermined_deviation_is_not_predicted():
+    _, solution = machine_of("three-axis", seed=3)
+    column = np.zeros((solution.model.n_parameters, 1))
+    column[solution.model.by_name["EXX", "mean"].parameters] = 1e-3
+    lost = replace(solution, null_space=column, statements=("EXX: of a test.",))
+    with pytest.raises(NotDeterminedError, match="EXX: of a test"):
+        forecast(lost, [], base_of(solution, TOOL))
