@@ -35,6 +35,10 @@ VERBS = {
     "summary": ("summary", "what a solution says: verdict, squareness, volumetric accuracy, error functions"),
     "errors": ("errors", "deviation of the functional point at given axis positions and tool vectors"),
     "functions": ("functions", "table of the error functions and location errors with their uncertainty"),
+    "locations": (
+        "locations",
+        "location errors of the rotary axes: parameter and axis line, relative to the machine or to another axis",
+    ),
     "grid": ("grid", "spatial grid of compensation (or error) values over the working volume"),
     "datum": ("datum", "the same solution in another datum, without a new fit"),
     "multilaterate": (
