@@ -111,8 +111,8 @@ def _nominal_rotation(machine: Machine, positions: np.ndarray, start: int, stop:
 def workpiece_rows(campaign: Campaign, table: Sequence[Nuisance], values: np.ndarray) -> np.ndarray:
     """∂(nuisance)/∂(rigid motion of the workpiece frame), shape (k, 6): what stands on the workpiece moves with it.
 
-    Stations and targets on the workpiece, the placement of known stations, spheres (or nests) of displacement sets, and the orientation of a
-    sensor that stands on the workpiece.
+    Stations and targets on the workpiece, the placement of known stations, spheres (or nests) of displacement sets, and the
+    orientation of a sensor that stands on the workpiece.
     """
     rows = np.zeros((len(table), 6))
     index = {entry.name: i for i, entry in enumerate(table)}

@@ -5,7 +5,7 @@ length's deviation (prior `calibrated_u`) when not. Stations known in their comm
 
 The target is the functional point, or with `target_body` a reflector on any other body of the machine: `target` [mm], its place
 in that body's frame (all axes at 0: the machine frame), approximate when `target_u` is inf (default), exact when 0; sets that
-say the same of a target share it. What lies between the two bodies is all that such distances see. CONVENTIONS 6; ISO/TR 16907 8.3.
+say the same of a target share it. Such distances see what lies between the two bodies. CONVENTIONS 6; ISO/TR 16907 8.3.
 """
 
 from __future__ import annotations
