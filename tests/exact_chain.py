@@ -4,6 +4,7 @@ Written from CONVENTIONS.md alone, to judge the package. Units: mm, rad; rotary 
 positions `q` have shape (m, number of axes), columns in the order of the structural code, workpiece to tool.
 """
 
+import functools
 import itertools
 import json
 import re
@@ -125,7 +126,9 @@ class ExactMachine:
         error_point: Mapping[str, Iterable[float]] | None = None,
         point: Mapping[str, Iterable[float]] | None = None,
         direction: Mapping[str, Iterable[float]] | None = None,
+        axis_frame: Iterable[str] = (),
     ):
+        """`axis_frame`: letters of inclined axes whose six components stand in a frame turned with the axis's direction."""
         self.structure = structure
         tokens = re.findall(r"\(\w'?\)|\w'?", structure.strip().strip("[]"))
         if "".join(tokens) != re.sub(r"\s", "", structure.strip().strip("[]")):
@@ -153,6 +156,10 @@ class ExactMachine:
         self.direction = {a: unit(a) for a in self.axes}
         for a, d in (direction or {}).items():
             self.direction[a] = np.asarray(d, float) / np.linalg.norm(d)
+        self.inclined = tuple(axis_frame)
+        self.frame = {
+            a: _turn_between(unit(a), self.direction[a]) if a in self.inclined else np.eye(3) for a in self.axes
+        }
 
     def column(self, axis: str) -> int:
         """Column of an axis in `q`."""
@@ -193,17 +200,25 @@ class ExactMachine:
 
     def pose(self, q, truth: Truth, direction=None) -> np.ndarray:
         """Exact T_workpiece_tool (m, 4, 4): product over the axes of N D or D N, then the tool frame's S."""
+        S = np.array([truth.constants.get(f"{component}0S", 0.0) for component in COMPONENTS])
+        return self.body_pose("tool", q, truth, direction) @ rigid(S[3:], S[:3])
+
+    def body_pose(self, body: str, q, truth: Truth, direction=None) -> np.ndarray:
+        """Exact T_workpiece_body (m, 4, 4) of "workpiece", "bed", "tool" (without S) or what an axis letter moves."""
         self._check_names(truth)
         q = np.atleast_2d(np.asarray(q, float))
         T = np.tile(np.eye(4), (len(q), 1, 1))
-        for axis in self.axes:
+        primed = [a for a in self.axes if self.primed[a]]
+        ends = {"workpiece": 0, "bed": len(primed), "tool": len(self.axes)}
+        ends |= {a: i + (not self.primed[a]) for i, a in enumerate(self.axes)}
+        for axis in self.axes[: ends[body]]:
             N = self.nominal_factor(axis, q)
             E = self.errors(axis, q, truth, direction)
-            D = rigid(E[:, 3:], E[:, :3], self.error_point[axis])
+            turn = self.frame[axis].T  # of rows: from the axis's frame to the machine's
+            D = rigid(E[:, 3:] @ turn, E[:, :3] @ turn, self.error_point[axis])
             # linear on the tool side: N D; primed: D N. Rotary the other way round.
             T = T @ (N @ D if (axis in LINEAR) != self.primed[axis] else D @ N)
-        S = np.array([truth.constants.get(f"{component}0S", 0.0) for component in COMPONENTS])
-        return T @ rigid(S[3:], S[:3])
+        return T
 
     def nominal_pose(self, q) -> np.ndarray:
         """Nominal T_workpiece_tool (m, 4, 4)."""
@@ -242,6 +257,16 @@ class ExactMachine:
             raise ValueError(f"structural code {self.structure!r} has no error {', '.join(wrong)}")
 
 
+def _turn_between(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """The smallest rotation that carries one unit vector to another, (3, 3)."""
+    about = np.cross(start, end)
+    size = np.linalg.norm(about)
+    if size < 1e-12 and start @ end < 0:
+        raise ValueError("opposite vectors: the smallest rotation between them is not unique")
+    angle = np.arctan2(size, start @ end)
+    return Rotation.from_rotvec(about * (angle / size if size else 0.0)).as_matrix()
+
+
 def machine_grid(machine: ExactMachine, n) -> np.ndarray:
     """Regular grid over the whole travel, ends included: (n^axes, axes); n an int or one per axis."""
     counts = np.broadcast_to(n, len(machine.axes))
@@ -259,6 +284,8 @@ def machine_toml(machine: ExactMachine, name: str = "virtual machine", extra: st
             lines.append(f"point = {_numbers(machine.point[axis])}")
             if not np.array_equal(machine.direction[axis], unit(axis)):
                 lines.append(f"direction = {_numbers(machine.direction[axis])}")
+            if axis in machine.inclined:
+                lines.append('axis_frame = "axis"')
         if not np.array_equal(machine.error_point[axis], machine.point[axis]):
             lines.append(f"error_point = {_numbers(machine.error_point[axis])}")
     return "\n".join(lines) + "\n" + (f"\n{extra.strip()}\n" if extra.strip() else "")
@@ -333,9 +360,14 @@ def _wave(machine: ExactMachine, axis: str, rng, waviness: float) -> Smooth:
     return Smooth(amplitude, 1 / period, rng.uniform(0, 2 * np.pi, 4), cubic, machine.reference[axis], length)
 
 
+@functools.cache
+def _gauss_legendre(n: int) -> tuple[np.ndarray, np.ndarray]:
+    return np.polynomial.legendre.leggauss(n)
+
+
 def _dense(travel, n: int = 400) -> tuple[np.ndarray, np.ndarray]:
     """Gauss-Legendre nodes over the travel and weights that sum to one."""
-    node, weight = np.polynomial.legendre.leggauss(n)
+    node, weight = _gauss_legendre(n)
     return np.mean(travel) + np.ptp(travel) / 2 * node, weight / 2
 
 
@@ -372,10 +404,10 @@ def _rotary_functions(machine, axis, rng, waviness, scale) -> dict[str, Smooth]:
 
     Rotor-fixed vector v across the axis d, seen from the stator: cos(q) v +- sin(q) d x v, + on the tool side.
     """
-    travel, d = machine.travel[axis], machine.direction[axis]
+    travel, d = one_turn(machine.travel[axis]), machine.frame[axis].T @ machine.direction[axis]
     along = ROTARY.index(axis)
-    if abs(d[along]) != 1.0:
-        raise ValueError(f"axis {axis}: random_truth needs a rotary axis parallel to its machine axis")
+    if abs(abs(d[along]) - 1.0) > 1e-12:
+        raise ValueError(f"axis {axis}: random_truth needs a rotary axis parallel to its machine axis, or axis_frame")
     turn = -1.0 if machine.primed[axis] else 1.0
     q, weight = _dense(travel)
     cos, sin = np.cos(np.deg2rad(q)), turn * np.sin(np.deg2rad(q))
@@ -405,9 +437,14 @@ def _rotary_functions(machine, axis, rng, waviness, scale) -> dict[str, Smooth]:
     return functions
 
 
+def one_turn(travel) -> tuple[float, float]:
+    """The travel, or one turn of an axis that makes more: its errors repeat."""
+    return travel if np.ptp(travel) <= 360 else (-180.0, 180.0)
+
+
 def _periodic_or_wave(machine, axis, rng, waviness) -> Smooth:
     """Harmonics 1 to 3 (x waviness) for whole turns, otherwise a wave over the travel."""
-    if np.ptp(machine.travel[axis]) % 360:
+    if np.ptp(machine.travel[axis]) < 360:
         return _wave(machine, axis, rng, waviness)
     order = np.unique(np.maximum(1, np.round(waviness * np.arange(1, 4))))
     phase = rng.uniform(0, 2 * np.pi, len(order))

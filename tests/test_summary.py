@@ -221,6 +221,12 @@ def test_location_errors_of_a_rotary_axis(rotary_solution):
     text = summary(rotary_solution)
     assert line(text, "EX0C").split()[-1] == "µm"
     assert line(text, "EA0C").split()[-1] == "µrad"
+    found = rotary_solution.location("EX0C").value
+    row = line(text, "EX0C")
+    assert "error of the position of C in X direction" in row
+    value, of_line = (float(x) for x in row.split("direction")[1].split()[:2])
+    assert value == pytest.approx(1e3 * found, abs=0.06) and of_line == -value  # C' carries the workpiece
+    assert "axis line" in line(text, "location") and all(len(row) <= WIDTH for row in text.splitlines())
     assert "V_XYZC, ranges" in text
     assert "not in the model: EXX, EYX, EZX, EAX, EBX, ECX, … (18 functions)" in text
     assert "not predicted: the model leaves out error functions" in text

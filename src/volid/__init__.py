@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from volid.exceptions import InputError, NotDeterminedError, OutputError, VolidError
     from volid.fitting.datum import parse_datum
     from volid.fitting.fit import fit
+    from volid.fitting.location_errors import LocationError, location_errors
     from volid.fitting.solution import Solution
     from volid.io import load_campaign
     from volid.io import read_machine as load_machine
@@ -80,6 +81,8 @@ __all__ = [  # in the order of the work  # noqa: RUF022
     "save_solution",
     "load_solution",
     "summary",
+    "location_errors",
+    "LocationError",
     # compensation
     "linear_grid",
     "Grid",
@@ -124,6 +127,7 @@ _PLACES = {
     "volid.exceptions": ("VolidError", "InputError", "OutputError", "NotDeterminedError"),
     "volid.fitting.datum": ("parse_datum",),
     "volid.fitting.fit": ("fit",),
+    "volid.fitting.location_errors": ("location_errors", "LocationError"),
     "volid.fitting.solution": ("Solution",),
     "volid.io": ("load_campaign", "read_machine as load_machine", "write_campaign as save_campaign"),
     "volid.io.compensation_files": ("load_control", "save_compensation"),

@@ -76,7 +76,7 @@ def motion(direction: str, axis: str) -> str:
 
 
 def describe(name: str) -> str:
-    """The symbol in words, as ISO 230-1 puts it.
+    """The symbol in words, as ISO 230-1 puts it; all describe the tool relative to the workpiece.
 
     >>> describe("EYX")
     'straightness of X in Y direction'
@@ -102,8 +102,8 @@ def _describe_location(error: ErrorName) -> str:
     if error.direction == error.axis:
         return f"zero position of {error.axis}"
     if error.is_rotation:
-        return f"orientation of the {error.axis} axis average line about {_line(error.direction)}"
-    return f"position of the {error.axis} axis average line in {error.direction}"
+        return f"error of the orientation of {error.axis} about {_line(error.direction)}"
+    return f"error of the position of {error.axis} in {error.direction} direction"
 
 
 def _describe_linear(error: ErrorName) -> str:

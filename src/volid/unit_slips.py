@@ -24,6 +24,7 @@ from volid.iso230 import ROTATIONS
 from volid.kinematics import transform
 from volid.machine import Machine
 from volid.multilateration import trilaterate
+from volid.observations.distance import sees_tool, target_body, target_place
 
 _INCH = 25.4  # mm
 SCALES = {1e-3: "metres", 1e3: "micrometres", 1 / _INCH: "inches", _INCH: "inches"}  # the last: positions in inches
@@ -133,8 +134,9 @@ def beams(readings: ObservationSet, campaign: Campaign) -> Iterator[Beam]:
         rows = np.flatnonzero(readings.labels["station"] == name)
         station = campaign.station(name)
         q, tool = readings.positions[rows].T, readings.tool[rows].T
-        start, stop = len(machine.axes), machine.body_index(station.body)
-        target = transform(machine, q, None, (tool[0], tool[1], tool[2]), start=start, stop=stop)
+        place = (tool[0], tool[1], tool[2]) if sees_tool(readings) else target_place(readings)
+        start, stop = machine.body_index(target_body(readings)), machine.body_index(station.body)
+        target = transform(machine, q, None, place, start=start, stop=stop)
         points = np.stack([np.broadcast_to(np.asarray(c), len(rows)) for c in target], axis=1)
         yield Beam(points, readings.readings[rows, 0], segments[rows], bool(readings.options["relative"]), station)
 

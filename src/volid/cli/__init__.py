@@ -36,6 +36,10 @@ VERBS = {
     "errors": ("errors", "deviation of the functional point at given axis positions and tool vectors"),
     "functions": ("functions", "table of the error functions and location errors with their uncertainty"),
     "tables": ("tables", "error or compensation tables per function, for controls that know single-axis functions"),
+    "locations": (
+        "locations",
+        "location errors of the rotary axes: parameter and axis line, relative to the machine or to another axis",
+    ),
     "grid": ("grid", "spatial grid of compensation (or error) values over the working volume"),
     "residual": (
         "residual",

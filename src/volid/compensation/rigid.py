@@ -38,8 +38,8 @@ def best_rigid(solution: Solution, tools: np.ndarray) -> tuple[Solution, Remaini
     """The solution with single-axis functions only, and what they leave.
 
     `tools`: tool vectors (k, 3) [mm] over which the volume is to be served; several non-collinear ones tell angular functions
-    from translations. θ' = (A'ᵀA')⁺A'ᵀ A θ over 2048 Sobol points, translations of the functional point; the covariance goes
-    along. Directions that the tools leave open stay at their least-norm value. Reversal and constants are kept as parts of the
+    from translations. θ' = (A'ᵀA')⁺A'ᵀ A θ over 2048 points spread evenly (Halton), translations of the functional point;
+    the covariance goes along. Directions that the tools leave open stay at their least-norm value. Reversal and constants are kept as parts of the
     fit.
     """
     machine = solution.machine

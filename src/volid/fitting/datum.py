@@ -109,13 +109,13 @@ def _nominal_rotation(machine: Machine, positions: np.ndarray, start: int, stop:
 def workpiece_rows(campaign: Campaign, table: Sequence[Nuisance], values: np.ndarray) -> np.ndarray:
     """∂(nuisance)/∂(rigid motion of the workpiece frame), shape (k, 6): what stands on the workpiece moves with it.
 
-    Stations on the workpiece, the placement of known stations, spheres (or nests) of displacement sets, and the orientation of a
-    sensor that stands on the workpiece.
+    Stations and targets on the workpiece, the placement of known stations, spheres (or nests) of displacement sets, and the
+    orientation of a sensor that stands on the workpiece.
     """
     rows = np.zeros((len(table), 6))
     index = {entry.name: i for i, entry in enumerate(table)}
     points = [f"station {s.name}" for s in campaign.stations if s.body == WORKPIECE]
-    points += list(dict.fromkeys(n[:-2] for n in index if n.startswith("sphere ")))
+    points += list(dict.fromkeys(n[:-2] for n in index if n.startswith(("sphere ", f"target on {WORKPIECE} "))))
     for point in points:
         if f"{point} X" in index:
             i = [index[f"{point} {c}"] for c in LINEAR_AXES]

@@ -20,6 +20,7 @@ from volid.fitting.problem import Problem, jacobian, normal_equations
 from volid.iso230 import parse
 from volid.kinematics import nominal_point
 from volid.machine import Machine
+from volid.observations.distance import sees_tool
 
 UNIT = 0.1  # mm; the rotations' unit follows by dividing by 1 m
 ROTATION_UNIT = 1e-4  # rad
@@ -255,7 +256,7 @@ def _segment_reasons(model: ErrorModel, campaign: Campaign, names: list[str]) ->
 def likely_reasons(campaign: Campaign) -> list[str]:
     """Facts of a campaign that usually leave functions undetermined: tool vectors, stations, positions."""
     reasons = []
-    sets = [s for s in campaign.sets if s.kind == "distance"]
+    sets = [s for s in campaign.sets if s.kind == "distance" and sees_tool(s)]
     if sets:
         stations = {name for s in sets for name in s.labels["station"]}
         if len(stations) < 3:

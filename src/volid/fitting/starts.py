@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from volid.campaign import Campaign, Station
+from volid.campaign import Campaign, ObservationSet, Station
 from volid.exceptions import InputError
-from volid.kinematics import functional_point
+from volid.kinematics import functional_point, transform
 from volid.machine import Machine
 from volid.multilateration import StationEstimate, trilaterate
+from volid.observations.distance import sees_tool, target_body, target_place
 
 
 def nominal_targets(machine: Machine, positions: np.ndarray, tool: np.ndarray, body: str) -> np.ndarray:
@@ -18,6 +19,14 @@ def nominal_targets(machine: Machine, positions: np.ndarray, tool: np.ndarray, b
     q = positions.T
     point = functional_point(machine, q, tuple(tool.T), stop=machine.body_index(body))  # type: ignore[arg-type]
     return np.stack([np.broadcast_to(np.asarray(c), len(positions)) for c in point], axis=1)
+
+
+def nominal_reflector(machine: Machine, observations: ObservationSet, rows: np.ndarray, body: str) -> np.ndarray:
+    """Nominal places, in the frame of `body`, of a reflector that stands on another body than the tool, (m, 3) [mm]."""
+    q = jnp.asarray(observations.positions[rows].T)
+    start, stop = machine.body_index(target_body(observations)), machine.body_index(body)
+    point = transform(machine, q, None, target_place(observations), start=start, stop=stop)
+    return np.stack([np.broadcast_to(np.asarray(c), q.shape[1]) for c in point], axis=1)
 
 
 def _readings_of(campaign: Campaign, station: Station) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
@@ -31,6 +40,8 @@ def _readings_of(campaign: Campaign, station: Station) -> tuple[np.ndarray, np.n
         relative = relative or is_relative
         targets.append(
             nominal_targets(campaign.machine, observations.positions[rows], observations.tool[rows], station.body)
+            if sees_tool(observations)
+            else nominal_reflector(campaign.machine, observations, rows, station.body)
         )
         distances.append(observations.readings[rows, 0])
         segments = observations.labels["segment"][rows]

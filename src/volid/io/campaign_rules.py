@@ -88,6 +88,24 @@ def check_stations_of(readings: ObservationSet, stations: Iterable[Station]) -> 
         )
 
 
+def check_target(readings: ObservationSet, campaign: Campaign) -> None:
+    """Raises `InputError` for a target on a body that the machine has not, or on the body that its station stands on."""
+    body = readings.options.get("target_body", TOOL)
+    known = bodies(campaign.machine)
+    if body not in known:
+        raise InputError(
+            f"{campaign.source}, set '{readings.name}': target_body is '{body}'{nearest(str(body), known) or ';'} expected one "
+            f"of {', '.join(known)}"
+        )
+    for name in dict.fromkeys(readings.labels.get("station", np.zeros(0)).tolist()):
+        own = campaign.station(name).body
+        if campaign.machine.body_index(own) == campaign.machine.body_index(body):
+            raise InputError(
+                f"{campaign.source}, set '{readings.name}': station '{name}' and its target stand on the same body ({own}), so "
+                "their distance never changes; expected two bodies that move against each other"
+            )
+
+
 def check_whole(campaign: Campaign) -> Campaign:
     """The campaign itself when names are unique and every station that a reading names exists, else `InputError`."""
     check_unique((s.name for s in campaign.stations), "station", campaign.source)
@@ -99,5 +117,6 @@ def check_whole(campaign: Campaign) -> Campaign:
         check = KINDS[readings.kind].check
         if check is not None:
             check(readings)
+        check_target(readings, campaign)
         check_effects(readings)
     return campaign

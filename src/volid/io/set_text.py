@@ -16,7 +16,7 @@ from volid.io.campaign_rules import check_constant, check_unique, find_kind
 from volid.io.csv_table import CsvTable, read_csv
 from volid.io.effect_text import read_effect
 from volid.io.toml_table import Table, is_number
-from volid.machine import Machine
+from volid.machine import TOOL, Machine
 from volid.observations import Kind
 
 TOOL_COLUMNS = ("tool_x", "tool_y", "tool_z")
@@ -35,7 +35,7 @@ def read_set(table: Table, folder: Path, machine: Machine, *, plan: bool) -> Obs
     """
     kind = find_kind(table.text("kind"), table.where)
     extra = probe_centres.KEYS if kind.name == _CENTRES else ()
-    table.only((*_SET_KEYS, *extra, *uncertainty_keys(kind.readings), *kind.options))
+    table.only((*_SET_KEYS, *extra, *uncertainty_keys(kind.readings), *kind.options, *kind.optional))
     csv = _csv(table, folder)
     purpose = f"every row of a '{kind.name}' set needs one"
     content = _centres(table, csv, kind, machine, purpose, plan) or _content(table, csv, kind, machine, purpose, plan)
@@ -155,6 +155,8 @@ def _tool(table: Table, csv: CsvTable, purpose: str) -> np.ndarray:
             raise InputError(f"{table.where}: tool stands here and in {csv.source}; keep the key or the columns")
         csv.require(TOOL_COLUMNS, "a tool vector has three coordinates", tuple(csv.columns))
         return np.stack([csv.numbers(name, "mm", purpose) for name in TOOL_COLUMNS], axis=1)
+    if "tool" not in table.data and table.data.get("target_body", TOOL) != TOOL:
+        return np.zeros((len(csv), 3))  # no tool takes part
     if "tool" not in table.data:
         raise InputError(
             f"{table.where}: there is no tool vector; add tool = [x, y, z] in mm here or columns "
@@ -224,7 +226,8 @@ def _positive(values: np.ndarray, csv: CsvTable, name: str) -> np.ndarray:
 
 def _options(table: Table, kind: Kind) -> dict[str, Any]:
     """Options of the kind with their defaults; a given one must be of the default's type."""
-    return {name: _option(table, name, default) for name, default in kind.options.items()}
+    stated = {name: default for name, default in kind.optional.items() if name in table.data}
+    return {name: _option(table, name, default) for name, default in (kind.options | stated).items()}
 
 
 def _option(table: Table, name: str, default: Any) -> Any:

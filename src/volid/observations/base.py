@@ -85,6 +85,7 @@ class Kind:
 
     `readings`: columns of a CSV that hold the readings. `labels`: text columns and their default; a default of None means
     that the column is required. `options`: keys of a `[[set]]` of this kind and their default; None means required.
+    `optional`: further keys, absent from a set that does not state them, with a value that shows their type.
     `unit`: of the readings and their u. `predict`: the prediction. `groups`: takes a set apart into groups and names the
     nuisance parameters it needs. `check`: raises `InputError` for options that do not fit each other or the labels.
     """
@@ -95,6 +96,7 @@ class Kind:
     groups: Callable[[ObservationSet, Campaign, NuisanceTable], list[Group]]
     labels: Mapping[str, str | None] = field(default_factory=dict)
     options: Mapping[str, Any] = field(default_factory=dict)
+    optional: Mapping[str, Any] = field(default_factory=dict)
     doc: str = ""
     unit: str = "mm"
     check: Callable[[ObservationSet], None] | None = None

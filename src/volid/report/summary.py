@@ -25,6 +25,7 @@ from volid.fitting.holdout import by_angle, rotary_poses, total
 from volid.fitting.solution import FunctionValue, Solution
 from volid.iso230 import DIRECTIONS, LINEAR_AXES, ROTARY_AXES, ROTATIONS, SPINDLE, describe, parse
 from volid.observations import KINDS
+from volid.observations.distance import sees_tool
 from volid.report.summary_text import format_summary
 from volid.uncertainty.lack_of_fit import lack_of_fit
 
@@ -35,7 +36,8 @@ _POINTS = 101  # of each function, for its range and largest u
 
 def most_used_tool(campaign: Campaign) -> tuple[float, float, float]:
     """The tool vector of most readings [mm]; of equally frequent ones the first in the campaign."""
-    tools = np.concatenate([s.tool for s in campaign.sets])
+    with_tool = [s for s in campaign.sets if sees_tool(s)] or campaign.sets
+    tools = np.concatenate([s.tool for s in with_tool])
     values, first, counts = np.unique(np.round(tools, 6), axis=0, return_index=True, return_counts=True)
     best = max(range(len(values)), key=lambda i: (counts[i], -first[i]))
     x, y, z = (values[best] + 0.0).tolist()
@@ -68,7 +70,7 @@ def summary_data(solution: Solution, tool: Sequence[float] | None = None) -> dic
         "sets": [row for i in range(len(solution.campaign.sets)) for row in _set_rows(solution, i)],
         "tool": list(at),
         "squareness": [_constant(solution, n) for n in constants if parse(n).axis in LINEAR_AXES],
-        "location_errors": [_constant(solution, n) for n in constants if parse(n).axis in ROTARY_AXES],
+        "location_errors": [_location_error(solution, n) for n in constants if parse(n).axis in ROTARY_AXES],
         "tool_frame": [_constant(solution, n) for n in constants if parse(n).axis == SPINDLE],
         "volume": _volume(solution, at),
         "functions": [_function(solution, n, rows) for n, rows in table.items() if not parse(n).location],
@@ -137,6 +139,13 @@ def _constant(solution: Solution, name: str) -> dict[str, Any]:
     found = solution.location(name)
     words = {"name": name, "description": describe(name), "unit": parse(name).unit}
     return words | {"value": found.value, "u": found.u, "U": K * found.u, "k": K}
+
+
+def _location_error(solution: Solution, name: str) -> dict[str, Any]:
+    """A location error with `line`: how its physical axis line stands on what carries the axis (CONVENTIONS 3)."""
+    found = _constant(solution, name)
+    sign = -1.0 if solution.machine.axis(parse(name).axis).primed else 1.0
+    return found | {"line": sign * found["value"]}
 
 
 def _volume(solution: Solution, tool: tuple[float, float, float]) -> dict[str, Any]:

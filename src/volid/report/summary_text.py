@@ -152,9 +152,26 @@ def _constant_lines(data: dict[str, Any]) -> list[str]:
             ]
             for c in data[key]
         ]
-        if rows:
+        if not rows:
+            continue
+        if key == "location_errors":
+            lines += _location_lines(data, rows, digits)
+        else:
             lines += table([title.ljust(10), "", "value", "U (k = 2)", ""], rows, left=2, right=1)
     return lines
+
+
+def _location_lines(data: dict[str, Any], rows: list[list[str]], digits: int) -> list[str]:
+    """Location errors, with how the axis line stands on its carrier beside the parameter; a zero has no line."""
+    lines = []
+    for row, c in zip(rows, data["location_errors"], strict=True):
+        zero = c["name"][1] == c["name"][3]
+        row.insert(3, "" if zero else micro(c["line"], c["unit"], digits))
+        lines.append(row)
+    found = table(["location".ljust(10), "", "value", "axis line", "U (k = 2)", ""], lines, left=2, right=1)
+    return found + paragraph(
+        "value: tool relative to workpiece; axis line: on what carries it (see volid locations)", ""
+    )
 
 
 def _in_micro(value: float, unit: str) -> float:
