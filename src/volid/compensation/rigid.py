@@ -39,8 +39,8 @@ def best_rigid(solution: Solution, tools: np.ndarray) -> tuple[Solution, Remaini
 
     `tools`: tool vectors (k, 3) [mm] over which the volume is to be served; several non-collinear ones tell angular functions
     from translations. θ' = (A'ᵀA')⁺A'ᵀ A θ over 2048 points spread evenly (Halton), translations of the functional point;
-    the covariance goes along. Directions that the tools leave open stay at their least-norm value. Reversal and constants are kept as parts of the
-    fit.
+    the covariance goes along. Directions that the tools leave open stay at their least-norm value. Reversal and constants are
+    kept as parts of the fit.
     """
     machine = solution.machine
     settings = {n: replace(s, over=None, segments=_own(s)) for n, s in machine.model.functions.items()}

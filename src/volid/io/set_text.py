@@ -226,8 +226,8 @@ def _positive(values: np.ndarray, csv: CsvTable, name: str) -> np.ndarray:
 
 def _options(table: Table, kind: Kind) -> dict[str, Any]:
     """Options of the kind with their defaults; a given one must be of the default's type."""
-    stated = {name: default for name, default in kind.optional.items() if name in table.data}
-    return {name: _option(table, name, default) for name, default in (kind.options | stated).items()}
+    stated: dict[str, Any] = {name: default for name, default in kind.optional.items() if name in table.data}
+    return {name: _option(table, name, default) for name, default in (dict(kind.options) | stated).items()}
 
 
 def _option(table: Table, name: str, default: Any) -> Any:
