@@ -46,10 +46,10 @@ def interleaved(contestants: dict[str, Callable[[], Any]], repeats: int = REPEAT
             began = time.perf_counter()
             run()
             spent = time.perf_counter() - began
-            if number:
+            if number:  # the first round compiles
                 times[name].append(spent)
-            elif spent > PATIENCE:
-                slow.add(name)
+                if spent > PATIENCE:
+                    slow.add(name)
     return {name: np.array(t) for name, t in times.items()}
 
 

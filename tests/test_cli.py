@@ -511,7 +511,8 @@ def test_compiled_programs_are_kept(solution_file, tmp_path):
     variable = "LOCALAPPDATA" if os.name == "nt" else "XDG_CACHE_HOME"
     environment = {k: v for k, v in os.environ.items() if not k.startswith("JAX_")}
     environment |= {"PYTHONPATH": str(SOURCE), variable: str(tmp_path), "JAX_PLATFORMS": "cpu"}
-    command = [sys.executable, "-m", "volid", "grid", str(solution_file), "--points", "2"]
+    many = ["--points", "28"]  # fewer points are interpreted
+    command = [sys.executable, "-m", "volid", "grid", str(solution_file), *many]
     done = subprocess.run(command, capture_output=True, text=True, env=environment)
     assert done.returncode == 0
     assert list((tmp_path / "volid" / "jax").glob("*")) != []
