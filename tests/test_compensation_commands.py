@@ -138,9 +138,7 @@ def test_rule_and_functions_on_the_command_line(files, run, tmp_path):
     base = ("grid", path, "--type", "L-SPEC", "--points", "3", "--tool", ORIGIN)
     assert run(*base, "--rule", f"{rule}:ramp", "-o", tmp_path / "r.csv")[0] == 0
     grid = read_grid(tmp_path / "r.csv")
-    np.testing.assert_allclose(
-        grid.values[:, 0], 1e-5 * grid.positions[:, 1], atol=1e-9
-    )  # q[:, 0] is Y in w Y' X' or X
+    np.testing.assert_allclose(grid.values[:, 0], 1e-5 * grid.positions[:, 0], atol=1e-9)
     assert run(*base, "--functions", "EXX", "-o", tmp_path / "f.csv")[0] == 0
     assert not read_grid(tmp_path / "f.csv").values[:, 1:].any()
     for option, message in (

@@ -87,6 +87,7 @@ def run(args: argparse.Namespace) -> int:
     from volid.io.atomic import atomic_folder
 
     form = _form(args)
+    _refuse_existing(args)
     with Progress() as progress:
         progress("reading the solution")
         from volid.io.solution_hdf5 import read_solution
@@ -104,6 +105,14 @@ def run(args: argparse.Namespace) -> int:
     else:
         _print(tables, form, args, notes)
     return conclude(args, [m for m in attention(solution) if "do not determine" not in m] + _messages(tables, args))
+
+
+def _refuse_existing(args: argparse.Namespace) -> None:
+    """Raises `OutputError` before the work begins."""
+    from volid.exceptions import OutputError
+
+    if Path(args.output).exists() and not args.force:
+        raise OutputError(f"{args.output} exists; choose another name or pass --force")
 
 
 def _form(args: argparse.Namespace) -> TableForm:
