@@ -8,6 +8,9 @@ import numpy as np
 import pytest
 
 from volid.cli import main
+from volid.compensation.grid_intervals import with_intervals
+from volid.compensation.rotary_grids import rotary_grids
+from volid.io.grid_files import read_grid
 from volid.io.solution_hdf5 import write_solution
 from volid.io.tables_csv import DEVIATIONS, read_deviations, read_functions
 from volid.uncertainty.intervals import deviation_intervals, function_intervals
@@ -119,6 +122,47 @@ def test_tables_carry_intervals_and_can_be_read_back(sampled_file, sampled, tmp_
     for name in DEVIATIONS:
         assert float(row[f"low_{name}"]) <= float(row[name]) <= float(row[f"high_{name}"])
     assert len(read_deviations(out, sampled.machine)[0].positions) == 1
+
+
+def test_intervals_of_grid_values(sampled_file, sampled, tmp_path, capsys):
+    """Compensation values: the ends change places with the sign; between them 3.92 u, as samples of the covariance must have."""
+    out, errors = tmp_path / "g.csv", tmp_path / "e.csv"
+    assert main(["grid", str(sampled_file), "--points", "3", "--intervals", "-o", str(out)]) == 0
+    assert main(["grid", str(sampled_file), "--points", "3", "--intervals", "--errors", "-o", str(errors)]) == 0
+    plus, minus = (read_rows(path) for path in (errors, out))
+    assert len(plus) == 27
+    for name in ("dX", "dY", "dZ", "dA", "dB", "dC"):
+        for e, c in zip(plus, minus, strict=True):
+            assert e[f"low_{name}"] == -c[f"high_{name}"] and e[f"shortest_high_{name}"] == -c[f"shortest_low_{name}"]
+            assert e[f"low_{name}"] <= e[name] <= e[f"high_{name}"] and e[f"U_{name}"] == pytest.approx(
+                2 * e[f"u_{name}"]
+            )
+            width = e[f"high_{name}"] - e[f"low_{name}"]
+            assert width == pytest.approx(3.92 * e[f"u_{name}"], abs=2 * SAMPLING * e[f"u_{name}"] + 1e-9)
+    grid = read_grid(out)
+    np.testing.assert_allclose(grid.values, read_grid(errors).values, rtol=0, atol=2e-9)
+    assert main(["grid", str(sampled_file), "--intervals", "--rigid"]) == 2
+    assert "--intervals and --rigid exclude each other" in capsys.readouterr().err
+
+
+def read_rows(path) -> list[dict[str, float]]:
+    lines = [line for line in path.read_text(encoding="utf-8").splitlines() if not line.startswith("#")]
+    return [{key: float(v) for key, v in row.items()} for row in csv.DictReader(lines)]
+
+
+def test_a_grid_without_samples_has_no_intervals(solution_file, capsys):
+    assert main(["grid", str(solution_file), "--points", "3", "--intervals"]) == 2
+    assert "coverage intervals need Monte Carlo samples; run volid uncertainty" in capsys.readouterr().err
+
+
+def test_intervals_of_a_rotary_grid(rotary_solution):
+    size = np.asarray(rotary_solution.covariance).shape[0]
+    sampled = with_samples(rotary_solution, np.random.default_rng(3).standard_normal((TRIALS, size)))
+    (grid,) = rotary_grids(sampled, points=5, reference_point=(100.0, 50.0, 0.0))
+    bands = with_intervals(sampled, grid).bands
+    known = np.isfinite(grid.u)
+    assert (np.abs(bands[1] - bands[0] - 3.92 * grid.u) <= 2 * SAMPLING * grid.u + 1e-15)[known].all()
+    assert (bands[0] <= grid.values)[known].all() and (grid.values <= bands[1])[known].all()
 
 
 def test_many_outputs_go_through_memory_in_parts(sampled, monkeypatch):

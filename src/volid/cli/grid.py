@@ -69,6 +69,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--errors", action="store_true", help="error values instead of compensation values")
     parser.add_argument("--extrapolate", action="store_true", help="nodes outside what was measured are meant")
+    parser.add_argument(
+        "--intervals",
+        action="store_true",
+        help="95 %% coverage intervals of the values, from Monte Carlo samples; L-VOL, R-VOL",
+    )
     parser.add_argument("--add-to", metavar="OLD", action="append", help="existing grid to superimpose on; repeat it")
     add_output(parser, "OUT", "grid, .csv or .h5; default: CSV on standard output")
 
@@ -111,6 +116,11 @@ def _check_options(args: argparse.Namespace) -> None:
         )
     if not rotary and args.reference_point is not None:
         raise InputError("--reference-point is for R-VOL; an L-VOL grid holds for a tool vector (--tool x,y,z)")
+    clash = [f"--{name}" for name in ("align", "rigid", "add_to", "rule") if getattr(args, name, None)]
+    if args.intervals and clash:
+        raise InputError(
+            f"--intervals and {clash[0].replace('_', '-')} exclude each other: the samples know nothing of it"
+        )
     if args.points is not None and args.points < 2:
         raise InputError(f"--points {args.points}; expected at least 2 per axis")
     if args.points is not None and any(v is not None for v in (args.step, args.max_points, args.max_error)):
@@ -133,7 +143,12 @@ def _grids(solution: Solution, args: argparse.Namespace) -> tuple[tuple[AnyGrid,
         rule=rule_from(args.rule),
         reference_point=args.reference_point,
     )
-    return _superimposed(made.grids, args), notes
+    grids = made.grids
+    if args.intervals:
+        from volid.compensation.grid_intervals import with_intervals
+
+        grids = tuple(with_intervals(solution, grid) for grid in grids)
+    return _superimposed(grids, args), notes
 
 
 def _superimposed(grids: tuple[AnyGrid, ...], args: argparse.Namespace) -> tuple[AnyGrid, ...]:

@@ -28,6 +28,7 @@ class Grid:
     `values`: ERROR values (n, 6), translations at `tool` [mm] and rotations [rad], machine frame; a control gets another
     tool from e(tool) = e(tool0) + rotation × (tool - tool0). `u`: standard uncertainties (n, 6). NaN where the data do not
     determine a component. `outside`: (n,) True where a node lies outside what was measured. `datum`: words.
+    `bands`: (4, n, 6) ends of 95 % coverage intervals, symmetric and shortest, where asked for (`grid_intervals`).
     With rotary axes the grid holds the errors of the linear axes alone, and `tool` is a *rotated* tool vector: what the rotary
     axes of the head make of the tool vector; `rotary_grids` hold the rest.
     """
@@ -43,6 +44,7 @@ class Grid:
     frame: str
     datum: str
     notes: tuple[str, ...] = ()
+    bands: np.ndarray | None = None
 
     @property
     def compensation(self) -> np.ndarray:

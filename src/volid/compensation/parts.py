@@ -14,6 +14,7 @@ import numpy as np
 
 from volid.compensation.nominal import carry
 from volid.error_functions import motion_names
+from volid.error_model import ErrorModel
 from volid.exceptions import InputError
 from volid.fitting.datum import split_null_space
 from volid.fitting.determination import known_deviations
@@ -45,6 +46,15 @@ def part_letters(machine: Machine, part: str | None) -> frozenset[str]:
     return frozenset((*head, SPINDLE)) if part == HEAD else frozenset(rotary_letters(machine, TABLE))
 
 
+def part_model(model: ErrorModel, letters: frozenset[str]) -> ErrorModel:
+    """The model with the errors of the axes `letters` alone: columns of the others' parameters set to zero."""
+    keep = np.zeros(model.n_parameters)
+    for f in model.functions:
+        if parse(f.name).axis in letters:
+            keep[f.parameters] = 1.0
+    return model if keep.all() else replace(model, parametrisation=model.parametrisation * keep)
+
+
 def evaluate_part(
     solution: Solution, letters: frozenset[str], positions: np.ndarray, tool: np.ndarray, own: tuple[str, ...]
 ) -> Deviations:
@@ -54,15 +64,11 @@ def evaluate_part(
     gave them and count as determined: a matter of datum (`split_null_space`).
     """
     model = solution.model
-    keep = np.zeros(model.n_parameters)
-    for f in model.functions:
-        if parse(f.name).axis in letters:
-            keep[f.parameters] = 1.0
-    part = model if keep.all() else replace(model, parametrisation=model.parametrisation * keep)
+    part = part_model(model, letters)
     theta, still = np.asarray(solution.parameters), np.zeros_like(positions)
     null, covariance = np.asarray(solution.null_space), solution.parameter_covariance
     outside = _outside(solution, positions, own)
-    if keep.all():
+    if part is model:
         values, u, found = known_deviations(model, theta, covariance, null, positions, tool, still)
         return Deviations(values, u, found.known, outside, found.rigid)
     # the parts of one machine share one frame, so none is moved into its own

@@ -48,7 +48,7 @@ class RotaryGrid:
     first axis varying fastest. `values`: ERROR values (n, 6), machine frame: translation of the point `reference_point` [mm] and
     rotation [rad]. `u`: standard uncertainties. NaN where the data do not determine a component (`determined` False).
     `outside`: (n,) True where a node lies outside what was measured. `period`: per axis, 360 for full turns, else 0.
-    The head's grid includes the constants of the tool frame, which turn with it.
+    The head's grid includes the constants of the tool frame, which turn with it. `bands`: as of `Grid`.
     """
 
     type: str
@@ -65,6 +65,7 @@ class RotaryGrid:
     frame: str
     datum: str
     notes: tuple[str, ...] = ()
+    bands: np.ndarray | None = None
 
     @property
     def compensation(self) -> np.ndarray:

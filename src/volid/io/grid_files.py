@@ -3,7 +3,8 @@
 Both forms hold lengths in mm and rotations in DEGREES (ISO/TR 16907 Tables 2 and 3), the first axis varying fastest, absolute
 values, and say whether they are error values (actual - nominal) or compensation values (minus that). A cell is empty (NaN) where
 the data do not determine the value; `outside` = 1 marks nodes outside what was measured. CSV: lines "# key: value", then the
-columns `X,Y,Z,dX,dY,dZ,dA,dB,dC,u_dX,…,u_dC,outside`; of the rotary axes `A,C,dX,…` with A, B, C in degrees. HDF5: the same keys
+columns `X,Y,Z,dX,dY,dZ,dA,dB,dC,u_dX,…,u_dC,outside`, with coverage intervals also `U_…`, `low_…`, `high_…`, `shortest_low_…` and
+`shortest_high_…`, which a reader leaves aside; of the rotary axes `A,C,dX,…` with A, B, C in degrees. HDF5: the same keys
 as attributes of the root (blanks as `_`), and the datasets `positions` (n, axes) [mm or degrees], `values` and `u` (n, 6) [mm,
 degrees], their attribute `columns` naming the columns, `outside` (n,). A grid in memory always holds error values, mm and rad;
 reading back restores them. One file holds one grid: of a machine with rotary axes on both sides, one file per side.
@@ -27,7 +28,17 @@ from volid.fitting.solution import Solution
 from volid.io.atomic import atomic_output
 from volid.io.csv_table import CsvTable, read_csv
 from volid.io.hdf5_values import is_hdf5, reading, write_array
-from volid.io.tables_csv import OUTSIDE, REJECTED, Sheet, read_flags, source_lines, text_output, write_csv
+from volid.io.tables_csv import (
+    INTERVAL,
+    INTERVAL_MEANING,
+    OUTSIDE,
+    REJECTED,
+    Sheet,
+    read_flags,
+    source_lines,
+    text_output,
+    write_csv,
+)
 from volid.io.toml_table import read_text
 from volid.iso230 import DIRECTIONS, LINEAR_AXES, ROTARY_AXES
 
@@ -36,6 +47,7 @@ ERROR, COMPENSATION = "error", "compensation"
 HDF5 = (".h5", ".hdf5")
 COLUMNS = tuple(f"d{letter}" for letter in DIRECTIONS)
 U_COLUMNS = tuple(f"u_{name}" for name in COLUMNS)
+INTERVAL_COLUMNS = tuple(f"{end}_{name}" for end in INTERVAL for name in COLUMNS)
 _IN_DEGREES = np.array([1.0] * 3 + [180.0 / np.pi] * 3)
 _SIGN = {
     ERROR: "error value = actual - nominal; the compensation value is minus it",
@@ -83,6 +95,8 @@ def grid_header(
         )
         + "; linear interpolation",
     }
+    if grid.bands is not None:
+        lines["intervals"] = INTERVAL_MEANING
     lines |= source_lines(solution, source) | {"datum": grid.datum}
     if command:
         lines["command"] = " ".join(command)
@@ -130,13 +144,23 @@ def grid_paths(grids: Sequence[AnyGrid], path: str | Path) -> list[Path]:
 def grid_sheet(grid: AnyGrid, header: Mapping[str, str]) -> Sheet:
     """The grid as a table, `header` from `grid_header`; in CSV, components keep 1e-9 mm and 1e-12 degrees."""
     values, u = _outward(grid, header["values"])
-    rows = zip(grid.positions, values, u, grid.outside.astype(int).tolist(), strict=True)
+    ends = _interval_columns(grid, header["values"])
+    columns = INTERVAL_COLUMNS if ends.shape[1] else ()
+    rows = zip(grid.positions, values, u, grid.outside.astype(int).tolist(), ends, strict=True)
     return Sheet(
         header=header,
-        columns=(*grid.axes, *COLUMNS, *U_COLUMNS, OUTSIDE),
-        rows=([*q.tolist(), *v.tolist(), *s.tolist(), outside] for q, v, s, outside in rows),
-        digits=dict(zip((*COLUMNS, *U_COLUMNS), (9, 9, 9, 12, 12, 12) * 2, strict=True)),
+        columns=(*grid.axes, *COLUMNS, *U_COLUMNS, OUTSIDE, *columns),
+        rows=([*q.tolist(), *v.tolist(), *s.tolist(), outside, *e.tolist()] for q, v, s, outside, e in rows),
+        digits=dict(zip((*COLUMNS, *U_COLUMNS, *INTERVAL_COLUMNS), (9, 9, 9, 12, 12, 12) * 7, strict=True)),
     )
+
+
+def _interval_columns(grid: AnyGrid, values: str) -> np.ndarray:
+    """U and the ends of the coverage intervals, (n, 30) [mm, degrees], (n, 0) without; with the sign the ends change places."""
+    if grid.bands is None:
+        return np.zeros((len(grid.values), 0))
+    ends = grid.bands if values == ERROR else -grid.bands[[1, 0, 3, 2]]
+    return np.concatenate([2.0 * grid.u * _IN_DEGREES, *(end * _IN_DEGREES for end in ends)], axis=1)
 
 
 def write_grid_hdf5(grid: AnyGrid, header: Mapping[str, str], path: str | Path, overwrite: bool = False) -> None:
@@ -151,6 +175,9 @@ def write_grid_hdf5(grid: AnyGrid, header: Mapping[str, str], path: str | Path, 
         ):
             write_array(file, name, block, unit="mm, degrees").attrs["columns"] = list(columns)
         write_array(file, OUTSIDE, grid.outside, bool)
+        if grid.bands is not None:
+            ends = _interval_columns(grid, header["values"])
+            write_array(file, "intervals", ends, unit="mm, degrees").attrs["columns"] = list(INTERVAL_COLUMNS)
 
 
 def save_grid(
@@ -204,7 +231,7 @@ def _read_csv(path: str | Path) -> AnyGrid:
     letters, unit = (ROTARY_AXES, "degrees") if "side" in header else (LINEAR_AXES, "mm")
     axes = tuple(letter for letter in letters if letter in table)
     known = (*axes, *COLUMNS, *U_COLUMNS, OUTSIDE)
-    table.only(known)
+    table.only((*known, *INTERVAL_COLUMNS))
     table.require((*COLUMNS, *U_COLUMNS, OUTSIDE), "a grid has them all", known)
     if not axes:
         raise InputError(f"{path}, header: there is no column of positions; expected {' or '.join(letters)}")

@@ -41,9 +41,7 @@ REJECTED = "MODEL REJECTED"
 FUNCTION_COLUMNS = ("function", "axis", "position", "direction", "value", "u")
 INTERVAL = ("U", "low", "high", "shortest_low", "shortest_high")
 DEVIATION_INTERVALS = tuple(f"{end}_{name}" for end in INTERVAL for name in DEVIATIONS)
-_INTERVAL_MEANING = {
-    "intervals": "95 % coverage intervals by Monte Carlo: low … high symmetric in probability, and shortest; U = 2 u"
-}
+INTERVAL_MEANING = "95 % coverage intervals by Monte Carlo: low … high symmetric in probability, and shortest; U = 2 u"
 _UNITS = ("mm",) * 3 + ("rad",) * 3
 
 
@@ -165,7 +163,7 @@ def deviations_sheet(
         found.values.tolist(), found.u.tolist(), found.outside.astype(int).tolist(), extra.tolist(), strict=True
     )
     return Sheet(
-        header=meaning | (_INTERVAL_MEANING if intervals else {}) | source_lines(solution, source),
+        header=meaning | ({"intervals": INTERVAL_MEANING} if intervals else {}) | source_lines(solution, source),
         columns=(*points.columns, *DEVIATIONS, *UNCERTAINTIES, OUTSIDE, *(DEVIATION_INTERVALS if intervals else ())),
         rows=(
             [*(c.strip() for c in cells), *e, *u, outside, *more]
@@ -218,7 +216,7 @@ def functions_sheet(
         return Sheet(meaning | source_lines(solution, source), FUNCTION_COLUMNS, (tuple(row) for row in rows))
     ends = zip(*(column.tolist() for column in intervals), strict=True)
     return Sheet(
-        meaning | _INTERVAL_MEANING | source_lines(solution, source),
+        meaning | {"intervals": INTERVAL_MEANING} | source_lines(solution, source),
         (*FUNCTION_COLUMNS, *INTERVAL),
         [(*row, 2.0 * row.u, *end) for row, end in zip(rows, ends, strict=True)],
     )
