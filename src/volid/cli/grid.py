@@ -116,10 +116,12 @@ def _check_options(args: argparse.Namespace) -> None:
         )
     if not rotary and args.reference_point is not None:
         raise InputError("--reference-point is for R-VOL; an L-VOL grid holds for a tool vector (--tool x,y,z)")
-    clash = [f"--{name}" for name in ("align", "rigid", "add_to", "rule") if getattr(args, name, None)]
-    if args.intervals and clash:
+    if args.intervals and (args.align != "axes" or args.rigid or args.add_to or args.rule):
+        clash = next(
+            n for n in ("rigid", "add_to", "rule", "align") if getattr(args, n) not in (None, False, "axes", [])
+        )
         raise InputError(
-            f"--intervals and {clash[0].replace('_', '-')} exclude each other: the samples know nothing of it"
+            f"--intervals and --{clash.replace('_', '-')} exclude each other: the samples know nothing of it; leave one out"
         )
     if args.points is not None and args.points < 2:
         raise InputError(f"--points {args.points}; expected at least 2 per axis")
