@@ -1,7 +1,10 @@
-"""The checker of types and shapes that tests put on signatures: beartype, an int or a float counting as complex (PEP 484)."""
+"""The checker of types and shapes that tests put on signatures: beartype, where every argument is an array or a plain type.
+
+Not on public functions that take `ArrayLike`: beartype knows no tuple of numbers as one. Nor on what JAX traces: arrays of NumPy,
+JAX and tracers pass there alike, and shapes stand in the docstrings.
+"""
 
 from beartype import BeartypeConf, beartype
 
-# closed forms and iterations of one station; elsewhere arrays of NumPy, JAX and tracers pass alike, shapes stand in docstrings
-MODULES = ["volid.multilateration", "volid.ranging"]
-checked = beartype(conf=BeartypeConf(is_pep484_tower=True))
+MODULES = ["volid.ranging"]
+checked = beartype(conf=BeartypeConf(is_pep484_tower=True))  # an int counts as a float, PEP 484
