@@ -13,7 +13,7 @@ from volid.iso230 import DIRECTIONS
 from volid.kinematics import nominal_point
 from volid.machine import Machine
 from volid.observations import KINDS
-from volid.rotary_slips import check_displacements, check_motion, scattered
+from volid.rotary_slips import check_displacements, check_motion, check_radians, scattered
 from volid.unit_slips import check_components, check_distances, positions_look_small
 
 SAME_POSITION = {True: 1e-3, False: 1e-6}  # linear [mm], rotary [degrees]: commanded positions nearer are the same
@@ -64,6 +64,7 @@ def check_campaign(campaign: Campaign) -> tuple[str, ...]:
         _check_labels(readings)
         if readings.kind in _UNIT_CHECKS:
             _UNIT_CHECKS[readings.kind](readings, campaign)
+        check_radians(readings, campaign)
         warnings += _small_positions(readings, campaign.machine)
         warnings += scattered(readings, campaign.machine)
         warnings += _outside_travel(readings, campaign.machine)
