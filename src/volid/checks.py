@@ -13,6 +13,7 @@ from volid.iso230 import DIRECTIONS
 from volid.kinematics import nominal_point
 from volid.machine import Machine
 from volid.observations import KINDS
+from volid.polar_slips import check_polar
 from volid.rotary_slips import check_displacements, check_motion, check_radians, scattered
 from volid.unit_slips import check_components, check_distances, positions_look_small
 
@@ -26,6 +27,7 @@ _UNIT_CHECKS: dict[str, Callable[[ObservationSet, Campaign], None]] = {
     "distance": check_distances,
     "component": check_components,
     "displacement": check_displacements,
+    "polar": check_polar,
 }
 
 

@@ -226,7 +226,7 @@ def _terms(observations: ObservationSet, effect: Effect, table: NuisanceTable) -
         column[:, c] = 1.0
         what = kind.readings[c] if len(kind.readings) > 1 else ""
         if effect.type == "offset":
-            terms.append(_term(observations, effect, table, column, kind.unit, what))
+            terms.append(_term(observations, effect, table, column, kind.unit_of(c), what))
         else:
             terms += _drift(observations, effect, table, column, what)
     return terms
@@ -244,7 +244,8 @@ def _term(
 def _drift(
     observations: ObservationSet, effect: Effect, table: NuisanceTable, column: np.ndarray, what: str
 ) -> list[_Term]:
-    hours, unit = _hours(observations, effect), KINDS[observations.kind].unit
+    hours, kind = _hours(observations, effect), KINDS[observations.kind]
+    unit = kind.unit_of(kind.readings.index(what) if what else 0)
     scopes = _scopes(observations, effect)
     since = np.zeros(len(observations))
     if effect.options.get("form", FORMS[0]) == FORMS[0]:
