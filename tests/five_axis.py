@@ -29,6 +29,9 @@ STRUCTURES = {
     "fork head CB": "w b X Y Z C B t",
     "mill-turn": "w C' b Z X Y B t",
 }
+# B at 45° between Y and Z, its components in its own frame, as in models/
+NUTATING = {"nutating head": "w C' b X Y Z B t", "nutating table": "w C' B' Y' b X Z t"}
+THREE_ROTARY = "w C' Y' b X Z B A t"
 ROTARY_TABLE = "w C' Y' X' b Z t"
 SPHERES = {"P1": (100.0, 30.0, 40.0), "P2": (-80.0, 90.0, 60.0), "P3": (20.0, -110.0, 120.0)}
 TOOLS = ((0.0, 0.0, -150.0), (60.0, 0.0, -200.0), (0.0, 70.0, -180.0))
@@ -37,10 +40,13 @@ LINEAR_OFF = '"E?[XYZ]" = false\n"E?0[XYZ]" = false'
 
 
 def exact_machine(structure: str) -> ExactMachine:
-    """Exact machine of a structural code, rotary axes off the origin and off one another."""
+    """Exact machine of a structural code, rotary axes off the origin and off one another; B inclined for `NUTATING`."""
     letters = [c for c in structure if c in "XYZABC"]
     travel = {a: LINEAR.get(a, (-180.0, 180.0) if a == "C" else TILTING) for a in letters}
-    return ExactMachine(structure, travel, point={a: POINTS[a] for a in letters if a in POINTS})
+    points = {a: POINTS[a] for a in letters if a in POINTS}
+    if structure in NUTATING.values():
+        return ExactMachine(structure, travel, point=points, direction={"B": (0.0, 1.0, 1.0)}, axis_frame="B")
+    return ExactMachine(structure, travel, point=points)
 
 
 def volid_machine(exact: ExactMachine, functions: str = "", segments: object = 12) -> Machine:

@@ -13,7 +13,8 @@ from volid.iso230 import DIRECTIONS
 from volid.kinematics import nominal_point
 from volid.machine import Machine
 from volid.observations import KINDS
-from volid.rotary_slips import check_displacements, check_motion, scattered
+from volid.polar_slips import check_polar
+from volid.rotary_slips import check_displacements, check_motion, check_radians, scattered
 from volid.tool_slips import check_stations, check_tools
 from volid.travel_slips import check_digits, check_far, check_metres
 from volid.unit_slips import check_components, check_distances, positions_look_small
@@ -28,6 +29,7 @@ _UNIT_CHECKS: dict[str, Callable[[ObservationSet, Campaign], None]] = {
     "distance": check_distances,
     "component": check_components,
     "displacement": check_displacements,
+    "polar": check_polar,
 }
 
 
@@ -68,6 +70,7 @@ def check_campaign(campaign: Campaign) -> tuple[str, ...]:
         check_far(readings, campaign.machine)
         if readings.kind in _UNIT_CHECKS:
             _UNIT_CHECKS[readings.kind](readings, campaign)
+        check_radians(readings, campaign)
         check_metres(readings, campaign.machine)
         warnings += check_tools(readings, campaign)
         check_stations(readings, campaign)

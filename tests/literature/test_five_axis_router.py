@@ -5,7 +5,9 @@ alj333/linuxcnc, campaign of 2026-08-27 (not part of this project). Figures from
 at most, one weight per rotary position; repeatability 11 to 15 µm; rigid models of 13 to 19 parameters leave 153 to 182 µm.
 """
 
-import json
+import re
+import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,53 +20,21 @@ from volid.io import load_campaign
 from volid.io.solution_hdf5 import read_solution
 from volid.kinematics import nominal_point
 
-MACHINE = """\
-format = "volid-machine/1"
-name = "Five-axis router with fork head (C, B)"
-structure = "w b X Y Z C B (S) t"
-[axis.X]
-travel = [0.0, 1500.0]
-[axis.Y]
-travel = [0.0, 1500.0]
-[axis.Z]
-travel = [-600.0, 400.0]
-[axis.C]
-travel = [-5.0, 360.0]
-point = [0.0, 0.0, 180.373]
-[axis.B]
-travel = [-95.0, 95.0]
-point = [-0.693, -26.721, 180.373]
-[model.functions]
-"E??" = false
-EB0B = true
-"""
-MANIFEST = """\
-format = "volid-campaign/1"
-machine = "machine.toml"
-title = "One sphere, 76 rotary positions"
-[[set]]
-name = "probe"
-kind = "displacement"
-file = {file}
-centres = true
-columns = {{ B = "B_deg", C = "C_deg", x = "x_mm", y = "y_mm", z = "z_mm" }}
-ignore = ["seq"]
-tool = [0.0, 0.0, -229.407]
-u = 0.013                          # repeatability of the machine
-"""
+FOLDER = Path(__file__).parents[2] / "datasets" / "five_axis_router"
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     path = tmp_path_factory.mktemp("router")
+    for name in ("machine.toml", "router.toml"):
+        shutil.copy(FOLDER / name, path / name)
     file = reference_file("five_axis_sphere_centres.csv")
-    (path / "machine.toml").write_text(MACHINE)
-    (path / "campaign.toml").write_text(MANIFEST.format(file=json.dumps(str(file))))
+    shutil.copy(file, path / file.name)
     return path
 
 
 def test_centres_spread_and_repeat_as_published(folder):
-    campaign = load_campaign(folder / "campaign.toml")
+    campaign = load_campaign(folder / "router.toml")
     (readings,) = campaign.sets
     centres = nominal_point(campaign.machine, readings.positions, readings.tool)
     (pose,) = rotary_poses(campaign)
@@ -79,7 +49,7 @@ def test_centres_spread_and_repeat_as_published(folder):
 
 
 def test_rigid_model_is_rejected_with_where_and_how(folder, capsys):
-    assert main(["fit", str(folder / "campaign.toml"), "-o", str(folder / "S.h5")]) == 1
+    assert main(["fit", str(folder / "router.toml"), "-o", str(folder / "S.h5")]) == 1
     text = capsys.readouterr().out
     solution = read_solution(folder / "S.h5")
     assert solution.adequacy.rejected and solution.adequacy.unit_weight > 5.0
@@ -92,6 +62,24 @@ def test_rigid_model_is_rejected_with_where_and_how(folder, capsys):
     assert residual < held < 0.2196  # predicts better than no model at all, worse than it retells
     assert "residuals of probe by angle" in text and "held out" in text
     assert text.count("\nB ") >= 6 and text.count("\nC ") >= 8  # a line for every angle
+
+
+def test_figures_of_the_readme_are_those_of_the_fit(folder):
+    """The table that stands beside the published figures, µm to the digits printed."""
+    solution = read_solution(folder / "S.h5")
+    left = solution.readings
+    lengths = [np.linalg.norm(r[0], axis=1) for r in (left.residuals, left.held_out)]
+    rms = [1e3 * np.sqrt(np.mean(x**2)) for x in lengths]
+    text = (FOLDER / "README.md").read_text(encoding="utf-8")
+    row = next(line for line in text.splitlines() if line.startswith("| rigid model, within the fit"))
+    assert float(re.findall(r"[0-9.]+", row.split("|")[3])[0]) == pytest.approx(rms[0], abs=0.06)
+    row = next(line for line in text.splitlines() if line.startswith("| rigid model, held out"))
+    assert float(re.findall(r"[0-9.]+", row.split("|")[3])[0]) == pytest.approx(rms[1], abs=0.06)
+    for name in ("EA0C", "EB0C", "EA0B", "EC0B", "EB0B"):
+        cells = next(line for line in text.splitlines() if line.startswith(f"| {name} ")).split("|")
+        found = solution.location(name)
+        assert float(cells[2].replace("−", "-")) == pytest.approx(1e6 * found.value, abs=0.6)
+        assert float(cells[3]) == pytest.approx(1e6 * found.u, abs=0.06)
 
 
 def test_best_location_errors_have_u_and_the_others_are_named(folder):

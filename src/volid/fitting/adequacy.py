@@ -118,8 +118,11 @@ def _test(what: str, squares: np.ndarray, redundancy: np.ndarray) -> GroupTest |
     return GroupTest(what, int(redundancy.size), float(np.sqrt(total / dof)), float(chdtrc(dof, total)))
 
 
-def _label(observations: ObservationSet, i: int) -> str:
-    return ", ".join(f"{k} {v[i]}" for k, v in observations.labels.items() if k in ("station", "component", "line"))
+def reading_label(observations: ObservationSet, i: int, k: int) -> str:
+    """What a reading belongs to, in words; where a row's readings have different units, with the name of reading `k`."""
+    kind = KINDS[observations.kind]
+    texts = [f"{key} {v[i]}" for key, v in observations.labels.items() if key in ("station", "component", "line")]
+    return ", ".join([*texts, *(kind.readings[k : k + 1] if kind.units else ())])
 
 
 def assess(
@@ -158,7 +161,9 @@ def _suspects(
     for s, r, f, a in zip(campaign.sets, residuals, redundancy, active, strict=True):
         normalised = np.where(a & (f > 1e-6), r / np.sqrt(np.maximum(f, 1e-6)), 0.0)
         for i, k in zip(*np.nonzero(np.abs(normalised) > limit), strict=True):
-            result.append(SuspectReading(s.where(i), _label(s, i), float(r[i, k] * s.u[i, k]), float(normalised[i, k])))
+            result.append(
+                SuspectReading(s.where(i), reading_label(s, i, k), float(r[i, k] * s.u[i, k]), float(normalised[i, k]))
+            )
     return tuple(sorted(result, key=lambda x: -abs(x.normalised)))
 
 

@@ -17,7 +17,7 @@ from volid.error_functions import motion_names
 from volid.error_model import build_model
 from volid.exceptions import InputError, VolidError
 from volid.fitting import resolution
-from volid.fitting.adequacy import SuspectReading, assess
+from volid.fitting.adequacy import SuspectReading, assess, reading_label
 from volid.fitting.holdout import held_out_residuals
 from volid.fitting.identifiability import NAMED, Identifiability, analyse
 from volid.fitting.interpreted import interpreted, is_small
@@ -257,7 +257,7 @@ def _outlier_readings(campaign: Campaign, whitened: list[np.ndarray], outliers: 
     found = []
     for s, r, o in zip(campaign.sets, whitened, outliers, strict=True):
         for i, k in zip(*np.nonzero(o), strict=True):
-            label = ", ".join(f"{key} {v[i]}" for key, v in s.labels.items() if key in ("station", "line", "component"))
+            label = reading_label(s, int(i), int(k))
             found.append(SuspectReading(s.where(int(i)), label, float(r[i, k] * s.u[i, k]), float(r[i, k])))
     return tuple(sorted(found, key=lambda x: -abs(x.normalised)))
 

@@ -116,7 +116,7 @@ def _manifest(campaign: Campaign, machine: str, names: list[str]) -> str:
         keys = {key: getattr(station, key) for key in ("name", "body", "position", "known", "frame")}
         lines += ["", "[[station]]", *format_lines(keys)]
     for readings, name in zip(campaign.sets, names, strict=True):
-        keys = {"name": readings.name, "kind": readings.kind, "file": name}
+        keys = {"name": readings.name, "kind": KINDS[readings.kind].file_kind or readings.kind, "file": name}
         lines += ["", "[[set]]", *format_lines(keys | dict(readings.options))]
         for effect in readings.effects:
             keys = {"name": effect.name, "type": effect.type, "u": effect.u, "per": effect.per}

@@ -17,7 +17,7 @@ from volid.io.csv_table import CsvTable, read_csv
 from volid.io.effect_text import read_effect
 from volid.io.toml_table import Table, is_number
 from volid.machine import TOOL, Machine
-from volid.observations import Kind
+from volid.observations import KINDS, Kind
 
 TOOL_COLUMNS = ("tool_x", "tool_y", "tool_z")
 _SET_KEYS = ("name", "kind", "file", "columns", "ignore", "tool", "effect")
@@ -33,10 +33,10 @@ def read_set(table: Table, folder: Path, machine: Machine, *, plan: bool) -> Obs
     some out; with `centres = true` a displacement set reads sphere centres (`probe_centres`). Raises `InputError` naming file,
     row or key.
     """
-    kind = find_kind(table.text("kind"), table.where)
+    csv = _csv(table, folder)
+    kind = _form(find_kind(table.text("kind"), table.where), table, csv)
     extra = probe_centres.KEYS if kind.name == _CENTRES else ()
     table.only((*_SET_KEYS, *extra, *uncertainty_keys(kind.readings), *kind.options, *kind.optional))
-    csv = _csv(table, folder)
     purpose = f"every row of a '{kind.name}' set needs one"
     content = _centres(table, csv, kind, machine, purpose, plan) or _content(table, csv, kind, machine, purpose, plan)
     u, pending = _uncertainty(table, csv, kind, content.readings)
@@ -56,6 +56,25 @@ def read_set(table: Table, folder: Path, machine: Machine, *, plan: bool) -> Obs
         source=csv.source,
         rows=csv.rows,
     )
+
+
+def _form(kind: Kind, table: Table, csv: CsvTable) -> Kind:
+    """The kind itself, or the form of it whose readings, or their u, the set and its file name (`point` as range and angles)."""
+    for other in KINDS.values():
+        if other.file_kind == kind.name and any(
+            n in csv or f"u_{n}" in csv or f"u_{n}" in table.data for n in other.readings
+        ):
+            both = [n for n in kind.readings if n in csv]
+            if both:
+                raise InputError(
+                    f"{csv.source}, header: {', '.join(both)} beside {', '.join(other.readings)}; expected one of the two forms "
+                    f"of a '{kind.name}' set"
+                )
+            if "u" in csv or "u" in table.data:
+                keys = ", ".join(f"u_{n} ({other.unit_of(i)})" for i, n in enumerate(other.readings))
+                raise InputError(f"{table.where}: one u for readings of different units; expected {keys}")
+            return other
+    return kind
 
 
 class _Content(NamedTuple):
@@ -131,7 +150,8 @@ def _check_columns(csv: CsvTable, kind: Kind, machine: Machine, purpose: str, pl
 def _readings(csv: CsvTable, kind: Kind, purpose: str) -> np.ndarray:
     if not any(name in csv for name in kind.readings):
         return np.full((len(csv), len(kind.readings)), np.nan)
-    return np.stack([csv.numbers(name, kind.unit, purpose) for name in kind.readings], axis=1)
+    columns = [csv.numbers(name, kind.unit_of(i), purpose) for i, name in enumerate(kind.readings)]
+    return np.stack(columns, axis=1)
 
 
 def read_directions(csv: CsvTable, machine: Machine) -> np.ndarray:
@@ -186,12 +206,13 @@ def _uncertainty(table: Table, csv: CsvTable, kind: Kind, readings: np.ndarray) 
         column = next((key for key in own if key in csv), None)
         key = next((key for key in own if key in table.data), None)
         if column is not None:
-            columns.append(_positive(csv.numbers(column, kind.unit, "every row needs one"), csv, column))
+            columns.append(_positive(csv.numbers(column, kind.unit_of(i), "every row needs one"), csv, column))
             continue
         if key is None:
+            name = own[0] if kind.units else "u"
             raise InputError(
-                f"{table.where}: there is no standard uncertainty; add u = … ({kind.unit}) or "
-                f"u = {{ constant = …, proportional = … }} here, or a column {own[0]} in {csv.source}"
+                f"{table.where}: there is no standard uncertainty; add {name} = … ({kind.unit_of(i)}) or "
+                f"{name} = {{ constant = …, proportional = … }} here, or a column {own[0]} in {csv.source}"
             )
         spec = _specification(table, key)
         if key == "u" and kind.unit == "mm":
@@ -226,8 +247,8 @@ def _positive(values: np.ndarray, csv: CsvTable, name: str) -> np.ndarray:
 
 def _options(table: Table, kind: Kind) -> dict[str, Any]:
     """Options of the kind with their defaults; a given one must be of the default's type."""
-    stated: dict[str, Any] = {name: default for name, default in kind.optional.items() if name in table.data}
-    return {name: _option(table, name, default) for name, default in (dict(kind.options) | stated).items()}
+    stated = {name: default for name, default in kind.optional.items() if name in table.data}
+    return {name: _option(table, name, default) for name, default in {**kind.options, **stated}.items()}
 
 
 def _option(table: Table, name: str, default: Any) -> Any:

@@ -196,16 +196,21 @@ def _write_identifiability(group: h5py.Group, solution: Solution) -> None:
     write_array(names, "directions", list(solution.undetermined.values()))
 
 
+def _unit(readings: ObservationSet) -> str:
+    kind = KINDS[readings.kind]
+    return ", ".join(kind.units) or kind.unit
+
+
 def _write_residuals(group: h5py.Group, solution: Solution) -> None:
     left = solution.readings
     for i, readings in enumerate(solution.campaign.sets):
         part = group.create_group(str(i + 1))
         part.attrs["set"], part.attrs["rms"] = readings.name, solution.statistics.residual_rms[readings.name]
-        write_array(part, "residual", left.residuals[i], unit=KINDS[readings.kind].unit)
+        write_array(part, "residual", left.residuals[i], unit=_unit(readings))
         write_array(part, "normalised", left.normalised[i])
         write_array(part, "outlier", left.outliers[i], bool)
         if left.held_out:
-            write_array(part, "held_out", left.held_out[i], unit=KINDS[readings.kind].unit)
+            write_array(part, "held_out", left.held_out[i], unit=_unit(readings))
 
 
 def _write_adequacy(group: h5py.Group, adequacy: Adequacy) -> None:

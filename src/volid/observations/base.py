@@ -86,8 +86,9 @@ class Kind:
     `readings`: columns of a CSV that hold the readings. `labels`: text columns and their default; a default of None means
     that the column is required. `options`: keys of a `[[set]]` of this kind and their default; None means required.
     `optional`: further keys, absent from a set that does not state them, with a value that shows their type.
-    `unit`: of the readings and their u. `predict`: the prediction. `groups`: takes a set apart into groups and names the
-    nuisance parameters it needs. `check`: raises `InputError` for options that do not fit each other or the labels.
+    `unit`: of the readings and their u, `units` one by one where they differ. `predict`: the prediction. `groups`: takes a set
+    apart into groups and names the nuisance parameters it needs. `check`: raises `InputError` for options that do not fit each
+    other or the labels. `file_kind`: the `kind` of a `[[set]]` in files of which this one is a form with other columns.
     """
 
     name: str
@@ -100,3 +101,9 @@ class Kind:
     doc: str = ""
     unit: str = "mm"
     check: Callable[[ObservationSet], None] | None = None
+    units: tuple[str, ...] = ()
+    file_kind: str = ""
+
+    def unit_of(self, i: int) -> str:
+        """Unit of reading number `i` and its u."""
+        return self.units[i] if self.units else self.unit

@@ -232,7 +232,7 @@ def _terms(observations: ObservationSet, campaign: Campaign, effect: Effect, tab
         column[:, c] = 1.0
         what = kind.readings[c] if len(kind.readings) > 1 else ""
         if effect.type == "offset":
-            terms.append(_term(observations, effect, table, column, kind.unit, what))
+            terms.append(_term(observations, effect, table, column, kind.unit_of(c), what))
         else:
             terms += _drift(observations, campaign, effect, table, column, what)
     return terms
@@ -287,7 +287,8 @@ def _drift(
     column: np.ndarray,
     what: str,
 ) -> list[_Term]:
-    hours, unit = _hours(observations, effect), KINDS[observations.kind].unit
+    hours, kind = _hours(observations, effect), KINDS[observations.kind]
+    unit = kind.unit_of(kind.readings.index(what) if what else 0)
     scopes = [(name, rows, *_span(campaign, effect, name)) for name, rows in _scopes(observations, effect)]
     since = np.zeros(len(observations))
     if effect.options.get("form", FORMS[0]) == FORMS[0]:

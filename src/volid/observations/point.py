@@ -2,7 +2,11 @@
 
 (x, y, z) = R(ω) · R0 · (target - station), everything in the frame of the body that the station stands on. R0 comes from the
 readings themselves, by the rigid motion that best carries the nominal points onto them (Kabsch, Acta Cryst. A32 (1976) 922); ω
-and the station's position are unknown. CONVENTIONS 6. Not modelled: range, azimuth and elevation with a u of their own.
+and the station's position are unknown. CONVENTIONS 6.
+
+The same as range r [mm], azimuth az and elevation el [degrees], each with a u of its own (kind `polar`, in files a `point` set
+with these columns): x = r cos el cos az, y = r cos el sin az, z = r sin el. The predicted azimuth is the one within half a turn
+of the reading. Not modelled: errors of the instrument's own axes.
 """
 
 from __future__ import annotations
@@ -42,7 +46,27 @@ def predict(
     return in_rows(point, np.shape(q[0]))
 
 
-def _nominal(campaign: Campaign, observations: ObservationSet, rows: np.ndarray, body: int) -> np.ndarray:
+def predict_polar(
+    machine: Machine, settings: PointSettings, q: Any, tool: Vector, errors: Any, slots: Any, constants: Any
+) -> Any:
+    """Predicted range [mm], azimuth and elevation [degrees], shape (3, m); `constants`: the azimuth read (0 in a plan)."""
+    x, y, z = predict(machine, settings, q, tool, errors, slots, constants)
+    azimuth = jnp.rad2deg(jnp.arctan2(y, x))
+    azimuth = azimuth - 360.0 * jnp.round((azimuth - constants[0]) / 360.0)
+    return jnp.stack([jnp.sqrt(x**2 + y**2 + z**2), azimuth, jnp.rad2deg(jnp.arctan2(z, jnp.sqrt(x**2 + y**2)))])
+
+
+def cartesian(observations: ObservationSet) -> np.ndarray:
+    """Readings as coordinates in the station's frame, (m, 3) [mm]."""
+    if observations.kind == POINT.name:
+        return observations.readings
+    r, azimuth, elevation = observations.readings.T
+    azimuth, elevation = np.deg2rad(azimuth), np.deg2rad(elevation)
+    flat = r * np.cos(elevation)
+    return np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), r * np.sin(elevation)], axis=1)
+
+
+def nominal_targets(campaign: Campaign, observations: ObservationSet, rows: np.ndarray, body: int) -> np.ndarray:
     """Nominal targets in the frame of the station's body, (m, 3) [mm]."""
     q, tool = observations.positions[rows].T, tuple(observations.tool[rows].T)
     point = functional_point(campaign.machine, q, tool, stop=body)  # type: ignore[arg-type]
@@ -57,10 +81,10 @@ def _pose(campaign: Campaign, station: Station) -> tuple[np.ndarray, np.ndarray]
     body = campaign.machine.body_index(station.body)
     given, seen = [np.zeros((0, 3))], [np.zeros((0, 3))]
     for observations in campaign.sets:
-        if observations.kind == "point":
+        if observations.kind in (POINT.name, POLAR.name):
             rows = np.flatnonzero(observations.labels["station"] == station.name)
-            given.append(_nominal(campaign, observations, rows, body))
-            seen.append(observations.readings[rows])
+            given.append(nominal_targets(campaign, observations, rows, body))
+            seen.append(cartesian(observations)[rows])
     nominal, read = np.concatenate(given), np.concatenate(seen)
     nominal, read = nominal[np.isfinite(read).all(axis=1)], read[np.isfinite(read).all(axis=1)]
     if not len(read):
@@ -91,7 +115,10 @@ def groups(observations: ObservationSet, campaign: Campaign, table: NuisanceTabl
         slots += [table.index(("pose", name, c), f"orientation {name} {c}", "rad", spread=SPREAD) for c in "ABC"]
         rows = np.flatnonzero(observations.labels["station"] == name)
         settings = PointSettings(campaign.machine.body_index(station.body), tuple(rotation.ravel().tolist()))
-        result.append(Group(rows, settings, np.tile(np.array(slots)[:, None], len(rows)), np.zeros((0, len(rows)))))
+        constants = np.zeros((0, len(rows)))
+        if observations.kind == POLAR.name:
+            constants = np.nan_to_num(observations.readings[rows, 1])[None]
+        result.append(Group(rows, settings, np.tile(np.array(slots)[:, None], len(rows)), constants))
     return result
 
 
@@ -102,4 +129,15 @@ POINT = Kind(
     predict=predict,
     groups=groups,
     doc="target in the station's frame [mm]",
+)
+
+POLAR = Kind(
+    name="polar",
+    readings=("range", "azimuth", "elevation"),
+    labels={"station": None},
+    predict=predict_polar,
+    groups=groups,
+    doc="target in the station's frame: range [mm], azimuth and elevation [degrees]",
+    units=("mm", "degrees", "degrees"),
+    file_kind="point",
 )

@@ -31,6 +31,7 @@ from volid.uncertainty.lack_of_fit import lack_of_fit
 
 FORMAT = "volid-summary/1"
 K = 2.0
+ANGLES = (", azimuth", ", elevation")
 _POINTS = 101  # of each function, for its range and largest u
 
 
@@ -105,8 +106,14 @@ def _axes(solution: Solution) -> list[dict[str, Any]]:
 
 
 def _parts(readings: ObservationSet) -> Iterator[tuple[str, str, np.ndarray]]:
-    """Kind in words, unit and rows of the parts of a set whose readings share a unit."""
-    components = readings.labels.get("component")
+    """Kind in words, unit and rows, or rows and columns, of the parts of a set whose readings share a unit."""
+    components, kind = readings.labels.get("component"), KINDS[readings.kind]
+    for unit in dict.fromkeys(kind.units):
+        columns = [u == unit for u in kind.units]
+        names = ", ".join(n for n, own in zip(kind.readings, columns, strict=True) if own)
+        yield f"{kind.file_kind or kind.name}, {names}", unit, np.tile(columns, (len(readings), 1))
+    if kind.units:
+        return
     if components is None:
         yield readings.kind, KINDS[readings.kind].unit, np.ones(len(readings), dtype=bool)
         return
@@ -120,14 +127,15 @@ def _set_rows(solution: Solution, i: int) -> Iterator[dict[str, Any]]:
     readings, left = solution.campaign.sets[i], solution.readings
     for kind, unit, rows in _parts(readings):
         used = ~left.outliers[i][rows]
+        to_rad = np.pi / 180.0 if unit == "degrees" else 1.0
         yield {
             "set": readings.name,
             "kind": kind,
             "n_readings": int(used.size),
             "n_outliers": int(used.size - used.sum()),
-            "u_rms": _rms(readings.u[rows][used]),
-            "residual_rms": _rms(left.residuals[i][rows][used]),
-            "unit": unit,
+            "u_rms": to_rad * _rms(readings.u[rows][used]),
+            "residual_rms": to_rad * _rms(left.residuals[i][rows][used]),
+            "unit": "rad" if unit == "degrees" else unit,
         }
 
 
@@ -227,10 +235,12 @@ def _weakest(rows: Iterable[FunctionValue]) -> dict[str, Any] | None:
 
 def _reading(reading: SuspectReading) -> dict[str, Any]:
     rotation = any(f"component {letter}" in reading.label for letter in ROTATIONS)
+    angle = reading.label.endswith(ANGLES)  # degrees
+    rotation = rotation or angle
     return {
         "where": reading.where,
         "label": reading.label,
-        "residual": reading.residual,
+        "residual": reading.residual * (np.pi / 180.0 if angle else 1.0),
         "normalised": reading.normalised,
         "unit": "rad" if rotation else "mm",
     }

@@ -138,7 +138,7 @@ def budget(solution: Solution) -> Budget:
         system = eqx.tree_at(lambda t: (t.prior_root, t.blocks), frozen.system, alone)
         matrix = basis.T @ np.asarray(normal_equations(system, frozen.z).matrix) @ basis
         sources.append(f"readings of set '{s.name}'")
-        stated.append(_one_u(s.u.ravel(), [KINDS[s.kind].unit]))
+        stated.append(_one_u(s.u.ravel(), list(KINDS[s.kind].units) or [KINDS[s.kind].unit]))
         parts.append(covariance @ matrix @ covariance)
     for name, rows, u in _prior_sources(solution, refitter):
         reach = rows @ covariance
