@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.stats import qmc
 
-from volid.compensation.effects import model_errors
+from volid.compensation.base import model_errors
 from volid.compensation.nominal import influence
 from volid.error_model import build_model
 from volid.fitting.solution import Solution
