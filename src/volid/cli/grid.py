@@ -199,7 +199,9 @@ def _described(grid: AnyGrid, args: argparse.Namespace) -> str:
         return f"{counts} nodes of {kind}{values} values for tool vector {vector(getattr(grid, 'tool', ()))} mm"
     where = vector(getattr(grid, "reference_point", ()))
     side = getattr(grid, "side", "")
-    return f"{counts} nodes of {kind}{values} values of {', '.join(grid.axes)} in the {side}, reference point {where} mm,"
+    return (
+        f"{counts} nodes of {kind}{values} values of {', '.join(grid.axes)} in the {side}, reference point {where} mm,"
+    )
 
 
 def _messages(grid: AnyGrid, args: argparse.Namespace, several: bool) -> list[str]:
