@@ -9,7 +9,7 @@ from exact_chain import ExactMachine, Truth
 from five_axis import exact_machine, made_up, truth_of, volid_machine
 from scipy.spatial.transform import Rotation
 
-from volid.compensation.effects import base_of
+from volid.compensation.base import base_of
 from volid.compensation.package import compensate
 from volid.compensation.sampling import Sampling
 from volid.io.compensation_files import load_control, save_compensation

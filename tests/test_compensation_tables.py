@@ -9,13 +9,15 @@ import numpy as np
 import pytest
 from compensated import TOOL, machine_of, only
 
-from volid.compensation.effect_grids import effect_grids, grid_interpolation
-from volid.compensation.effects import base_of
+from volid.compensation.base import base_of
+from volid.compensation.effect_grids import effect_grids
+from volid.compensation.error_table import ErrorTable
+from volid.compensation.grid_sampling import grid_interpolation
 from volid.compensation.grids import Grid
 from volid.compensation.package import compensate
 from volid.compensation.sampling import Sampling, choose_nodes, interpolation_error
 from volid.compensation.superposition import add_grid, add_tables
-from volid.compensation.tables import ErrorTable, error_tables
+from volid.compensation.tables import error_tables
 from volid.compensation.types import TYPES, select
 from volid.exceptions import InputError, NotDeterminedError
 from volid.io.compensation_files import load_control, save_compensation

@@ -9,8 +9,8 @@ from compensated import MACHINES, TOOL, machine_of, node_positions, remaining, t
 from exact_chain import gauge_free
 
 from volid.compensation.alignment import aligned_to_spindle
+from volid.compensation.base import base_of
 from volid.compensation.control import Control, asked_motion, asked_speed, check_motion
-from volid.compensation.effects import base_of
 from volid.compensation.orientation import PoleRule, poles
 from volid.compensation.package import compensate
 from volid.compensation.residual import QUANTITIES, Places, forecast, volume_places
@@ -198,7 +198,7 @@ def test_best_rigid_functions_leave_the_interaction_only():
     x, y = np.meshgrid(np.linspace(-400, 400, 81), np.linspace(-350, 350, 81), indexing="ij")
     q = np.zeros((x.size, 3))
     q[:, solution.machine.index("X")], q[:, solution.machine.index("Y")] = x.ravel(), y.ravel()
-    from volid.compensation.effects import model_errors
+    from volid.compensation.base import model_errors
 
     row = 6 * solution.machine.index("X")
     field = (model_errors(solution, q, np.zeros_like(q), lambda _: True)[:, row] @ theta).reshape(x.shape)

@@ -26,14 +26,15 @@ _os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 if TYPE_CHECKING:
     from volid.campaign import Campaign, ObservationSet, Station
     from volid.checks import check_campaign, closures
+    from volid.compensation.base import base_of as compensation_base
     from volid.compensation.control import Control
-    from volid.compensation.effects import base_of as compensation_base
+    from volid.compensation.error_table import ErrorTable
     from volid.compensation.grids import Grid, linear_grid
     from volid.compensation.package import Compensation, compensate
     from volid.compensation.residual import Forecast, forecast
     from volid.compensation.rigid import best_rigid
     from volid.compensation.rotary_grids import RotaryGrid, rotary_grids
-    from volid.compensation.tables import ErrorTable, error_tables
+    from volid.compensation.tables import error_tables
     from volid.compensation.types import TYPES as COMPENSATION_TYPES
     from volid.compensation.volume import predict_residual, volumetric_summary
     from volid.exceptions import InputError, NotDeterminedError, OutputError, VolidError
@@ -115,13 +116,14 @@ _PLACES = {
     "volid.campaign": ("Campaign", "ObservationSet", "Station"),
     "volid.checks": ("check_campaign", "closures"),
     "volid.compensation.control": ("Control",),
-    "volid.compensation.effects": ("base_of as compensation_base",),
+    "volid.compensation.base": ("base_of as compensation_base",),
     "volid.compensation.grids": ("Grid", "linear_grid"),
     "volid.compensation.package": ("Compensation", "compensate"),
     "volid.compensation.residual": ("Forecast", "forecast"),
     "volid.compensation.rigid": ("best_rigid",),
     "volid.compensation.rotary_grids": ("RotaryGrid", "rotary_grids"),
-    "volid.compensation.tables": ("ErrorTable", "error_tables"),
+    "volid.compensation.error_table": ("ErrorTable",),
+    "volid.compensation.tables": ("error_tables",),
     "volid.compensation.types": ("TYPES as COMPENSATION_TYPES",),
     "volid.compensation.volume": ("predict_residual", "volumetric_summary"),
     "volid.exceptions": ("VolidError", "InputError", "OutputError", "NotDeterminedError"),

@@ -74,7 +74,7 @@ def test_only_positioning_is_in_the_model(solution):
 @pytest.fixture(scope="module")
 def folder(solution, tmp_path_factory):
     """L-POS tables every 25 mm with both directions, zero at the lower end, increments as published."""
-    from volid.compensation.effects import base_of
+    from volid.compensation.base import base_of
     from volid.compensation.package import compensate
     from volid.compensation.sampling import Sampling
     from volid.io.compensation_files import save_compensation
@@ -104,7 +104,7 @@ def test_the_corrected_machine_is_below_one_micrometre(solution, folder):
     after L-POS with reversal less than 1 µm at and between the points, in both directions; with one reversal value, not."""
     from exact_chain import ExactMachine, Truth
 
-    from volid.compensation.tables import with_one_reversal
+    from volid.compensation.error_table import with_one_reversal
     from volid.io.compensation_files import load_control
 
     exact = ExactMachine("w X' Y' b Z (C) t", {"X": (0, 500), "Y": (0, 200), "Z": (0, 325)})

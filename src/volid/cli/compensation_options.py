@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from volid.cli.common import tool_vector
 
 if TYPE_CHECKING:
-    from volid.compensation.effects import Base
+    from volid.compensation.base import Base
     from volid.compensation.sampling import Sampling
     from volid.fitting.solution import Solution
 
@@ -107,7 +107,7 @@ def prepared(
 def base_from(solution: Solution, args: argparse.Namespace, tool: Sequence[float]) -> Base:
     """What the compensation is based on. Raises `InputError`, `NotDeterminedError`."""
     from volid.compensation.alignment import aligned_to_spindle
-    from volid.compensation.effects import base_of
+    from volid.compensation.base import base_of
 
     names = [n.strip() for n in args.functions.split(",")] if args.functions else []
     base = base_of(solution, tool, args.at, args.elevation, names)

@@ -211,11 +211,14 @@ def _write(grids: tuple[AnyGrid, ...], solution: Solution, args: argparse.Namesp
 def _described(grid: AnyGrid, args: argparse.Namespace) -> str:
     counts = " × ".join(str(len(nodes)) for nodes in grid.nodes)
     values = "error" if args.errors else "compensation"
+    kind = "" if grid.type in (LINEAR, ROTARY) else f"{grid.type} "
     if not hasattr(grid, "side"):
-        return f"{counts} nodes of {grid.type}, {values} values for tool vector {vector(getattr(grid, 'tool', ()))} mm"
+        return f"{counts} nodes of {kind}{values} values for tool vector {vector(getattr(grid, 'tool', ()))} mm"
     where = vector(getattr(grid, "reference_point", ()))
     side = getattr(grid, "side", "")
-    return f"{counts} nodes of {grid.type}, {values} values of {', '.join(grid.axes)} in the {side}, reference point {where} mm,"
+    return (
+        f"{counts} nodes of {kind}{values} values of {', '.join(grid.axes)} in the {side}, reference point {where} mm,"
+    )
 
 
 def _messages(grid: AnyGrid, args: argparse.Namespace, several: bool) -> list[str]:

@@ -26,7 +26,7 @@ from volid.cli.compensation_options import (
 from volid.cli.progress import Progress
 
 if TYPE_CHECKING:
-    from volid.compensation.tables import ErrorTable
+    from volid.compensation.error_table import ErrorTable
     from volid.fitting.solution import Solution
     from volid.io.table_files import TableForm
     from volid.io.tables_csv import Sheet

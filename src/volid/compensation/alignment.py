@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from volid.compensation.effects import Base, model_errors
+from volid.compensation.base import Base, model_errors
 from volid.compensation.nominal import influence
 from volid.compensation.parts import TABLE, rotary_letters
 from volid.exceptions import InputError, NotDeterminedError

@@ -13,12 +13,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from volid.compensation.error_table import ITSELF, MODEL, ErrorTable
 from volid.compensation.grids import Grid
 from volid.compensation.nominal import axis_directions, influence, nominal_point, side_rotation
 from volid.compensation.orientation import PoleRule, rotary_turns
 from volid.compensation.parts import lever_points, rotated_tool
 from volid.compensation.rotary_grids import RotaryGrid
-from volid.compensation.tables import ITSELF, MODEL, ErrorTable
 from volid.error_model import ROWS
 from volid.exceptions import InputError
 from volid.iso230 import SPINDLE, parse

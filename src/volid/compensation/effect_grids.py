@@ -12,43 +12,19 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from volid.compensation.effects import Base, condensed, effect_errors, model_errors
-from volid.compensation.grids import POINTS as LINEAR_POINTS
-from volid.compensation.grids import Grid, describe_datum, grid_positions, linear_grid, node_lines
-from volid.compensation.nominal import influence
-from volid.compensation.parts import (
-    HEAD,
-    TABLE,
-    full_positions,
-    part_letters,
-    part_notes,
-    rotary_letters,
-    tool_reaching,
-)
-from volid.compensation.rotary_grids import POINTS as ROTARY_POINTS
+from volid.compensation.base import Base
+from volid.compensation.effect_fields import CHUNK, Place, field_gradient, field_values, linear_place, rotary_place
+from volid.compensation.grid_sampling import grid_nodes
+from volid.compensation.grids import Grid, describe_datum, grid_positions, linear_grid
+from volid.compensation.parts import HEAD, TABLE, part_notes, rotary_letters
 from volid.compensation.rotary_grids import RotaryGrid, reference_of_side, rotary_grids
-from volid.compensation.sampling import Sampling, choose_nodes
+from volid.compensation.sampling import Sampling
 from volid.compensation.tables import propagated
-from volid.compensation.types import GRID, ORIENTATION, TYPES, CompensationType
-from volid.error_model import ROWS
+from volid.compensation.types import GRID, TYPES, CompensationType
 from volid.exceptions import InputError, NotDeterminedError
 from volid.fitting.solution import Solution
-from volid.iso230 import LINEAR_AXES, ROTARY_AXES, SPINDLE
-from volid.machine import Machine
 
-CHUNK = 256
-MOST = 20_000  # points at which the interpolation of a grid is looked at
-LINES = 401  # dense points of a line on which the number of nodes is decided
 Rule = Callable[..., Any]
-
-
-class _Place(NamedTuple):
-    """A grid before it has values: axes, full positions (m, n_axes), tool vectors (m, 3), letters whose errors it holds."""
-
-    axes: tuple[str, ...]
-    full: np.ndarray
-    tool: np.ndarray
-    letters: frozenset[str]
 
 
 class _Found(NamedTuple):
@@ -57,32 +33,7 @@ class _Found(NamedTuple):
     determined: np.ndarray
 
 
-def _linear_place(machine: Machine, positions: np.ndarray, base: Base) -> _Place:
-    axes = tuple(a for a in LINEAR_AXES if a in machine.letters)
-    full = full_positions(machine, axes, positions)
-    return _Place(axes, full, np.broadcast_to(base.tool, (len(full), 3)), part_letters(machine, None))
-
-
-def _rotary_place(machine: Machine, side: str, positions: np.ndarray, point: np.ndarray) -> _Place:
-    axes = tuple(a for a in ROTARY_AXES if a in rotary_letters(machine, side))
-    full = full_positions(machine, axes, positions)
-    return _Place(axes, full, tool_reaching(machine, side, full, point), part_letters(machine, side))
-
-
-def _errors(solution: Solution, t: CompensationType, base: Base, place: _Place, rows: slice) -> np.ndarray:
-    """Error values of the type (m, 6·(n_axes + 1), n), of the axes that this grid holds; for FOR the whole model's."""
-    q = place.full[rows]
-    if t.name == "FOR":
-        return model_errors(solution, q, np.zeros_like(q), lambda e: e.axis in place.letters, base.turn)
-    effects = tuple(e for e in t.effects if e != ORIENTATION)
-    errors = effect_errors(solution, effects, base, q, np.zeros_like(q))
-    for i, letter in enumerate((*solution.machine.letters, SPINDLE)):
-        if letter not in place.letters:
-            errors[:, ROWS * i : ROWS * i + ROWS] = 0.0
-    return errors
-
-
-def _evaluate(solution: Solution, t: CompensationType, base: Base, place: _Place, uncertainty: bool) -> _Found:
+def _evaluate(solution: Solution, t: CompensationType, base: Base, place: Place, uncertainty: bool) -> _Found:
     if not uncertainty:
         values = field_values(solution, t, base, place)
         return _Found(values, np.full_like(values, np.nan), np.ones(values.shape, dtype=bool))
@@ -91,27 +42,11 @@ def _evaluate(solution: Solution, t: CompensationType, base: Base, place: _Place
     found: list[tuple[np.ndarray, ...]] = []
     for start in range(0, len(place.full), CHUNK):
         rows = slice(start, start + CHUNK)
-        gradient = _gradient(solution, t, base, place, rows)
+        gradient = field_gradient(solution, t, base, place, rows)
         lost = solution.is_lost(gradient.reshape(-1, len(theta))).reshape(gradient.shape[:2])
         found.append((gradient @ theta, propagated(gradient, covariance), ~lost))
     value, u, known = (np.concatenate(parts) for parts in zip(*found, strict=True))
     return _Found(np.where(known, value, np.nan), np.where(known, u, np.nan), known)
-
-
-def _gradient(solution: Solution, t: CompensationType, base: Base, place: _Place, rows: slice) -> np.ndarray:
-    """Deviation as linear map of θ, (m, 6, n)."""
-    caused = influence(solution.machine, place.full[rows], place.tool[rows])
-    gradient = np.asarray(caused @ _errors(solution, t, base, place, rows))
-    if t.name == "FOR":
-        gradient[:, :3] = 0.0
-    return gradient
-
-
-def field_values(solution: Solution, t: CompensationType, base: Base, place: _Place) -> np.ndarray:
-    """Values (m, 6) alone, without uncertainty."""
-    small, plain = condensed(solution, base)
-    parts = [slice(s, s + 4 * CHUNK) for s in range(0, len(place.full), 4 * CHUNK)]
-    return np.concatenate([_gradient(small, t, plain, place, rows).sum(axis=2) for rows in parts])
 
 
 def effect_grids(
@@ -140,116 +75,18 @@ def effect_grids(
     if t.is_linear or t.turns:
         own = t if t.is_linear else _FOR
         grids.append(
-            _linear(solution, own, base, _nodes(solution, own, base, None, sampling, points), rule, uncertainty)
+            _linear(solution, own, base, grid_nodes(solution, own, base, None, sampling, points), rule, uncertainty)
         )
     if t.is_rotary or t.turns:
         own = t if t.is_rotary else _FOR
         for side in (s for s in (TABLE, HEAD) if rotary_letters(machine, s)):
             point = reference_of_side(machine, side, reference_point)
-            nodes = _nodes(solution, own, base, side, sampling, points, point)
+            nodes = grid_nodes(solution, own, base, side, sampling, points, point)
             grids.append(_rotary(solution, own, base, side, nodes, point, rule, uncertainty))
     return tuple(grids)
 
 
 _FOR = TYPES["FOR"]
-
-
-def grid_interpolation(solution: Solution, t: CompensationType, base: Base, grid: Grid | RotaryGrid) -> float:
-    """Largest deviation of a grid's linear interpolation in X, Y or Z [mm], at the centres of its cells and of their edges.
-
-    There the interpolation of a smooth function is worst: h² |f''| / 8 along each axis, summed over the axes.
-    """
-    lines = [np.sort(np.concatenate([n, 0.5 * (n[1:] + n[:-1])])) for n in grid.nodes]
-    positions = grid_positions(tuple(lines))
-    if len(positions) > MOST:
-        positions = positions[np.random.default_rng(0).choice(len(positions), MOST, replace=False)]
-    if isinstance(grid, RotaryGrid):
-        place = _rotary_place(solution.machine, grid.side, positions, np.asarray(grid.reference_point))
-    else:
-        place = _linear_place(solution.machine, positions, base)
-    off = field_values(solution, t, base, place) - grid.interpolate(positions)
-    return float(np.abs(off[:, :3]).max())
-
-
-def _axes_of(machine: Machine, side: str | None) -> tuple[str, ...]:
-    own, order = (
-        (machine.letters, LINEAR_AXES) if side is None else (rotary_letters(machine, side), ROTARY_AXES)
-    )  # a linear grid or a side's
-    return tuple(a for a in order if a in own)
-
-
-def _nodes(
-    solution: Solution,
-    t: CompensationType,
-    base: Base,
-    side: str | None,
-    sampling: Sampling,
-    points: int | None,
-    point: np.ndarray | None = None,
-) -> dict[str, np.ndarray]:
-    """Nodes by axis letter: by number, by step, or the fewest that share the stated interpolation error between the axes."""
-    axes = _axes_of(solution.machine, side)
-    count = sampling.max_points if sampling.max_error is None and sampling.max_points else points
-    default = LINEAR_POINTS if side is None else ROTARY_POINTS
-    if sampling.max_error is None:
-        return dict(zip(axes, node_lines(solution, axes, sampling.step, count, default), strict=True))
-    share = replace(sampling, max_error=sampling.max_error / len(axes), spacing="equal")
-    nodes = {}
-    for letter in axes:
-        x = np.linspace(*solution.machine.axis(letter).travel, LINES)
-        curves = [
-            _line(solution, t, base, side, letter, x, at, point) for at in _crossings(solution.machine, axes, letter)
-        ]
-        values = np.concatenate(curves, axis=1)
-        values[:, _rotations(values)] *= _offset(solution, base, sampling, side)
-        nodes[letter] = choose_nodes(f"grid axis {letter}", x, values, share)
-    return nodes
-
-
-def _rotations(values: np.ndarray) -> np.ndarray:
-    return np.arange(values.shape[1]) % 6 >= 3
-
-
-def _offset(solution: Solution, base: Base, sampling: Sampling, side: str | None) -> float:
-    """Lever arm that rotations are weighed with [mm]: the tool offset asked for; else half the travel, or the tool of a head."""
-    if sampling.offset is not None:
-        return sampling.offset
-    tool = float(np.linalg.norm(base.tool))
-    if side is None:
-        return 0.0  # a grid of the linear axes already holds the translations at its tool vector
-    return tool if side == HEAD else 0.5 * float(np.linalg.norm([a.length for a in solution.machine.linear]))
-
-
-def _crossings(machine: Machine, axes: tuple[str, ...], moving: str) -> list[dict[str, float]]:
-    """Where the other axes stand while one moves: all ends, and mid-travel."""
-    others = [a for a in axes if a != moving]
-    ends = np.stack(np.meshgrid(*([[0.0, 1.0]] * len(others)), indexing="ij"), axis=-1).reshape(-1, len(others))
-    places = np.vstack([ends, np.full(len(others), 0.5)])
-    return [
-        {a: machine.axis(a).travel[0] + f * machine.axis(a).length for a, f in zip(others, row, strict=True)}
-        for row in places
-    ]
-
-
-def _line(
-    solution: Solution,
-    t: CompensationType,
-    base: Base,
-    side: str | None,
-    letter: str,
-    x: np.ndarray,
-    at: Mapping[str, float],
-    point: np.ndarray | None,
-) -> np.ndarray:
-    machine = solution.machine
-    axes = _axes_of(machine, side)
-    positions = np.stack([x if a == letter else np.full(len(x), at[a]) for a in axes], axis=1)
-    place = (
-        _linear_place(machine, positions, base)
-        if side is None
-        else _rotary_place(machine, side, positions, np.asarray(point))
-    )
-    return field_values(solution, t, base, place)
 
 
 def _linear(
@@ -265,7 +102,7 @@ def _linear(
         return replace(linear_grid(solution, tool=(x, y, z), nodes=nodes), type=t.name)
     lines = tuple(nodes.values())
     positions = grid_positions(lines)
-    place = _linear_place(solution.machine, positions, base)
+    place = linear_place(solution.machine, positions, base)
     found = _evaluate(solution, t, base, place, uncertainty) if rule is None else _from_rule(solution, rule, place)
     _require(solution, t, found)
     outside = _outside(solution, place)
@@ -292,7 +129,7 @@ def _rotary(
         return replace(next(g for g in whole if g.side == side), type=t.name)
     lines, machine = tuple(nodes.values()), solution.machine
     positions = grid_positions(lines)
-    place = _rotary_place(machine, side, positions, point)
+    place = rotary_place(machine, side, positions, point)
     found = _evaluate(solution, t, base, place, uncertainty) if rule is None else _from_rule(solution, rule, place)
     _require(solution, t, found)
     outside = _outside(solution, place)
@@ -314,7 +151,7 @@ def _rotary(
     )
 
 
-def _from_rule(solution: Solution, rule: Rule, place: _Place) -> _Found:
+def _from_rule(solution: Solution, rule: Rule, place: Place) -> _Found:
     """Error values from a user's rule; no uncertainty. Raises `InputError` when it returns something else."""
     name = getattr(rule, "__name__", "rule")
     try:
@@ -339,7 +176,7 @@ def _require(solution: Solution, t: CompensationType, found: _Found) -> None:
         )
 
 
-def _outside(solution: Solution, place: _Place) -> np.ndarray:
+def _outside(solution: Solution, place: Place) -> np.ndarray:
     columns = [solution.machine.index(a) for a in place.axes]
     low, high = solution.measured_range()[columns].T
     slack = 0.01 * np.array([solution.machine.axis(a).length for a in place.axes])
@@ -348,7 +185,7 @@ def _outside(solution: Solution, place: _Place) -> np.ndarray:
 
 
 def _notes(
-    solution: Solution, t: CompensationType, base: Base, place: _Place, outside: np.ndarray, rule: Rule | None
+    solution: Solution, t: CompensationType, base: Base, place: Place, outside: np.ndarray, rule: Rule | None
 ) -> tuple[str, ...]:
     notes = [*part_notes(solution, place.letters), f"{t.name} leaves: {t.leaves}"]
     if base.turn is not None:

@@ -14,11 +14,11 @@ together.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
 
 import numpy as np
 
+from volid.compensation.base import Base, model_errors
 from volid.compensation.nominal import influence
 from volid.compensation.parts import HEAD, rotary_letters
 from volid.compensation.types import (
@@ -36,130 +36,12 @@ from volid.compensation.types import (
     STR,
 )
 from volid.error_model import ROWS
-from volid.exceptions import InputError
 from volid.fitting.solution import Solution
-from volid.iso230 import LINEAR_AXES, SPINDLE, ErrorName, parse
+from volid.iso230 import LINEAR_AXES, SPINDLE, ErrorName
 from volid.machine import Axis, Machine
-from volid.splines import Basis, design_matrix
 
-PANELS, PANEL_NODES = (
-    60,
-    3,
-)  # Gauss-Legendre quadrature of the slope of a straightness line: uniform over the travel, as the datum's
-
-
-@dataclass(frozen=True, eq=False)
-class Base:
-    """On what a compensation is based.
-
-    `at`: positions of all axes where the specific lines cross, (n_axes,), machine axis order. `tool`: base tool vector (3,) [mm].
-    `elevation`: of R-RAX and R-ANG above the `point` of a table's axis, along its line [mm]. `functions`: symbols that L-SPEC and
-    R-SPEC use. `turn`: rotation of the machine frame as linear map of θ, (3, n), see `alignment`; None: the datum's own.
-    """
-
-    at: np.ndarray
-    tool: np.ndarray
-    elevation: float = 0.0
-    functions: tuple[str, ...] = ()
-    turn: np.ndarray | None = None
-
-
-def base_of(
-    solution: Solution,
-    tool: Sequence[float],
-    at: Mapping[str, float] | None = None,
-    elevation: float = 0.0,
-    functions: Sequence[str] = (),
-) -> Base:
-    """A base: the lines through `at` (by axis letter; default the datum's origin, rotary axes at 0).
-
-    Raises `InputError` for an axis that the machine does not have, a position outside its travel, a function that the model
-    lacks.
-    """
-    machine, origin = solution.machine, dict(solution.datum.reference)
-    full = np.array([origin.get(a.letter, a.reference) if a.is_linear else 0.0 for a in machine.axes])
-    for letter, value in (at or {}).items():
-        low, high = machine.axis(letter).travel
-        if not low <= value <= high:
-            raise InputError(f"--at {letter}={value:g} lies outside the travel; expected {low:g} … {high:g}")
-        full[machine.index(letter)] = value
-    wrong = [f for f in functions if f not in solution.model.names]
-    if wrong:
-        raise InputError(f"--functions {', '.join(wrong)}: not in the model; it has {', '.join(solution.model.names)}")
-    return Base(full, np.asarray(tool, dtype=float), float(elevation), tuple(functions))
-
-
-def condensed(solution: Solution, base: Base) -> tuple[Solution, Base]:
-    """The same error functions with one parameter each, 1: for values without uncertainty, at a tenth of the cost."""
-    model, theta = solution.model, np.asarray(solution.parameters)
-    p = np.zeros((len(model.parametrisation), len(model.functions)))
-    functions = []
-    for k, f in enumerate(model.functions):
-        p[f.coefficients, k] = model.parametrisation[f.coefficients, f.parameters] @ theta[f.parameters]
-        functions.append(replace(f, parameters=slice(k, k + 1)))
-    small = replace(model, functions=tuple(functions), parametrisation=p)
-    turn = None
-    if base.turn is not None:
-        turn = np.zeros((3, len(functions)))
-        turn[:, 0] = base.turn @ theta
-    return replace(solution, model=small, parameters=np.ones(len(functions))), replace(base, turn=turn)
-
-
-def model_errors(
-    solution: Solution,
-    positions: np.ndarray,
-    directions: np.ndarray,
-    keep: Callable[[ErrorName], bool],
-    turn: np.ndarray | None = None,
-) -> np.ndarray:
-    """Error values of the model's functions that `keep` accepts, as linear map of θ, (m, 6·(n_axes + 1), n).
-
-    `turn`: rotation of the machine frame (3, n): directions of linear axes, tool frame and rotary axes change against it.
-    """
-    model = solution.model
-    values: dict[Basis, np.ndarray] = {}
-    out = np.zeros((len(positions), ROWS * (len(model.machine.axes) + 1), model.n_parameters))
-    for f, term in zip(model.functions, model.layout.terms, strict=True):
-        if keep(parse(f.name)):
-            if term.basis not in values:
-                values[term.basis] = _basis_values(term.basis, positions, directions)
-            block = model.parametrisation[f.coefficients, f.parameters]
-            out[:, term.row, f.parameters] += term.sign * values[term.basis] @ block
-    if turn is not None:
-        _turn_frame(solution, out, positions, keep, turn)
-    return out
-
-
-def _turn_frame(
-    solution: Solution, out: np.ndarray, positions: np.ndarray, keep: Callable[[ErrorName], bool], turn: np.ndarray
-) -> None:
-    """What a rotation of the machine frame adds to the constants: minus it for what is tool-ward of the bed, and the opposite for
-    a table, whose axis lines stay where they are."""
-    machine = solution.machine
-    rotary = [i for i, a in enumerate(machine.axes) if not a.is_linear]
-    table, head = [i for i in rotary if machine.axes[i].primed], [i for i in rotary if not machine.axes[i].primed]
-    for i, axis in enumerate(machine.axes):
-        rows = slice(ROWS * i, ROWS * i + 3), slice(ROWS * i + 3, ROWS * i + ROWS)
-        if axis.is_linear and keep(ErrorName("C", axis.letter, True)):
-            slope = np.cross(turn, np.eye(3)[LINEAR_AXES.index(axis.letter)][:, None], axis=0)
-            out[:, rows[0]] -= (positions[:, i] - axis.reference)[:, None, None] * slope
-        elif i in (table[-1:] + head[:1]) and keep(ErrorName("C" if axis.letter != "C" else "A", axis.letter, True)):
-            out[:, rows[1]] += (1.0 if axis.primed else -1.0) * (axis.frame.T @ turn)
-    if not head and keep(ErrorName("A", SPINDLE, True)):
-        out[:, -3:] -= turn
-
-
-def _basis_values(basis: Basis, positions: np.ndarray, directions: np.ndarray) -> np.ndarray:
-    """`splines.evaluate` without compilation, (m, size)."""
-    values = np.ones((len(positions), 1))
-    for spline in basis.factors:
-        right = design_matrix(spline, positions[:, spline.axis])
-        values = (values[:, :, None] * right[:, None, :]).reshape(len(positions), -1)
-    if basis.linear is not None:
-        values = values * (positions[:, basis.linear[0]] - basis.linear[1])[:, None]
-    if basis.directed >= 0:
-        values = values * 0.5 * directions[:, basis.directed][:, None]
-    return values
+# Gauss-Legendre quadrature of the slope of a straightness line, uniform over the travel as the datum's
+PANELS, PANEL_NODES = 60, 3
 
 
 def effect_errors(

@@ -6,13 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from volid.compensation.base import Base
 from volid.compensation.control import Control
 from volid.compensation.effect_grids import Rule, effect_grids
-from volid.compensation.effects import Base
+from volid.compensation.error_table import ErrorTable
 from volid.compensation.grids import Grid
 from volid.compensation.rotary_grids import RotaryGrid
 from volid.compensation.sampling import Sampling
-from volid.compensation.tables import ErrorTable, error_tables
+from volid.compensation.tables import error_tables
 from volid.compensation.types import GRID, TABLES, TYPES, CompensationType, select
 from volid.exceptions import InputError
 from volid.fitting.solution import Solution

@@ -19,9 +19,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from volid.compensation.base import Base, model_errors
 from volid.compensation.control import Control, Motion, asked_motion
 from volid.compensation.effect_grids import Rule
-from volid.compensation.effects import Base, model_errors
 from volid.compensation.nominal import influence, nominal_point, side_rotation
 from volid.compensation.orientation import SPINDLE_AXIS, orientation_between
 from volid.compensation.package import Compensation, compensate

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from volid.compensation.effects import model_errors
+from volid.compensation.base import model_errors
 from volid.compensation.nominal import influence
 from volid.error_model import build_model
 from volid.even_points import even_points

@@ -39,7 +39,7 @@ class Sampling:
             raise InputError("--step stands alone; take it, or --max-points and --max-error")
         for name, value in (("--step", self.step), ("--max-error", self.max_error), ("--offset", self.offset)):
             if value is not None and not value > 0:
-                raise InputError(f"{name} {value:g}; expected a number > 0")
+                raise InputError(f"{name} {value:g}; expected a distance > 0")
         if self.max_points is not None and not 2 <= self.max_points <= LARGEST:
             raise InputError(f"--max-points {self.max_points}; expected 2 … {LARGEST}")
         if self.spacing not in (EQUAL, FREE):

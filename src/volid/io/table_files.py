@@ -21,7 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
-from volid.compensation.tables import COLUMNS, DIFFERENCE, ITSELF, MODEL, VALUE, ErrorTable, with_one_reversal
+from volid.compensation.error_table import COLUMNS, DIFFERENCE, ITSELF, MODEL, VALUE, ErrorTable, with_one_reversal
 from volid.exceptions import InputError
 from volid.fitting.solution import Solution
 from volid.io.csv_table import CsvTable, read_csv
