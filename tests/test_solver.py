@@ -12,6 +12,9 @@ from virtual_campaigns import fixed, simulated
 from volid.campaign import Campaign
 from volid.error_functions import motion_names
 from volid.error_model import build_model
+from volid.exceptions import InputError
+from volid.fitting.fit import fit
+from volid.fitting.optimistix_solver import solve_by_optimistix
 from volid.fitting.problem import build_problem, jacobian, normal_equations, predict_all, scatter
 from volid.fitting.solver import solve
 from volid.fitting.starts import find_starts
@@ -70,6 +73,25 @@ def test_same_answer_as_scipy():
     assert float(optimum.normal.cost) == pytest.approx(found.cost, rel=1e-10)
     u = uncertainties(problem, optimum)
     assert difference(problem, optimum.z, np.asarray(of(found.x)), u) < 1e-6
+
+
+def test_same_answer_as_the_optimistix_solver():
+    """One assembly of JᵀJ a step, compiled as a whole, against the loop of few assemblies."""
+    problem, optimum = solved()
+    other = solve_by_optimistix(problem)
+    assert other.converged and other.iterations < 12
+    assert other.cost == pytest.approx(optimum.cost, rel=1e-10)
+    assert difference(problem, optimum.z, other.z, uncertainties(problem, optimum)) < 1e-6
+
+
+def test_a_whole_fit_by_optimistix():
+    chord, other = (fit(small_campaign(), solver=name) for name in ("chord", "optimistix"))
+    u = np.sqrt(np.diagonal(np.asarray(chord.covariance)))
+    both = [np.concatenate([np.asarray(s.parameters), np.asarray(s.nuisance)]) for s in (chord, other)]
+    assert np.abs((both[0] - both[1]) / u).max() < 1e-5
+    np.testing.assert_allclose(np.diagonal(np.asarray(other.covariance)), u**2, rtol=1e-5)
+    with pytest.raises(InputError, match="solver is 'newton'; expected 'chord' or 'optimistix'"):
+        fit(small_campaign(), solver="newton")
 
 
 def test_gradient_vanishes_and_normal_equations_belong_to_the_answer():

@@ -54,6 +54,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="SOLUTION0.h5",
         help="earlier solution of axes of this machine; counts as readings, with its u",
     )
+    parser.add_argument(
+        "--solver",
+        choices=("chord", "optimistix"),
+        default="chord",
+        help="chord (default): fewest assemblies of the normal equations; optimistix: one a step; the minimum is the same",
+    )
     add_output(parser, "SOLUTION.h5", "solution, with its campaign and machine", required=True)
 
 
@@ -86,11 +92,12 @@ def _solve(args: argparse.Namespace, progress: Progress) -> Solution:
 
     prior = read_solution(args.prior) if args.prior else None
     campaign = load_campaign(*args.campaign)
-    options = {"robust": args.robust, "datum": args.datum, "prior": args.prior}
+    options = {"robust": args.robust, "datum": args.datum, "prior": args.prior, "solver": args.solver}
     record = provenance(input_files(_inputs(args)), args.command_line, options)
     datum = parse_datum(campaign.machine, args.datum) if args.datum else None
     solution = replace(
-        fit(campaign, robust=args.robust, datum=datum, prior=prior, progress=progress), provenance=record
+        fit(campaign, robust=args.robust, datum=datum, prior=prior, solver=args.solver, progress=progress),
+        provenance=record,
     )
     progress("writing the solution")
     write_solution(solution, args.output, args.force)

@@ -39,6 +39,8 @@ from volid.fitting.starts import find_starts
 from volid.machine import Datum, Machine
 
 Progress = Callable[[str], None]
+Method = Callable[..., Optimum]  # as `solver.solve`
+CHORD, OPTIMISTIX = "chord", "optimistix"
 
 
 def _silent(message: str) -> None:
@@ -48,8 +50,8 @@ def _silent(message: str) -> None:
 class _Fitter:
     """A problem restricted to its determined directions; refits with other weights start at the last optimum."""
 
-    def __init__(self, campaign: Campaign, problem: Problem, found: Identifiability) -> None:
-        self.campaign, self.problem, self.found = campaign, problem, found
+    def __init__(self, campaign: Campaign, problem: Problem, found: Identifiability, method: Method = solve) -> None:
+        self.campaign, self.problem, self.found, self.method = campaign, problem, found, method
         self.free = problem.free @ found.basis
         self.optimum: Optimum | None = None
         self.factors = [np.ones(s.readings.shape) for s in campaign.sets]
@@ -59,7 +61,7 @@ class _Fitter:
         self.factors = factors
         weighted = reweight(self.problem, self.campaign, factors)
         start = None if self.optimum is None else self.optimum.z
-        self.optimum = solve(weighted, start, self.free)
+        self.optimum = self.method(weighted, start, self.free)
         if not np.all(np.isfinite(self.optimum.z)):
             raise VolidError("the fit diverged; check units, stations and axis positions")
         return self.optimum
@@ -68,7 +70,7 @@ class _Fitter:
         """Refit without the outliers; what is determined is decided anew, since they may have carried it alone."""
         factors = [np.where(o, 0.0, 1.0) for o in outliers]
         weighted = reweight(self.problem, self.campaign, factors)
-        refit = _Fitter(self.campaign, self.problem, analyse(weighted, self.campaign))
+        refit = _Fitter(self.campaign, self.problem, analyse(weighted, self.campaign), self.method)
         refit.solve(factors)
         return refit
 
@@ -134,13 +136,14 @@ class _Task(NamedTuple):
     prior: Solution | None
     robust: bool
     progress: Progress
+    method: Method
 
     def fitter(self, segments: resolution.Segments, carrier: resolution.Segments) -> _Fitter:
         """A fitter for stated segments."""
         model = build_model(self.campaign.machine, segments, carrier=carrier)
         known = None if self.prior is None else prior_of(self.prior, model)
         problem = build_problem(self.campaign, model, self.starts, known)
-        return _Fitter(self.campaign, problem, analyse(problem, self.campaign))
+        return _Fitter(self.campaign, problem, analyse(problem, self.campaign), self.method)
 
 
 def _check_counts(task: _Task, segments: resolution.Segments, carrier: resolution.Segments) -> None:
@@ -209,6 +212,7 @@ def fit(
     robust: bool = False,
     datum: Datum | None = None,
     prior: Solution | None = None,
+    solver: str = CHORD,
     progress: Progress | None = None,
 ) -> Solution:
     """Identify a machine's error model from a campaign by nonlinear least squares.
@@ -217,16 +221,35 @@ def fit(
     at once. Undetermined combinations are found first, named, and left at zero. `robust`: gross outliers are found with
     Huber's loss and normalised residuals, named and set aside. `datum`: the solution is transformed into it after the fit.
     `prior`: an earlier solution of axes that this machine has too (linear axes measured before); its functions, with their
-    covariance, count as readings. `progress`: called with a message at every stage.
+    covariance, count as readings. `solver`: "chord" (few assemblies of the normal equations) or "optimistix" (a solver of that
+    library, one assembly a step); both end at the same minimum. `progress`: called with a message at every stage.
 
     Raises `InputError` when the campaign cannot be fitted (fewer readings than parameters, a slip in units, duplicated
     rows). ISO/TR 16907 8; CONVENTIONS 3, 4, 6.
     """
     with interpreted(is_small(campaign)):
-        return _fit(campaign, robust, datum, prior, progress or _silent)
+        return _fit(campaign, robust, datum, prior, _method(solver), progress or _silent)
 
 
-def _fit(campaign: Campaign, robust: bool, datum: Datum | None, prior: Solution | None, progress: Progress) -> Solution:
+def _method(solver: str) -> Method:
+    """The solver by its name. Raises `InputError` for an unknown one."""
+    if solver not in (CHORD, OPTIMISTIX):
+        raise InputError(f"solver is '{solver}'; expected '{CHORD}' or '{OPTIMISTIX}'")
+    if solver == CHORD:
+        return solve
+    from volid.fitting.optimistix_solver import solve_by_optimistix  # takes a second to import
+
+    return solve_by_optimistix
+
+
+def _fit(
+    campaign: Campaign,
+    robust: bool,
+    datum: Datum | None,
+    prior: Solution | None,
+    method: Method,
+    progress: Progress,
+) -> Solution:
     progress("checking the campaign")
     warnings = check_campaign(campaign)
     progress("locating stations")
@@ -236,7 +259,7 @@ def _fit(campaign: Campaign, robust: bool, datum: Datum | None, prior: Solution 
         warnings = (*warnings, *prior_notes(prior))
         prior = prior if prior.datum == campaign.machine.datum else prior.in_datum(campaign.machine.datum)
     measured, campaign = campaign, with_random_effects(campaign, starts)
-    resolved = _resolve(_Task(campaign, starts, prior, robust, progress))
+    resolved = _resolve(_Task(campaign, starts, prior, robust, progress, method))
     fitter = resolved.fitter
     progress("solving")
     fitter.solve(fitter.factors)

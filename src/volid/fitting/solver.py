@@ -96,6 +96,13 @@ def _factorise(matrix: np.ndarray, damping: float) -> _Steps:
         return _Steps(scale, None)
 
 
+def optimum_at(
+    problem: Problem, z: np.ndarray, cost: float, free: np.ndarray, iterations: int, converged: bool
+) -> Optimum:
+    """The optimum that another solver found, with its normal equations on demand."""
+    return Optimum(_Objective(problem.system, free), z, cost, iterations, converged)
+
+
 def solve(problem: Problem, start: np.ndarray | None = None, free: np.ndarray | None = None) -> Optimum:
     """Minimise over z = start + free · y from y = 0; `free` (size, n) defaults to all free directions of the problem.
 

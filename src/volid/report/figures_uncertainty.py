@@ -88,7 +88,9 @@ def coverage_bands(
         panel.set_xlabel(f"{axis.letter} / {axis.unit}")
         panel.set_title(name, fontsize=9, loc="left")
         panel.set_ylabel(f"deviation from estimate / {parse(name).report_unit}", fontsize=8)
-    panels[0][0].legend(fontsize=7, frameon=False)
+    figure.legend(
+        *panels[0][0].get_legend_handles_labels(), fontsize=8, frameon=False, loc="outside upper center", ncols=3
+    )
     return figure
 
 
