@@ -3,16 +3,19 @@
 Numbers are checked against a Jacobian by finite differences of the exact chain, which knows nothing of the package.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from exact_chain import Truth
 from exact_chain import apply as carried
-from five_axis import SPHERES, STRUCTURES, TOOLS, exact_machine, r_test, r_test_campaign, volid_machine
+from five_axis import SPHERES, STRUCTURES, TOOLS, RTest, exact_machine, r_test, r_test_campaign, volid_machine
 
 from volid.error_model import build_model
 from volid.fitting.datum import split_null_space
 from volid.fitting.identifiability import analyse
 from volid.fitting.problem import build_problem
+from volid.planning import iso10791_path
 
 TILTING = STRUCTURES["tilting table C'A'"]
 FORK = STRUCTURES["fork head CA"]
@@ -114,6 +117,24 @@ def test_one_rotary_axis_locked(locked):
     check_against_differences(model, found, seen, SPHERES)
 
 
+def test_bk1_alone():
+    """BK1 of ISO 10791-6: only the tilting axis turns, one sphere, one tool vector: what C lacks is named, and why."""
+    exact = exact_machine(TILTING)
+    machine = volid_machine(exact, MOTIONS_OFF + LINEAR_OFF, segments=4)
+    plan = iso10791_path(machine, "BK1", (100.0, 30.0, 40.0), TOOLS[0], n=37)
+    one = plan.sets[0]
+    assert np.ptp(one.positions[:, exact.column("C")]) == 0.0 < np.ptp(one.positions[:, exact.column("A")])
+    campaign = replace(plan, sets=(replace(one, readings=np.zeros((len(one), 3))),))
+    model = build_model(machine, {f"E{d}{a}": (4,) for d in "XYZABC" for a in machine.letters})
+    found = analyse(build_problem(campaign, model), campaign)
+    text = " ".join(found.statements)
+    assert "axis C was measured at 1 position only" in text and "one sphere place only" in text
+    assert {"EX0C", "EY0C", "EA0C", "EB0C"} <= set(found.undetermined)
+    data = RTest(one.positions, one.tool, one.labels["sphere"], one.readings)
+    spheres = {"P1": (100.0, 30.0, 40.0)}
+    assert defect(model, found) == defect_by_differences(exact, data, model.names, spheres, False) >= 4
+
+
 def test_one_tool_vector_on_a_fork_head():
     tools = (TOOLS[0],) * 3
     model, found, seen = decide(FORK, MOTIONS_OFF + LINEAR_OFF, tools=tools)
@@ -144,7 +165,8 @@ def test_unknown_nest():
 
 
 @pytest.mark.parametrize(
-    "layout", ["tilting table C'A'", "tilting table C'B'", "table and head", "fork head CA", "mill-turn"]
+    "layout",
+    ["tilting table C'A'", "tilting table C'B'", "table and head", "fork head CA", "fork head CB", "mill-turn"],
 )
 def test_eight_of_thirteen_location_errors_are_determined_with_sphere_and_nest_unknown(layout):
     """Abbaszadeh-Mir, Mayer, Cloutier and Fortin 2002: the minimal set of a five-axis machine has eight members.
