@@ -17,9 +17,10 @@ from volid.io.solution_hdf5 import read_solution, write_solution
 from volid.observations.effects import effect_samples
 from volid.uncertainty.budget import budget
 from volid.uncertainty.draws import pseudo_of, trial_noise
-from volid.uncertainty.monte_carlo import BATCH, monte_carlo, run_of, run_trials
+from volid.uncertainty.monte_carlo import BATCH, STAGE, _stage, fingerprint, monte_carlo, run_of, run_trials
 from volid.uncertainty.outputs import headline_outputs
 from volid.uncertainty.refit import TOLERANCE, Refitter
+from volid.uncertainty.samples import TrialFolder
 from volid.uncertainty.statement import statement
 
 EFFECTS = (
@@ -150,7 +151,8 @@ def test_propagation_is_enough_for_linear_outputs_and_not_for_the_largest_deviat
     (largest,) = [row for row in found.rows if row.name == "largest deviation"]
     assert np.isnan(largest.u) and largest.low < largest.value < largest.high
     assert found.failed == 0
-    assert found.lack_of_fit == (sampled.adequacy.unit_weight if sampled.adequacy.probability < 0.05 else 1.0)
+    weight = sampled.adequacy.unit_weight if sampled.adequacy.probability < 0.05 else 1.0
+    assert found.lack_of_fit.factor == weight, "no resolution was chosen, nothing held out"
 
 
 def test_an_interrupted_run_keeps_what_it_has(solution, tmp_path):
@@ -256,6 +258,60 @@ def statement_u(solution, rows: np.ndarray) -> np.ndarray:
     return np.sqrt(np.einsum("qi,ij,qj->q", rows, np.asarray(solution.covariance), rows))
 
 
+def test_effects_of_single_readings_scatter_as_stated(solution):
+    """A U-shaped offset of every reading, far larger than the noise: whitened noise within ±√2, two heaps at the ends."""
+    offset = Effect("electronics", "offset", 1e-2, "point", {"distribution": "U-shaped"})
+    (s,) = solution.campaign.sets
+    campaign = replace(solution.campaign, sets=(replace(s, effects=(*s.effects, offset)),))
+    run = run_of(replace(solution, campaign=campaign), seed=2)
+    noise, _ = trial_noise(2, 0, 40, run.refitter.n_readings, run.refitter.n_prior, run.pseudo)
+    assert noise.std() == pytest.approx(1.0, abs=0.02) and abs(noise.mean()) < 0.02
+    # share of |x| > 1 of a U-shaped distribution of unit variance: 1 - (2/π) asin(1/√2) = 1/2; of a normal one 0.317
+    assert np.mean(np.abs(noise) > 1.0) == pytest.approx(0.5, abs=0.02)
+    assert np.abs(noise).max() < np.sqrt(2.0) + 0.3
+
+
+def test_a_run_is_known_by_its_effects_and_its_batches_by_their_run(solution, tmp_path):
+    (s,) = solution.campaign.sets
+    normal = replace(s, effects=(replace(EFFECTS[0], options={}), EFFECTS[1]))
+    other = replace(solution, campaign=replace(solution.campaign, sets=(normal,)))
+    assert fingerprint(other) != fingerprint(solution), "only a distribution differs"
+    assert fingerprint(replace(solution, options={"robust": True})) != fingerprint(solution)
+    here = tmp_path / "trials"
+    with pytest.raises(RuntimeError, match="stop"):
+        monte_carlo(solution, 2 * BATCH, seed=1, folder=here, progress=_stop_after_a_batch)
+    (here / "run.json").unlink()  # what a death while the folder is removed may leave
+    found = monte_carlo(solution, BATCH, seed=2, folder=here)
+    fresh = monte_carlo(solution, BATCH, seed=2)
+    np.testing.assert_array_equal(next(iter(found.samples.batches())), next(iter(fresh.samples.batches())))
+
+
+def _stop_after_a_batch(message: str) -> None:
+    if " of 2048 trials" in message:
+        raise RuntimeError("stop")
+
+
+def test_a_run_that_never_starts_leaves_nothing(solution, tmp_path):
+    with pytest.raises(InputError, match="no Dask scheduler answers"):
+        monte_carlo(solution, 100, folder=tmp_path / "trials", scheduler="tcp://127.0.0.1:1")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_trials_that_do_not_converge_do_not_count_as_digits_reached(solution, tmp_path):
+    run = run_of(solution, seed=3)
+    store = TrialFolder(tmp_path / "t", {"seed": 3, "batch": BATCH, "solution": "x"}, resume=False)
+    arrays = run_trials(run, 0, BATCH)
+    outputs = headline_outputs(solution)
+    for batch in range(-(-STAGE // BATCH)):
+        store.save(batch, arrays)
+    whole = _stage(store, outputs, 0)
+    arrays["x"][5] = np.nan
+    store.save(0, arrays)
+    left = _stage(store, outputs, 0)
+    assert np.isfinite(left).all()
+    np.testing.assert_allclose(left[1], whole[1], rtol=0.01)
+
+
 def test_on_the_command_line(solution, tmp_path, capsys):
     place, out = tmp_path / "s.h5", tmp_path / "mc.h5"
     write_solution(solution, place)
@@ -269,5 +325,5 @@ def test_on_the_command_line(solution, tmp_path, capsys):
     data = json.loads(capsys.readouterr().out)
     assert data["trials"] == 1500 and {"low", "high", "shortest_low", "u", "u_mc"} <= set(data["rows"][0])
     assert main(["uncertainty", str(place), "--resume"]) == 2
-    assert main(["uncertainty", str(place), "--trials", "1"]) == 2
-    assert "1 trials; expected at least 2" in capsys.readouterr().err
+    assert main(["uncertainty", str(place), "--trials", "19"]) == 2
+    assert "19 trials; expected at least 20" in capsys.readouterr().err

@@ -139,7 +139,9 @@ def test_monte_carlo_on_a_cluster_whose_worker_is_killed_gives_the_same(study, c
         solution, 190, seed=4, scheduler=cluster.scheduler_address, progress=progress
     ).samples
     assert kill.killed and there.trials == 190
-    first, second = (np.concatenate(list(s.batches())) for s in (here, there))
+    calm = monte_carlo.monte_carlo(solution, 190, seed=4, scheduler=cluster.scheduler_address).samples
+    first, second, third = (np.concatenate(list(s.batches())) for s in (here, there, calm))
+    np.testing.assert_array_equal(second, third)  # identical with and without a death
     assert first.shape == second.shape
     u = np.sqrt(np.maximum(np.diag(np.asarray(solution.covariance)), 1e-30))
     # drawn alike; the two processes may share out a matrix product among different numbers of threads
