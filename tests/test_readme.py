@@ -52,15 +52,34 @@ def commands() -> list[list[str]]:
 
 def test_commands_of_the_readme_run(elsewhere):
     assert len(commands()) == 4
+    printed = []
     for words in commands():
         run = subprocess.run([sys.executable, "-m", "volid", *words], capture_output=True, text=True, env=os.environ)
         assert run.returncode == 0, run.stderr
+        printed.append(run.stdout)
+    shown_numbers_are_printed(printed[0])
     assert {p.name for p in (elsewhere / "out").iterdir()} == {
         "solution.h5",
         "grid.csv",
         "positioning.h5",
         "functions.csv",
     }
+
+
+def shown_numbers_are_printed(printed: str) -> None:
+    """Every line shown in the README is in what the first command prints: the same words, numbers within 3 %."""
+    number = re.compile(r"-?\d+(?:\.\d+)?")
+    found = {
+        number.sub("#", line).split()[0] + str(len(number.findall(line))): line
+        for line in printed.splitlines()
+        if line.strip()
+    }
+    (shown,) = blocks("text")
+    for line in shown.strip().splitlines():
+        own = found[number.sub("#", line).split()[0] + str(len(number.findall(line)))]
+        assert number.sub("#", " ".join(own.split())) == number.sub("#", " ".join(line.split()))
+        pairs = zip(number.findall(own), number.findall(line), strict=True)
+        assert all(abs(float(a) - float(b)) <= 0.03 * abs(float(a)) + 0.11 for a, b in pairs), (own, line)
 
 
 def test_ci_calls_the_readmes_test_command():
