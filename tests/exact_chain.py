@@ -9,6 +9,7 @@ import json
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -333,9 +334,12 @@ def _wave(machine: ExactMachine, axis: str, rng, waviness: float) -> Smooth:
     return Smooth(amplitude, 1 / period, rng.uniform(0, 2 * np.pi, 4), cubic, machine.reference[axis], length)
 
 
+_legendre = cache(np.polynomial.legendre.leggauss)  # an eigenvalue problem, the same for every function
+
+
 def _dense(travel, n: int = 400) -> tuple[np.ndarray, np.ndarray]:
     """Gauss-Legendre nodes over the travel and weights that sum to one."""
-    node, weight = np.polynomial.legendre.leggauss(n)
+    node, weight = _legendre(n)
     return np.mean(travel) + np.ptp(travel) / 2 * node, weight / 2
 
 
