@@ -103,8 +103,9 @@ def test_recovery_in_three_seeds(machine):
         assert np.isnan(r.tool_rotation).all(), "what is held at 0 is not stated"
 
 
-@pytest.mark.parametrize("machine", ["vertical"])
+@pytest.mark.parametrize("machine", MACHINES)
 def test_recovery_with_every_tool_at_every_station_in_three_seeds(machine):
+    """Real fits; 100 campaigns of each machine, refitted in the model of the first, are pooled in test_recovery_pooled."""
     found = runs(machine, "every tool", QUICK)
     assert 0.8 < pooled(found) < 1.25
     assert pooled_rms(found) < LARGEST[machine]
