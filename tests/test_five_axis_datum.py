@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from exact_chain import Truth, gauge_free
 from five_axis import (
+    NUTATING,
     ROTARY_TABLE,
     STRUCTURES,
     exact_machine,
@@ -133,12 +134,13 @@ def line_error(exact, truth, letter):
     nominal, at = exact.direction[letter], exact.point[letter]
     direction, point = axis_line(exact, truth, letter)
     foot = point + direction * ((at - point) @ nominal) / (direction @ nominal)
-    return np.concatenate([foot - at, np.cross(nominal, direction)])
+    turn = exact.frame[letter].T  # components of an inclined axis stand in its own frame
+    return np.concatenate([turn @ (foot - at), turn @ np.cross(nominal, direction)])
 
 
-@pytest.mark.parametrize("layout", ALL)
+@pytest.mark.parametrize("layout", [*ALL, *NUTATING])
 def test_location_errors_are_those_of_the_exact_axis_lines(layout):
-    exact = exact_machine(ALL[layout])
+    exact = exact_machine((ALL | NUTATING)[layout])
     off = '"E??" = false\n"E?0[XYZS]" = false'  # location errors alone: motions at 0 would shift the line of a carried axis
     solution = made_up(volid_machine(exact, off, segments=5), seed=6)
     truth = truth_of(solution)

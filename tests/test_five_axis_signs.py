@@ -10,11 +10,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from exact_chain import Truth
-from five_axis import ROTARY_TABLE, STRUCTURES, exact_machine, made_up, truth_of, volid_machine
+from five_axis import NUTATING, ROTARY_TABLE, STRUCTURES, THREE_ROTARY, exact_machine, made_up, truth_of, volid_machine
 
 from volid.fitting.prediction import deviation_values
 
-ALL = {**STRUCTURES, "four axes": ROTARY_TABLE}
+ALL = {**STRUCTURES, **NUTATING, "four axes": ROTARY_TABLE, "three rotary axes": THREE_ROTARY}
 # 15 µm and 60 µrad at 900 mm: products of two errors, and errors at the corrected instead of the commanded position
 SECOND_ORDER = 1e-5  # mm
 SECOND_ORDER_ROTATION = 1e-8  # rad
@@ -80,6 +80,22 @@ def test_one_error_at_a_time(layout):
         assert np.linalg.norm(left, axis=1).max() < SECOND_ORDER < 0.01 * size, name
         doubled = exact.functional_point(q - change, tool, truth) - target
         assert np.linalg.norm(doubled, axis=1).max() > 1.99 * size, name
+
+
+def test_three_rotary_axes_without_errors_deviate_nowhere_and_with_all_errors_as_the_exact_chain():
+    exact = exact_machine(THREE_ROTARY)
+    solution = made_up(volid_machine(exact, segments=4), seed=5)
+    rng = np.random.default_rng(3)
+    low, high = np.array([exact.travel[a] for a in exact.axes]).T
+    q = low + rng.random((40, 6)) * (high - low)
+    tool = rng.uniform(-100.0, 100.0, (40, 3))
+    still = np.zeros_like(q)
+    nothing = deviation_values(solution.model, np.zeros(solution.model.n_parameters), q, tool, still)
+    assert np.abs(nothing).max() < 1e-11
+    found = deviation_values(solution.model, np.asarray(solution.parameters), q, tool, still)
+    true = exact.deviation(q, tool, truth_of(solution))
+    assert np.abs(found - true)[:, :3].max() < 1e-7 < 0.02 < np.abs(true[:, :3]).max()  # rotations to their third power
+    assert np.abs(found - true)[:, 3:].max() < 1e-9
 
 
 def test_tilt_of_the_table_lifts_the_side_the_convention_says():
