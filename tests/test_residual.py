@@ -42,7 +42,7 @@ def test_prediction_agrees_with_the_simulated_machine(layout):
     exact, solution = machine_of(layout, seed=3, u=0.15)
     functions = ("EXC", "EYC") if layout != "three-axis" else ("EXX", "EBX")
     base = base_of(solution, TOOL, functions=functions)
-    places = volume_places(solution.machine, 96)
+    places = volume_places(solution.machine, 128)
     found = forecast(
         solution,
         LISTS[layout],
