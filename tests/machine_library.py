@@ -57,8 +57,8 @@ def exact_of(machine: Machine) -> ExactMachine:
 def r_test_plan(machine: Machine) -> Campaign:
     """37 x 13 positions for three places of the sphere that the planner chooses, all within the travels.
 
-    Under a head three tool vectors 60 and 70 mm beside the spindle: with the planner's own, 40 mm, EY0C of a table beside a head has
-    u = 0.23 µm, because the place of the tool frame is unknown too.
+    Under a head three tool vectors 60 and 70 mm beside the spindle: with the planner's own, 40 mm, EY0C of a table beside a head
+    has u = 0.23 µm, because the place of the tool frame is unknown too.
     """
     counts = [TILT if _tilts(a) else TURN for a in machine.axes if not a.is_linear]
     head = any(not a.is_linear and not a.primed for a in machine.axes)
