@@ -148,9 +148,9 @@ def test_recovery_with_every_tool_at_every_station(machine):
 
 
 @pytest.mark.slow
-@pytest.mark.long
 @pytest.mark.parametrize("machine", MACHINES)
 def test_recovery_with_outliers(machine):
+    """24 outliers among 2400 readings, ten campaigns of each machine, against the same campaigns without outliers."""
     dirty = runs(machine, "outliers", FEW)
     clean = [run(machine, "single tool", seed) for seed in range(FEW)]
     assert sum(r.missed for r in dirty) == 0, "all above 20 µm are named"
