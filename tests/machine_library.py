@@ -57,12 +57,32 @@ def exact_of(machine: Machine) -> ExactMachine:
 def r_test_plan(machine: Machine) -> Campaign:
     """37 x 13 positions for three places of the sphere that the planner chooses, all within the travels.
 
-    Under a head three tool vectors 60 and 70 mm beside the spindle: with the planner's own, 40 mm, EY0C of a table beside a head
-    has u = 0.23 µm, because the place of the tool frame is unknown too.
+    Under a head three tool vectors 60 and 70 mm beside the spindle: the place of the tool frame is unknown too. Where the travels
+    are too short for these (mill-turn), the planner chooses them as well.
     """
     counts = [TILT if _tilts(a) else TURN for a in machine.axes if not a.is_linear]
-    head = any(not a.is_linear and not a.primed for a in machine.axes)
-    return rtest_static_grid(machine, None, TOOLS if head else None, *counts)
+    plan = rtest_static_grid(machine, None, TOOLS if has_head(machine) else None, *counts)
+    return rtest_static_grid(machine, None, None, *counts) if plan.warnings else plan
+
+
+def stated_at_the_spheres(machine: Machine) -> Machine:
+    """The same machine with the `point` of a table beside a head moved along its line to the height of the spheres.
+
+    Swivel head and mill-turn reach a sphere at all angles only 330 and 500 mm above that point: EY0C would hold the tilt's
+    uncertainty at that lever, 0.23 µm, and not say how well the table's place is known where it was seen.
+    """
+    table = machine.axes[0]
+    if not has_head(machine) or table.is_linear or not table.primed:
+        return machine
+    places = np.array(list(r_test_plan(machine).sets[0].options["sphere"].values()))
+    along, at = np.asarray(table.unit_vector), np.asarray(table.point)
+    x, y, z = (at + along * (along @ (places.mean(axis=0) - at))).tolist()
+    return replace(machine, axes=(replace(table, point=(x, y, z), error_point=(x, y, z)), *machine.axes[1:]))
+
+
+def has_head(machine: Machine) -> bool:
+    """Whether a rotary axis carries the tool."""
+    return any(not a.is_linear and not a.primed for a in machine.axes)
 
 
 def readings_of(exact: ExactMachine, plan: Campaign, truth: Truth) -> np.ndarray:

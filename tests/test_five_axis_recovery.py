@@ -78,9 +78,10 @@ def judge(layout, seeds):
     assert 1.0 - 3.5 / np.sqrt(320 * len(seeds)) < np.sqrt(np.mean(motions**2)) < 1.1 + 3.5 / np.sqrt(320 * len(seeds))
 
 
-@pytest.mark.parametrize("layout", STRUCTURES)
+@pytest.mark.parametrize("layout", ["tilting table C'A'", "fork head CA"])
 def test_location_errors_and_motions_within_their_uncertainty(layout):
-    judge(layout, (1,) if layout in ("tilting table C'B'", "fork head CB", "mill-turn") else (1, 2))
+    """`fit` as a user runs it; every machine file with 100 seeds stands in test_machine_library."""
+    judge(layout, (1, 2))
 
 
 @pytest.mark.slow
