@@ -184,7 +184,11 @@ def test_existing_folder_is_not_overwritten(tmp_path):
             '"artefact"',
             r"set 'levels': kind 'artefact' is not supported yet; this version reads distance",
         ),
-        ('file = "volume.csv"', 'fil = "volume.csv"', r"set 'volume': unknown key 'fil'; did you mean 'file'\?"),
+        (
+            'file = "volume.csv"',
+            'fil = "volume.csv"',
+            r"set 'volume': key 'file' is missing; found 'fil', which looks like it",
+        ),
         ('file = "volume.csv"', "", r"set 'volume': key 'file' is missing"),
         ('file = "volume.csv"', 'file = "vol.csv"', r"vol\.csv: there is no such file"),
         (

@@ -352,11 +352,13 @@ def test_errors(solution, solution_file, run, tmp_path):
     assert status == 0
     expected = solution.evaluate(np.array([[200.0, 100.0, -300.0]]), np.array([0.0, 0.0, -150.0]))
     row = table(text)[0]
-    assert [float(row[k]) for k in ("ex", "ey", "ez", "ea", "eb", "ec")] == expected.values[0].tolist()
-    assert float(row["u_ez"]) == expected.u[0, 2]
+    # one point or two: the last digit may differ
+    found = [float(row[k]) for k in ("ex", "ey", "ez", "ea", "eb", "ec")]
+    assert found == pytest.approx(expected.values[0].tolist(), rel=1e-12)
+    assert float(row["u_ez"]) == pytest.approx(expected.u[0, 2], rel=1e-12)
     status, text, _ = run("errors", solution_file, "--at", points, "-o", tmp_path / "out.csv", "--json")
     found = json.loads(text)
-    assert dict(zip(found["columns"], found["rows"][0], strict=True))["ex"] == expected.values[0, 0]
+    assert dict(zip(found["columns"], found["rows"][0], strict=True))["ex"] == float(row["ex"])
     assert table((tmp_path / "out.csv").read_text(encoding="utf-8"))[0] == row
 
 
@@ -546,7 +548,7 @@ def test_public_names(solution, solution_file, tmp_path):
         _ = volid.fitt
     loaded = volid.load_solution(solution_file)
     loaded.save(tmp_path / "again.h5")
-    assert volid.load_solution(tmp_path / "again.h5").statistics == solution.statistics
+    assert repr(volid.load_solution(tmp_path / "again.h5").statistics) == repr(solution.statistics)  # NaN too
     assert loaded.grid(points=2).values.shape == (8, 6)
 
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from volid.reverse import Recorded
+from volid.reverse import arctan2 as recorded_arctan2
 
 _PLAIN = (np.ndarray, np.generic, float, int)
 
@@ -33,6 +34,19 @@ def space(x: Any) -> Any:
 def sqrt(x: Any) -> Any:
     """Square root."""
     return x.sqrt() if isinstance(x, Recorded) else space(x).sqrt(x)
+
+
+def arctan2(y: Any, x: Any) -> Any:
+    """Angle of (x, y) [rad]."""
+    if isinstance(x, Recorded) or isinstance(y, Recorded):
+        return recorded_arctan2(y, x)
+    return space(y if is_plain(x) else x).arctan2(y, x)
+
+
+def whole(x: Any) -> Any:
+    """The nearest whole number, a constant: its derivative is 0."""
+    value = x.value if isinstance(x, Recorded) else x
+    return space(value).round(value)
 
 
 def cos_sin(angle: Any) -> tuple[Any, Any]:

@@ -63,6 +63,15 @@ class Recorded:
         return self._new(root, (self, 0.5 / root))
 
 
+def arctan2(y: Any, x: Any) -> Recorded:
+    """Angle of (x, y) [rad], at least one of them recorded: ∂/∂y = x/(x² + y²), ∂/∂x = -y/(x² + y²)."""
+    own = [part for part in (y, x) if isinstance(part, Recorded)]
+    v, u = (part.value if isinstance(part, Recorded) else part for part in (y, x))
+    square = u * u + v * v
+    partials = [p for p, part in ((u / square, y), (-v / square, x)) if isinstance(part, Recorded)]
+    return Recorded(np.arctan2(v, u), own[0].notes, tuple(zip(own, partials, strict=True)))
+
+
 def gradients(result: Any, leaves: list[Recorded], m: int) -> np.ndarray:
     """Partial derivatives of `result`, a recorded array, with respect to `leaves`: shape (len(leaves), m)."""
     if not isinstance(result, Recorded):

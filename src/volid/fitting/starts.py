@@ -23,7 +23,7 @@ def nominal_targets(machine: Machine, positions: np.ndarray, tool: np.ndarray, b
 
 def nominal_reflector(machine: Machine, observations: ObservationSet, rows: np.ndarray, body: str) -> np.ndarray:
     """Nominal places, in the frame of `body`, of a reflector that stands on another body than the tool, (m, 3) [mm]."""
-    q = jnp.asarray(observations.positions[rows].T)
+    q = observations.positions[rows].T
     start, stop = machine.body_index(target_body(observations)), machine.body_index(body)
     point = transform(machine, q, None, target_place(observations), start=start, stop=stop)
     return np.stack([np.broadcast_to(np.asarray(c), q.shape[1]) for c in point], axis=1)

@@ -47,7 +47,7 @@ from typing import Any, NamedTuple, TypeVar
 import h5py
 import numpy as np
 
-from volid.campaign import Campaign
+from volid.campaign import Campaign, ObservationSet
 from volid.error_model import LOCATION, MEAN, ErrorModel, build_model
 from volid.exceptions import InputError
 from volid.fitting.adequacy import Adequacy, GroupTest, SuspectReading

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from volid.campaign import Campaign, ObservationSet, Station
-from volid.elementary import in_rows
+from volid.elementary import arctan2, in_rows, sqrt, whole
 from volid.exceptions import InputError
 from volid.geometry import Vector, rotate_small, subtract
 from volid.kinematics import functional_point, transform
@@ -24,6 +24,7 @@ from volid.machine import Machine
 from volid.observations.base import Group, Kind, NuisanceTable
 
 SPREAD = 1e-3  # rad: a virtual station's orientation is drawn within
+IN_DEGREES = 180.0 / np.pi
 _FLAT = 1e-3  # second singular value of the points over the first: below, they lie on a line
 
 
@@ -51,9 +52,10 @@ def predict_polar(
 ) -> Any:
     """Predicted range [mm], azimuth and elevation [degrees], shape (3, m); `constants`: the azimuth read (0 in a plan)."""
     x, y, z = predict(machine, settings, q, tool, errors, slots, constants)
-    azimuth = jnp.rad2deg(jnp.arctan2(y, x))
-    azimuth = azimuth - 360.0 * jnp.round((azimuth - constants[0]) / 360.0)
-    return jnp.stack([jnp.sqrt(x**2 + y**2 + z**2), azimuth, jnp.rad2deg(jnp.arctan2(z, jnp.sqrt(x**2 + y**2)))])
+    flat = x * x + y * y
+    azimuth = IN_DEGREES * arctan2(y, x)
+    azimuth = azimuth - 360.0 * whole((azimuth - constants[0]) * (1.0 / 360.0))
+    return in_rows([sqrt(flat + z * z), azimuth, IN_DEGREES * arctan2(z, sqrt(flat))], np.shape(q[0]))
 
 
 def cartesian(observations: ObservationSet) -> np.ndarray:
