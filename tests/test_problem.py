@@ -265,7 +265,7 @@ def test_padding_to_chunks_changes_nothing(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "m, chunks, length", [(1, 1, 64), (65, 1, 128), (2048, 1, 2048), (2049, 2, 2048), (20000, 10, 2048)]
+    "m, chunks, length", [(1, 1, 64), (65, 1, 80), (2048, 1, 2048), (2049, 2, 2048), (20000, 10, 2048)]
 )
 def test_chunks_hold_all_rows(m, chunks, length):
     assert problems.chunk_shape(m) == (chunks, length)

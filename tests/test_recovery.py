@@ -125,8 +125,12 @@ def test_recovery_with_outliers_in_one_seed(machine):
 # ---------------------------------------------------------------------------------------------------- many seeds
 
 
+# a real fit takes seconds: a hundred of one machine in every run, of the others refitted in `test_recovery_pooled` instead
+IN_EVERY_RUN = ["vertical", *(pytest.param(m, marks=pytest.mark.long) for m in ("gantry", "horizontal"))]
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("machine", MACHINES)
+@pytest.mark.parametrize("machine", IN_EVERY_RUN)
 def test_recovery(machine):
     found = runs(machine, "single tool", MANY)
     assert 0.9 < pooled(found) < 1.1
@@ -148,7 +152,7 @@ def test_recovery_with_every_tool_at_every_station(machine):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("machine", MACHINES)
+@pytest.mark.parametrize("machine", IN_EVERY_RUN)
 def test_recovery_with_outliers(machine):
     """24 outliers among 2400 readings, ten campaigns of each machine, against the same campaigns without outliers."""
     dirty = runs(machine, "outliers", FEW)
