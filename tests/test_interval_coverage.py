@@ -208,7 +208,7 @@ def test_coverage_fails_when_a_present_effect_is_left_out(name, request):
     assert found["functions"] < 0.85 and found["field"] < 0.85, found
 
 
-@pytest.mark.parametrize("name", ["three_axis", "five_axis"])
+@pytest.mark.parametrize("name", ["three_axis", pytest.param("five_axis", marks=pytest.mark.long)])
 def test_monte_carlo_intervals_cover_in_a_subset(name, request):
     """Twelve campaigns, fitted anew, 1024 trials each; the largest deviation included, which propagation has no interval for."""
     case = request.getfixturevalue(name)
