@@ -13,6 +13,7 @@ from volid.compensation.rotary_grids import rotary_grids
 from volid.io.grid_files import read_grid
 from volid.io.solution_hdf5 import write_solution
 from volid.io.tables_csv import DEVIATIONS, read_deviations, read_functions
+from volid.uncertainty.budget import Line
 from volid.uncertainty.intervals import deviation_intervals, function_intervals
 from volid.uncertainty.samples import Samples
 from volid.uncertainty.statement import statement
@@ -177,6 +178,7 @@ def test_budget_on_the_command_line(solution_file, tmp_path, capsys):
     text = capsys.readouterr().out
     assert "EC0Y" in text and "readings of set 'volume'" in text and "largest deviation" in text
     rows = list(csv.DictReader(r for r in out.read_text(encoding="utf-8").splitlines() if not r.startswith("#")))
+    assert tuple(rows[0]) == Line._fields
     sums: dict[tuple[str, str], float] = {}
     for row in rows:
         key = row["output"], row["position"]

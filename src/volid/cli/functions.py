@@ -41,11 +41,13 @@ def run(args: argparse.Namespace) -> int:
     check_output(args.output, args.force, [args.solution])
     from volid.io.solution_hdf5 import read_solution
     from volid.io.tables_csv import functions_sheet
-    from volid.uncertainty.intervals import function_intervals
 
     solution = read_solution(args.solution)
-    rows = solution.functions(step=args.step)
-    intervals = function_intervals(solution, rows) if solution.samples else None
+    rows, intervals = solution.functions(step=args.step), None
+    if solution.samples:
+        from volid.uncertainty.intervals import function_intervals
+
+        intervals = function_intervals(solution, rows)
     write_sheet(functions_sheet(rows, solution, args.solution, intervals), args)
     messages = [m for m in attention(solution) if "do not determine" not in m]
     names = list(dict.fromkeys(row.name for row in rows))

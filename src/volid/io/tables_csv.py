@@ -15,7 +15,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, NamedTuple, TextIO
+from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
 
 import numpy as np
 
@@ -29,16 +29,21 @@ from volid.io.provenance import sha256
 from volid.io.set_text import TOOL_COLUMNS, read_directions
 from volid.iso230 import parse
 from volid.machine import Machine
-from volid.uncertainty.budget import Line
-from volid.uncertainty.coverage import Intervals
-from volid.uncertainty.intervals import Bands
 from volid.uncertainty.lack_of_fit import lack_of_fit
+
+if TYPE_CHECKING:  # what these stand on takes long to import
+    from volid.uncertainty.budget import Line
+    from volid.uncertainty.coverage import Intervals
+    from volid.uncertainty.intervals import Bands
 
 DEVIATIONS = ("ex", "ey", "ez", "ea", "eb", "ec")
 UNCERTAINTIES = tuple(f"u_{name}" for name in DEVIATIONS)
 OUTSIDE = "outside"
 REJECTED = "MODEL REJECTED"
 FUNCTION_COLUMNS = ("function", "axis", "position", "direction", "value", "u")
+BUDGET_COLUMNS = (
+    "output", "position", "unit", "u", "source", "u_source", "u_source_unit", "sensitivity", "contribution", "share",
+)  # fmt: skip
 INTERVAL = ("U", "low", "high", "shortest_low", "shortest_high")
 DEVIATION_INTERVALS = tuple(f"{end}_{name}" for end in INTERVAL for name in DEVIATIONS)
 INTERVAL_MEANING = "95 % coverage intervals by Monte Carlo: low … high symmetric in probability, and shortest; U = 2 u"
@@ -228,7 +233,7 @@ def budget_sheet(lines: Sequence[Line], solution: Solution, source: str | Path |
         "values": "contributions to the standard uncertainty u (k = 1), in the unit of the output; their squares add up to u²",
         "sensitivity": "contribution / u_source; an empty cell: the source has members of several u",
     }
-    return Sheet(meaning | source_lines(solution, source), Line._fields, [tuple(line) for line in lines])
+    return Sheet(meaning | source_lines(solution, source), BUDGET_COLUMNS, [tuple(line) for line in lines])
 
 
 def read_functions(path: str | Path) -> list[FunctionValue]:
