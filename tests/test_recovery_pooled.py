@@ -67,6 +67,7 @@ def pool(machine, every: bool = True) -> Pool:
     places = [next(f.parameters.start for f in solution.model.functions if f.name == n) for n in TOOL_ROTATION]
     true = np.array([[t.constants[n] for n in TOOL_ROTATION] for t in truths])
     u = np.sqrt(np.diagonal(np.asarray(solution.covariance))[places])
+    u = np.where(u > 0.0, u, np.nan)  # held at 0: nothing is stated
     return Pool(solution, refits, normalised, rms, (refits.x[:, places] - true) / u)
 
 
