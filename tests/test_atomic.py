@@ -1,6 +1,8 @@
 """Outputs appear whole or not at all, and say where they come from."""
 
 import hashlib
+import subprocess
+import sys
 
 import pytest
 
@@ -27,6 +29,23 @@ def test_nothing_is_left_after_a_failure(tmp_path):
         temporary.write_text("half")
         raise ZeroDivisionError
     assert names(tmp_path) == []
+
+
+def test_what_a_killed_process_left_is_removed_at_the_next_writing(tmp_path):
+    script = (
+        "import os, sys; from volid.io.atomic import atomic_output, atomic_folder\n"
+        "with atomic_output(sys.argv[1]) as one, atomic_folder(sys.argv[2]) as two:\n"
+        "    one.write_text('half'); (two / 'x').write_text('half'); os.kill(os.getpid(), 9)\n"
+    )
+    subprocess.run([sys.executable, "-c", script, tmp_path / "out.csv", tmp_path / "folder"], check=False)
+    assert len(names(tmp_path)) == 2, "the killed process left nothing to be removed"
+    with atomic_output(tmp_path / "out.csv") as first, atomic_folder(tmp_path / "folder") as second:
+        first.write_text("whole")
+        with pytest.raises(ZeroDivisionError), atomic_output(tmp_path / "out.csv"):
+            assert first.exists(), "the file of a living writer is left alone"
+            raise ZeroDivisionError
+        (second / "x").write_text("whole")
+    assert names(tmp_path) == ["folder", "out.csv"]
 
 
 def test_existing_output_is_refused_and_left_alone(tmp_path):

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import glob
 import os
+import platform
 import shutil
 import uuid
 from collections.abc import Iterator, Sequence
@@ -10,6 +12,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from volid.exceptions import OutputError
+
+HOST = platform.node()[:40] or "machine"
 
 
 @contextmanager
@@ -90,7 +94,27 @@ def _move(temporary: Path, path: Path) -> None:
 
 
 def _temporary(path: Path) -> Path:
-    return path.absolute().with_name(f".{path.name}.{uuid.uuid4().hex[:8]}.part")
+    """A name of this process beside `path`; what killed processes of this machine left there is removed."""
+    path = path.absolute()
+    for left in path.parent.glob(f".{glob.escape(path.name)}.*.part"):
+        host, _, process = left.name[len(path.name) + 2 : -len(".part")].rpartition(".")[0].rpartition(".")
+        if host == HOST and process.isdigit() and not _runs(int(process)):
+            if left.is_dir():
+                shutil.rmtree(left, ignore_errors=True)
+            else:
+                with suppress(OSError):
+                    left.unlink()
+    return path.with_name(f".{path.name}.{HOST}.{os.getpid()}.{uuid.uuid4().hex[:8]}.part")
+
+
+def _runs(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        return True
+    return True
 
 
 def _refuse_existing(path: Path, overwrite: bool, folder: bool = False) -> None:
