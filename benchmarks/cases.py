@@ -18,8 +18,9 @@ from volid.campaign import Campaign, ObservationSet, Station
 from volid.error_functions import motion_names
 from volid.error_model import build_model
 from volid.fitting import resolution
+from volid.fitting.equations import predict_all
 from volid.fitting.identifiability import parameter_units
-from volid.fitting.problem import Problem, build_problem, predict_all, scatter
+from volid.fitting.problem import Problem, build_problem, scatter
 from volid.io.machine_toml import parse_machine
 from volid.machine import Machine
 

@@ -14,8 +14,9 @@ from scipy.optimize import least_squares
 
 from benchmarks.cases import Case
 from volid.error_model import error_values, evaluate_bases
+from volid.fitting.equations import jacobian, normal_equations, predict_all
 from volid.fitting.interpreted import interpreted
-from volid.fitting.problem import System, jacobian, normal_equations, predict_all
+from volid.fitting.system import System
 from volid.observations.effects import predict_readings
 
 TOLERANCE = 1e-10  # relative, of scipy and optimistix: with it they end as near to the minimum as volid does

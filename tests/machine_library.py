@@ -14,9 +14,10 @@ from volid.campaign import Campaign
 from volid.error_functions import motion_names, settings_for
 from volid.error_model import build_model
 from volid.fitting.adequacy import Adequacy
+from volid.fitting.equations import normal_equations
 from volid.fitting.identifiability import analyse
 from volid.fitting.prior import prior_of
-from volid.fitting.problem import build_problem, normal_equations
+from volid.fitting.problem import build_problem
 from volid.fitting.solution import Residuals, Solution, Statistics
 from volid.fitting.starts import find_starts
 from volid.io.machine_toml import parse_machine

@@ -9,8 +9,9 @@ from virtual_campaigns import VERTICAL, fixed, judge, simulated
 
 from volid.campaign import Campaign, Effect, ObservationSet, Station
 from volid.exceptions import InputError
+from volid.fitting.equations import normal_equations, predict_all
 from volid.fitting.fit import fit
-from volid.fitting.problem import build_problem, normal_equations, predict_all, scatter, with_random_effects
+from volid.fitting.problem import build_problem, scatter, with_random_effects
 from volid.io.campaign_text import read_manifest
 from volid.io.machine_toml import parse_machine
 from volid.observations.effects import NODES

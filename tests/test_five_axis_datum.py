@@ -20,9 +20,10 @@ from five_axis import (
 from scipy.spatial.transform import Rotation
 
 from volid.exceptions import InputError
+from volid.fitting.equations import predict_all
 from volid.fitting.location_errors import location_errors, motions_with_mean, split_mean
 from volid.fitting.prediction import gradient_rows
-from volid.fitting.problem import build_problem, predict_all
+from volid.fitting.problem import build_problem
 from volid.machine import Datum
 
 ALL = {**STRUCTURES, "four axes": ROTARY_TABLE}

@@ -10,10 +10,11 @@ from virtual_campaigns import VERTICAL, fixed, simulated
 from volid.error_model import coefficient_rows
 from volid.fitting import interpreted as interpreted_module
 from volid.fitting import prediction
+from volid.fitting.equations import jacobian, normal_equations, predict_all, quadratic_forms, slope
 from volid.fitting.fit import fit
 from volid.fitting.holdout import _projected
 from volid.fitting.interpreted import interpreted
-from volid.fitting.problem import build_problem, jacobian, normal_equations, predict_all, quadratic_forms, slope
+from volid.fitting.problem import build_problem
 from volid.reverse import Recorded, gradients
 
 

@@ -13,7 +13,8 @@ from volid.campaign import Campaign, ObservationSet, Station
 from volid.error_functions import motion_names, spline_axes
 from volid.error_model import LOCATION, build_model
 from volid.fitting import problem as problems
-from volid.fitting.problem import build_problem, jacobian, normal_equations, predict_all, reweight, scatter
+from volid.fitting.equations import jacobian, normal_equations, predict_all
+from volid.fitting.problem import build_problem, reweight, scatter
 
 EXACT = ExactMachine("w Y' b X Z (C) t", {"X": (0, 1000), "Y": (0, 600), "Z": (-500, 0)})
 EXTRA = """[model.functions]

@@ -15,9 +15,10 @@ from volid.error_functions import motion_names
 from volid.error_model import build_model
 from volid.exceptions import InputError
 from volid.fitting import resolution
+from volid.fitting.equations import jacobian, predict_all
 from volid.fitting.fit import fit
 from volid.fitting.identifiability import WEAKEST
-from volid.fitting.problem import build_problem, jacobian, predict_all, scatter
+from volid.fitting.problem import build_problem, scatter
 from volid.fitting.starts import find_starts
 
 AXES = VERTICAL.axes

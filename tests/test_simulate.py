@@ -16,8 +16,9 @@ from scipy.stats import chi2
 from volid.campaign import Campaign, ObservationSet, Station
 from volid.cli import simulate as command
 from volid.exceptions import InputError, OutputError
+from volid.fitting.equations import predict_all
 from volid.fitting.fit import fit
-from volid.fitting.problem import build_problem, predict_all, scatter
+from volid.fitting.problem import build_problem, scatter
 from volid.io import load_campaign, parse_machine, read_machine
 from volid.io.solution_hdf5 import write_solution
 from volid.io.truth_hdf5 import load_truth, read_truth, write_truth

@@ -13,9 +13,10 @@ from volid.campaign import Campaign
 from volid.error_functions import motion_names
 from volid.error_model import build_model
 from volid.exceptions import InputError
+from volid.fitting.equations import jacobian, normal_equations, predict_all
 from volid.fitting.fit import fit
 from volid.fitting.optimistix_solver import solve_by_optimistix
-from volid.fitting.problem import build_problem, jacobian, normal_equations, predict_all, scatter
+from volid.fitting.problem import build_problem, scatter
 from volid.fitting.solver import solve
 from volid.fitting.starts import find_starts
 

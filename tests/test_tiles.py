@@ -8,8 +8,9 @@ from virtual_campaigns import VERTICAL, fixed, simulated
 from volid.error_functions import motion_names, spline_axes
 from volid.error_model import build_model
 from volid.fitting import tiles as tiles_module
+from volid.fitting.equations import normal_equations
 from volid.fitting.interpreted import interpreted
-from volid.fitting.problem import build_problem, normal_equations, reweight
+from volid.fitting.problem import build_problem, reweight
 from volid.fitting.solver import solve
 
 ROWS = 500  # readings per station

@@ -153,6 +153,28 @@ def error_values(layout: Layout, coefficients: Any, bases: Any) -> Any:
     return place_matrix(layout, layout.terms) @ space(blocks[0]).concatenate(blocks)
 
 
+def error_rows(layout: Layout, coefficients: Any, bases: Any, m: int) -> list[Any]:
+    """`error_values` as a list of JAX rows (m,).
+
+    Not one array: XLA would split the product that puts curves into rows, and add the parts up anew at every use of every row.
+    """
+    values = dict(zip(layout.bases, bases, strict=True))
+    rows: list[Any] = [None] * (ROWS * (layout.n_axes + 1))
+    for run in layout.runs:
+        last = run[-1].start + run[-1].basis.size
+        curves = coefficients[run[0].start : last].reshape(len(run), -1) @ values[run[0].basis]
+        add_curves(rows, run, curves)
+    zero = space(coefficients).zeros(m)
+    return [zero if row is None else row for row in rows]
+
+
+def add_curves(rows: list[Any], run: Sequence[Term], curves: Any) -> None:
+    """Add the curves of a run's terms, (terms, m), to the rows of error values they belong to; None stands for 0."""
+    for term, curve in zip(run, curves, strict=True):
+        signed = curve if term.sign == 1.0 else term.sign * curve
+        rows[term.row] = signed if rows[term.row] is None else rows[term.row] + signed
+
+
 def place_matrix(layout: Layout, terms: Sequence[Term]) -> np.ndarray:
     """Matrix (error values, terms) that adds the curves of `terms` to the rows they belong to."""
     place = np.zeros((ROWS * (layout.n_axes + 1), len(terms)))
@@ -173,9 +195,14 @@ def coefficient_rows(layout: Layout, partials: Any, bases: Any) -> Any:
     values = dict(zip(layout.bases, bases, strict=True))
     blocks = []
     for run in layout.runs:
-        signed = partials[np.array([t.row for t in run])] * np.array([[t.sign] for t in run])
+        signed = signed_rows(run, partials)
         blocks.append((signed[:, None, :] * values[run[0].basis][None, :, :]).reshape(-1, partials.shape[1]))
     return space(blocks[0]).concatenate(blocks)
+
+
+def signed_rows(run: Sequence[Term], partials: Any) -> Any:
+    """Partial derivatives with respect to the curves of a run's terms, (terms, m), from those to error values."""
+    return partials[np.array([t.row for t in run])] * np.array([[t.sign] for t in run], dtype=partials.dtype)
 
 
 def summed_rows(layout: Layout, partials: Any, bases: Any) -> Any:
@@ -185,7 +212,7 @@ def summed_rows(layout: Layout, partials: Any, bases: Any) -> Any:
     values = dict(zip(layout.bases, bases, strict=True))
     blocks = []
     for run in layout.runs:
-        signed = partials[np.array([t.row for t in run])] * np.array([[t.sign] for t in run])
+        signed = signed_rows(run, partials)
         blocks.append((signed @ values[run[0].basis].T).reshape(-1))
     return space(blocks[0]).concatenate(blocks)
 

@@ -18,20 +18,12 @@ from volid.error_model import build_model
 from volid.exceptions import InputError, VolidError
 from volid.fitting import resolution
 from volid.fitting.adequacy import SuspectReading, assess, reading_label
+from volid.fitting.equations import predict_all, quadratic_forms
 from volid.fitting.holdout import held_out_residuals
 from volid.fitting.identifiability import NAMED, Identifiability, analyse
 from volid.fitting.interpreted import interpreted, is_small
 from volid.fitting.prior import check_prior, prior_notes, prior_of, shared_names
-from volid.fitting.problem import (
-    Problem,
-    build_problem,
-    pad_rows,
-    predict_all,
-    quadratic_forms,
-    reweight,
-    scatter,
-    with_random_effects,
-)
+from volid.fitting.problem import Problem, build_problem, pad_rows, reweight, scatter, with_random_effects
 from volid.fitting.robust import Weighted, down_weight, name_outliers, set_aside
 from volid.fitting.solution import Residuals, Solution, Statistics
 from volid.fitting.solver import Optimum, solve

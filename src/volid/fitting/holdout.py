@@ -18,8 +18,10 @@ import jax
 import numpy as np
 
 from volid.campaign import Campaign, ObservationSet
+from volid.fitting.equations import residual_rows
 from volid.fitting.interpreted import interpreting, over_rows
-from volid.fitting.problem import Block, Problem, System, pad_rows, residual_rows
+from volid.fitting.problem import Problem, pad_rows
+from volid.fitting.system import Block, System
 from volid.machine import Machine
 
 SAME_ANGLE = 1e-3  # degrees: rotary positions nearer than this are one

@@ -16,7 +16,8 @@ from scipy.linalg import cho_factor, cho_solve
 from volid.campaign import Campaign
 from volid.error_functions import motion_names, settings_for
 from volid.error_model import LOCATION, ErrorModel
-from volid.fitting.problem import Problem, jacobian, normal_equations
+from volid.fitting.equations import jacobian, normal_equations
+from volid.fitting.problem import Problem
 from volid.iso230 import parse
 from volid.kinematics import nominal_point
 from volid.machine import Machine

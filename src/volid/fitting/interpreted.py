@@ -93,8 +93,7 @@ def _partials(system: Any, form: Form, chunk: _Chunk, z: np.ndarray) -> tuple[np
     """Predictions (k, m), partial derivatives (k, errors + slots, m), and the bases."""
     n, bases = system.layout.n_coefficients, chunk.bases(system.layout)
     notes: list[Recorded] = []
-    rows = np.concatenate([error_values(system.layout, z[:n], bases), z[n + chunk.slots]])
-    rows = rows if rows.shape[1] else np.zeros((len(rows), chunk.m))
+    rows = np.concatenate([_error_values(system.layout, chunk, z), z[n + chunk.slots]])
     leaves = [Recorded(row, notes) for row in rows]
     split = len(leaves) - len(chunk.slots)
     found = _predict(system, form, chunk, leaves[:split], leaves[split:])
@@ -103,19 +102,26 @@ def _partials(system: Any, form: Form, chunk: _Chunk, z: np.ndarray) -> tuple[np
 
 
 def residual_rows(system: Any, form: Form, chunk: _Chunk, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Whitened residuals of one chunk, (k·m,), and their Jacobian, (size, k·m); as `problem.residual_rows`."""
+    """Whitened residuals of one chunk, (k·m,), and their Jacobian, (size, k·m); as `equations.residual_rows`."""
     values, partials, bases = _partials(system, form, chunk, z)
+    return _residual(chunk, values).reshape(-1), _rows(system, chunk, partials, bases, np.float64)
+
+
+def _residual(chunk: _Chunk, values: np.ndarray) -> np.ndarray:
+    return np.where(chunk.weight > 0.0, (values - chunk.reading) * chunk.weight, 0.0)
+
+
+def _rows(system: Any, chunk: _Chunk, partials: np.ndarray, bases: list[np.ndarray], kind: Any) -> np.ndarray:
     k, width, m = partials.shape
     split, n = width - len(chunk.slots), system.layout.n_coefficients
-    rows = np.zeros((system.size, k, m))
-    columns = np.arange(m)
+    rows = np.zeros((system.size, k, m), dtype=kind)
+    columns, bases = np.arange(m), [b.astype(kind, copy=False) for b in bases]
     for c in range(k):
-        weighted = partials[c] * chunk.weight[c]
+        weighted = (partials[c] * chunk.weight[c]).astype(kind, copy=False)
         rows[:n, c] = coefficient_rows(system.layout, weighted[:split], bases)
         for slot, extra in zip(chunk.slots, weighted[split:], strict=True):
             rows[n + slot, c, columns] += extra
-    residual = np.where(chunk.weight > 0.0, (values - chunk.reading) * chunk.weight, 0.0)
-    return residual.reshape(-1), rows.reshape(system.size, -1)
+    return rows.reshape(system.size, -1)
 
 
 def _prior(system: Any, z: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
@@ -124,32 +130,76 @@ def _prior(system: Any, z: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
     return 0.5 * float(offset @ offset), root.T @ offset, root.T @ root
 
 
-def assemble(system: Any, z: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-    """Cost, gradient and Gauss-Newton matrix in z; as `problem.assemble`."""
+def assemble(system: Any, z: np.ndarray, rough: bool = False) -> tuple[float, np.ndarray, np.ndarray]:
+    """Cost, gradient and Gauss-Newton matrix in z; as `equations.assemble`."""
     cost, gradient, matrix = _prior(system, z)
     for block in system.blocks:
         for chunk in chunks_of(block, used_only=True):
-            residual, rows = residual_rows(system, block.form, chunk, z)
-            cost += 0.5 * float(residual @ residual)
-            gradient += rows @ residual
+            values, partials, bases = _partials(system, block.form, chunk, z)
+            residual = _residual(chunk, values)
+            cost += 0.5 * float(np.sum(residual**2))
+            rows = _rows(system, chunk, partials, bases, np.float32 if rough else np.float64)
             matrix += rows @ rows.T
+            if rough:
+                _add_gradient(system, chunk, partials, bases, residual, gradient)
+            else:
+                gradient += rows @ residual.reshape(-1)
     return cost, gradient, matrix
 
 
+def _add_gradient(
+    system: Any,
+    chunk: _Chunk,
+    partials: np.ndarray,
+    bases: list[np.ndarray],
+    residual: np.ndarray,
+    gradient: np.ndarray,
+) -> None:
+    n, split = system.layout.n_coefficients, partials.shape[1] - len(chunk.slots)
+    pulled = np.einsum("kwm,km->wm", partials, residual * chunk.weight)
+    gradient[:n] += summed_rows(system.layout, pulled[:split], bases)
+    for slot, extra in zip(chunk.slots, pulled[split:], strict=True):
+        gradient[n:] += np.bincount(slot, extra, minlength=system.n_nuisance)
+
+
 def slope(system: Any, z: np.ndarray) -> tuple[float, np.ndarray]:
-    """Cost and gradient alone; as `problem.slope`."""
+    """Cost and gradient alone; as `equations.slope`."""
     cost, gradient, _ = _prior(system, z)
     for block in system.blocks:
         for chunk in chunks_of(block, used_only=True):
             values, partials, bases = _partials(system, block.form, chunk, z)
-            residual = np.where(chunk.weight > 0.0, (values - chunk.reading) * chunk.weight, 0.0)
+            residual = _residual(chunk, values)
             cost += 0.5 * float(np.sum(residual**2))
-            pulled = np.einsum("kwm,km->wm", partials, residual * chunk.weight)
-            split = pulled.shape[0] - len(chunk.slots)
-            gradient[: system.layout.n_coefficients] += summed_rows(system.layout, pulled[:split], bases)
-            for slot, extra in zip(chunk.slots, pulled[split:], strict=True):
-                np.add.at(gradient, system.layout.n_coefficients + slot, extra)
+            _add_gradient(system, chunk, partials, bases, residual, gradient)
     return cost, gradient
+
+
+def nuisance_equations(system: Any, z: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+    """Cost, gradient and Gauss-Newton matrix in the nuisance parameters alone; as `equations.nuisance_equations`."""
+    n = system.layout.n_coefficients
+    cost, gradient, matrix = _prior(system, z)
+    gradient, matrix = gradient[n:].copy(), matrix[n:, n:].copy()
+    for block in system.blocks:
+        for chunk in chunks_of(block, used_only=True):
+            notes: list[Recorded] = []
+            leaves = [Recorded(row, notes) for row in z[n + chunk.slots]]
+            found = _predict(system, block.form, chunk, _error_values(system.layout, chunk, z), leaves)
+            values = np.stack([np.broadcast_to(getattr(f, "value", f), chunk.m) for f in found])
+            residual = _residual(chunk, values)
+            rows, columns = np.zeros((system.n_nuisance, *values.shape)), np.arange(chunk.m)
+            for c, f in enumerate(found):
+                partials = gradients(f, leaves, chunk.m)
+                for slot, extra in zip(chunk.slots, partials * chunk.weight[c], strict=True):
+                    rows[slot, c, columns] += extra
+            whole = rows.reshape(system.n_nuisance, -1)
+            cost += 0.5 * float(np.sum(residual**2))
+            gradient, matrix = gradient + whole @ residual.reshape(-1), matrix + whole @ whole.T
+    return cost, gradient, matrix
+
+
+def _error_values(layout: Layout, chunk: _Chunk, z: np.ndarray) -> np.ndarray:
+    errors = error_values(layout, z[: layout.n_coefficients], chunk.bases(layout))
+    return errors if errors.shape[1] else np.zeros((len(errors), chunk.m))
 
 
 def _by_chunks(block: Any, function: Any) -> np.ndarray:
@@ -161,8 +211,7 @@ def predict_all(system: Any, z: np.ndarray) -> list[np.ndarray]:
     n = system.layout.n_coefficients
 
     def of_chunk(form: Form, chunk: _Chunk) -> np.ndarray:
-        errors = error_values(system.layout, z[:n], chunk.bases(system.layout))
-        errors = errors if errors.shape[1] else np.zeros((len(errors), chunk.m))
+        errors = _error_values(system.layout, chunk, z)
         return np.asarray(_predict(system, form, chunk, errors, z[n + chunk.slots]))
 
     return [_by_chunks(b, lambda chunk, form=b.form: of_chunk(form, chunk)) for b in system.blocks]

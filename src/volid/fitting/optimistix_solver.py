@@ -17,8 +17,12 @@ import lineax as lx
 import numpy as np
 import optimistix as optx
 
-from volid.fitting.problem import Normal, Problem, System, assemble
-from volid.fitting.solver import BUCKET, Optimum, optimum_at
+from volid.fitting.equations import assemble
+from volid.fitting.problem import Problem
+from volid.fitting.solver import Optimum, optimum_at
+from volid.fitting.system import Normal, System
+
+BUCKET = 32
 
 
 class _Arguments(eqx.Module):

@@ -19,8 +19,9 @@ from volid.campaign import Campaign
 from volid.error_functions import motion_groups, motion_names, settings_for, spline_axes
 from volid.error_model import LOCATION, motion_blocks
 from volid.exceptions import InputError
+from volid.fitting.equations import normal_equations
 from volid.fitting.identifiability import ROTATION_UNIT, UNIT, WEAKEST, parameter_units
-from volid.fitting.problem import Problem, normal_equations, reweight
+from volid.fitting.problem import Problem, reweight
 from volid.iso230 import parse
 from volid.machine import Machine
 

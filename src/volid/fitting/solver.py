@@ -16,15 +16,19 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
+from volid.fitting.equations import normal_equations, nuisance_equations, slope
 from volid.fitting.interpreted import interpreting
-from volid.fitting.problem import Normal, Problem, System, reduced_equations, slope
+from volid.fitting.problem import Problem
+from volid.fitting.projection import FreeDirections
+from volid.fitting.system import Normal, System, thinned
 
-BUCKET = 32
 TOLERANCE = 1e-7  # estimated distance to the minimum, in units of each parameter's conditional standard uncertainty
 SHRINK = (
     0.03  # a chord step is taken when it is at most this share of the step before; slower ones cost more than they save
 )
 LARGEST_STEPS = 60
+PLACING = 2048  # readings of a block that place the nuisance parameters before all others move
+PLACING_STEPS = 6
 LIGHT, HEAVY = 1e-6, 1e9  # damping that counts as none; damping at which nothing helps
 SLACK = 1e-10  # relative and absolute rise of the cost that is rounding
 
@@ -49,24 +53,43 @@ class _Objective:
     """Cost, gradient and JᵀJ in the free directions of a problem; large arrays are put where JAX computes, once."""
 
     def __init__(self, system: System, free: np.ndarray) -> None:
-        self.interpreted = interpreting()
-        self.system = system if self.interpreted else jax.tree.map(jnp.asarray, system)
-        self.free = free
-        width = -(-free.shape[1] // BUCKET) * BUCKET  # models of similar size share one program
-        padded = np.pad(free, ((0, 0), (0, width - free.shape[1])))
-        self.padded = free if self.interpreted else jnp.asarray(padded)
+        self.system = system if interpreting() else jax.tree.map(jnp.asarray, system)
+        self.free = FreeDirections(free)
 
-    def normal(self, z: np.ndarray) -> Normal:
-        cost, gradient, matrix = (np.array(part) for part in reduced_equations(self.system, z, self.padded))
-        n = self.free.shape[1]
-        gradient, matrix = gradient[:n], matrix[:n, :n]
+    def normal(self, z: np.ndarray, rough: bool = False) -> Normal:
+        cost, gradient, matrix = normal_equations(self.system, z, rough)
+        gradient, matrix = self.free.pull(np.asarray(gradient)), self.free.project(np.asarray(matrix))
         unused = np.flatnonzero(np.diagonal(matrix) == 0.0)
         matrix[unused, unused] = 1.0
-        return Normal(cost, gradient, matrix)
+        return Normal(float(cost), gradient, matrix)
 
     def slope(self, z: np.ndarray) -> tuple[float, np.ndarray]:
         cost, gradient = slope(self.system, z)
-        return float(cost), self.free.T @ np.asarray(gradient)
+        return float(cost), self.free.pull(np.asarray(gradient))
+
+
+def _placed(system: System, z: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """`z` with the nuisance parameters at their own minimum, or nearly: stations millimetres off make the first JᵀJ a poor one.
+
+    Only those that `free` moves one by one, and by some of the readings. Where a step fails, `z` as it was before.
+    """
+    n = system.layout.n_coefficients
+    columns = free[:, ~free[:n].any(axis=0)][n:]
+    if not columns.shape[1]:
+        return z
+    best, least, system = z, np.inf, thinned(system, PLACING)
+    for _ in range(PLACING_STEPS):
+        normal = nuisance_equations(system, z)
+        matrix = columns.T @ np.asarray(normal.matrix) @ columns
+        step, size = _factorise(matrix, 0.0).propose(columns.T @ np.asarray(normal.gradient))
+        if not float(normal.cost) <= least or not np.isfinite(size):
+            break
+        best, least = z, float(normal.cost)
+        z = z.copy()
+        z[n:] -= columns @ step
+        if size <= 1.0:
+            return z
+    return best
 
 
 class _Steps(NamedTuple):
@@ -106,37 +129,48 @@ def optimum_at(
 def solve(problem: Problem, start: np.ndarray | None = None, free: np.ndarray | None = None) -> Optimum:
     """Minimise over z = start + free · y from y = 0; `free` (size, n) defaults to all free directions of the problem.
 
-    `converged` is claimed when the estimated distance to the minimum is below `TOLERANCE` without damping: the last step
-    times the share by which it shrank.
+    Without a `start`, nuisance parameters (stations, dead paths) first go to their own minimum. The first JᵀJ is formed in single
+    precision; where its steps do not shrink fast, the next ones in double. `converged` is claimed when the estimated distance
+    to the minimum is below `TOLERANCE` without damping: the last step times the share by which it shrank. Then the last step is
+    taken without a look at where it ends; the cost there follows from the quadratic model.
     """
     z = np.array(problem.start if start is None else start, dtype=float)
     objective = _Objective(problem.system, problem.free if free is None else free)
-    normal, age, damping, last = objective.normal(z), 0, 0.0, np.inf
+    if start is None:
+        z = _placed(objective.system, z, objective.free.whole)
+    rough = True
+    normal, age, damping, last = objective.normal(z, rough), 0, 0.0, np.inf
     cost, gradient = float(normal.cost), normal.gradient
     steps = _factorise(normal.matrix, damping)
     for count in range(1, LARGEST_STEPS + 1):
         step, size = steps.propose(gradient)
-        if age and size > SHRINK * last and size > TOLERANCE:
-            normal, age = objective.normal(z), 0
+        if (age and size > SHRINK * last and size > TOLERANCE) or (rough and not np.isfinite(size)):
+            rough = rough and not age
+            normal, age = objective.normal(z, rough), 0
             steps = _factorise(normal.matrix, damping)
             step, size = steps.propose(gradient)
-        trial = z - objective.free @ step
+        shrunk = min(1.0, size / last) if 0.0 < last < np.inf else 1.0
+        light = damping <= LIGHT
+        if light and age and size * shrunk <= TOLERANCE:
+            cost = max(0.0, cost - 0.5 * float(gradient @ step))
+            return Optimum(objective, objective.free.move(z, step), cost, count, True)
+        trial = objective.free.move(z, step)
         new_cost, new_gradient = objective.slope(trial) if np.isfinite(size) else (np.inf, gradient)
         if not new_cost <= cost * (1.0 + SLACK) + SLACK:
             damping = max(10.0 * damping, LIGHT)
             if damping > HEAVY or not np.isfinite(cost):
                 return Optimum(objective, z, cost, count, False)
-            normal, age = (objective.normal(z), 0) if age else (normal, 0)
+            if age or rough:
+                rough = False
+                normal, age = objective.normal(z), 0
             steps = _factorise(normal.matrix, damping)
             continue
-        shrunk = min(1.0, size / last) if 0.0 < last < np.inf else 1.0
-        light = damping <= LIGHT
         z, cost, gradient, last, age = trial, new_cost, new_gradient, size, age + 1
         if light and size * shrunk <= TOLERANCE:
             return Optimum(objective, z, cost, count, True)
         if not light:
             damping, last = 0.1 * damping, np.inf
-            normal, age = objective.normal(z), 0
+            normal, age = objective.normal(z, rough), 0
             steps = _factorise(normal.matrix, damping)
         damping = 0.0 if damping < LIGHT else damping
     return Optimum(objective, z, cost, LARGEST_STEPS, False)

@@ -18,7 +18,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from volid.error_model import Layout, Term, place_matrix
+from volid.elementary import in_rows
+from volid.error_model import ROWS, Layout, Term, add_curves, signed_rows
 from volid.splines import Spline, evaluate, spline_interval, spline_values
 
 LEAST = 8192  # rows of a block from which tiles pay
@@ -181,49 +182,56 @@ def _bases(split: _Split, chunk: Any, starts: Any, widths: tuple[int, ...]) -> _
     )
 
 
-def _ordered(split: _Split) -> list[Term]:
-    return [term for run in (*split.windows, *split.whole) for term in run]
-
-
-def _errors(layout: Layout, split: _Split, local: _Local, z: Any, starts: Any) -> Any:
-    """Error values (rows, m) from the windows of the coefficients."""
-    blocks = []
+def _errors(layout: Layout, split: _Split, local: _Local, z: Any, starts: Any, m: int) -> list[Any]:
+    """Error values, one row (m,) each, from the windows of the coefficients."""
+    rows: list[Any] = [None] * (ROWS * (layout.n_axes + 1))
     for k, (run, values) in enumerate(zip(split.windows, local.windows, strict=True)):
         own = z[run[0].start : run[0].start + _size(run)].reshape(len(run), -1)
-        blocks.append(jax.lax.dynamic_slice_in_dim(own, starts[k], values.shape[0], axis=1) @ values)
+        add_curves(rows, run, jax.lax.dynamic_slice_in_dim(own, starts[k], values.shape[0], axis=1) @ values)
     for run, values in zip(split.whole, local.whole, strict=True):
-        blocks.append(z[run[0].start : run[0].start + _size(run)].reshape(len(run), -1) @ values)
-    return place_matrix(layout, _ordered(split)) @ jnp.concatenate(blocks)
+        add_curves(rows, run, z[run[0].start : run[0].start + _size(run)].reshape(len(run), -1) @ values)
+    return [jnp.zeros(m) if row is None else row for row in rows]
 
 
-def _signed(run: list[Term], partials: Any) -> Any:
-    return partials[np.array([t.row for t in run])] * np.array([[t.sign] for t in run])
+class _TileLinear(NamedTuple):
+    """Cost, gradient (columns,) and Jacobian (columns, k·rows) of one tile, in windows, whole columns and nuisance."""
+
+    cost: Any
+    gradient: Any
+    rows: Any
 
 
-def tile_rows(system: Any, tiles: Tiles, chunk: Any, starts: Any, z: Any, predict: Any) -> tuple[Any, Any]:
-    """Whitened residuals (k·rows,) of one tile and their Jacobian in windows, whole columns and nuisance, (columns, k·rows)."""
-    split, n = _split(system.layout), system.layout.n_coefficients
+def _linearised(
+    system: Any, tiles: Tiles, split: _Split, chunk: Any, starts: Any, z: Any, predict: Any, kind: Any
+) -> _TileLinear:
+    n, m = system.layout.n_coefficients, chunk.q.shape[1]
     local = _bases(split, chunk, starts, tiles.widths)
-    errors = jax.lax.optimization_barrier(_errors(system.layout, split, local, z, starts))
-    values, pull_back = jax.vjp(lambda e, s: predict(chunk, e, s), errors, z[n + chunk.slots])
+    errors = _errors(system.layout, split, local, z, starts, m)
+    values, pull_back = jax.vjp(lambda e, s: predict(chunk, e, s), errors, list(z[n + chunk.slots]))
+    residual = (values - chunk.reading) * chunk.weight
     number = jnp.arange(system.n_nuisance, dtype=chunk.slots.dtype)[:, None]
-    parts = []
+    runs = list(zip((*split.windows, *split.whole), (*local.windows, *local.whole), strict=True))
+    parts, gradient = [], jnp.zeros(())
     for k in range(values.shape[0]):
-        one = jnp.ones_like(values) * (jnp.arange(values.shape[0]) == k)[:, None] * chunk.weight[k]
-        d_errors, d_slots = jax.lax.optimization_barrier(pull_back(one))
+        one = jnp.where((jnp.arange(values.shape[0]) == k)[:, None], chunk.weight, 0.0)
+        d_errors, d_slots = (in_rows(d, (m,)) for d in pull_back(one))
+        slopes = [(signed_rows(run, d_errors * residual[k]) @ basis.T).reshape(-1) for run, basis in runs]
+        sums = jnp.zeros(system.n_nuisance).at[chunk.slots.reshape(-1)].add((d_slots * residual[k]).reshape(-1))
+        gradient = gradient + jnp.concatenate([*slopes, sums])
+        d_errors, d_slots = d_errors.astype(kind), d_slots.astype(kind)
         rows = [
-            (_signed(run, d_errors)[:, None] * basis[None]).reshape(-1, basis.shape[1])
-            for run, basis in zip((*split.windows, *split.whole), (*local.windows, *local.whole), strict=True)
+            (signed_rows(run, d_errors)[:, None] * basis.astype(kind)[None]).reshape(-1, basis.shape[1])
+            for run, basis in runs
         ]
-        extra = sum(jnp.where(number == chunk.slots[r], d_slots[r], 0.0) for r in range(chunk.slots.shape[0]))
-        parts.append(jnp.concatenate([*rows, extra]) if chunk.slots.shape[0] else jnp.concatenate(rows))
-    residual = ((values - chunk.reading) * chunk.weight).reshape(-1)
-    return residual, jax.lax.optimization_barrier(jnp.concatenate(parts, axis=1))
+        extra = [jnp.where(number == slot, d, 0.0) for slot, d in zip(chunk.slots, d_slots, strict=True)]
+        parts.append(jnp.concatenate([*rows, sum(extra)] if extra else rows))
+    whole = jax.lax.optimization_barrier(jnp.concatenate(parts, axis=1))
+    return _TileLinear(0.5 * jnp.sum(residual**2), gradient, whole)
 
 
-def assemble_tiles(system: Any, tiles: Tiles, z: Any, predict: Any) -> tuple[Any, Any, Any]:
-    """Cost, gradient and JᵀJ in z of one block, summed tile by tile in windows."""
-    split = _split(system.layout)
+def assemble_tiles(system: Any, tiles: Tiles, z: Any, predict: Any, rough: bool = False) -> tuple[Any, Any, Any]:
+    """Cost, gradient and JᵀJ in z of one block, summed tile by tile in windows; JᵀJ of a tile in single precision if `rough`."""
+    split, kind = _split(system.layout), jnp.float32 if rough else jnp.float64
     spaces = [(len(run), run[0].basis.size) for run in split.windows]
     whole = sum(_size(run) for run in split.whole) + system.n_nuisance
     shapes = [(len(run), w) for run, w in zip(split.windows, tiles.widths, strict=True)]
@@ -234,8 +242,8 @@ def assemble_tiles(system: Any, tiles: Tiles, z: Any, predict: Any) -> tuple[Any
 
     def add(total: Any, tile: Any) -> tuple[Any, None]:
         chunk, starts = tile
-        residual, rows = tile_rows(system, tiles, chunk, starts, z, predict)
-        gradient, matrix = rows @ residual, rows @ rows.T
+        found = _linearised(system, tiles, split, chunk, starts, z, predict, kind)
+        gradient, matrix = found.gradient, (found.rows @ found.rows.T).astype(jnp.float64)
         ends = np.cumsum([0, *(t * w for t, w in shapes)])
         cost, slopes, rest, squares, crossed, corner = total
         own = [slice(a, b) for a, b in pairwise(ends)]
@@ -250,9 +258,9 @@ def assemble_tiles(system: Any, tiles: Tiles, z: Any, predict: Any) -> tuple[Any
             _add(s, matrix[own[p], own[q]].reshape(*shapes[p], *shapes[q]), (0, starts[p], 0, starts[q]))
             for s, (p, q) in zip(squares, pairs, strict=True)
         ]
-        cost = cost + 0.5 * jnp.sum(residual**2)
         last = ends[-1]
-        return (cost, slopes, rest + gradient[last:], squares, crossed, corner + matrix[last:, last:]), None
+        rest, corner = rest + gradient[last:], corner + matrix[last:, last:]
+        return (cost + found.cost, slopes, rest, squares, crossed, corner), None
 
     total, _ = jax.lax.scan(add, total, (tiles.chunk, tiles.starts))
     return _in_order(system, split, pairs, total)

@@ -18,8 +18,8 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from volid.fitting.equations import normal_equations
 from volid.fitting.prediction import gradient_matrix
-from volid.fitting.problem import normal_equations
 from volid.fitting.solution import Solution
 from volid.observations import KINDS
 from volid.uncertainty.outputs import Outputs

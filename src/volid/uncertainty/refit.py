@@ -24,22 +24,13 @@ import numpy as np
 from volid.campaign import Campaign
 from volid.error_model import ROWS as ROWS_PER_BODY
 from volid.error_model import Layout, evaluate_bases
-from volid.fitting.problem import (
-    Block,
-    Problem,
-    System,
-    build_problem,
-    pad_rows,
-    predict_all,
-    quadratic_forms,
-    residual_rows,
-    reweight,
-    with_random_effects,
-)
+from volid.fitting.equations import predict_all, quadratic_forms, residual_rows
+from volid.fitting.problem import Problem, build_problem, pad_rows, reweight, with_random_effects
 from volid.fitting.robust import Weighted, critical_value, down_weight, name_outliers, set_aside
 from volid.fitting.solution import Solution
 from volid.fitting.solver import solve
 from volid.fitting.starts import find_starts
+from volid.fitting.system import Block, System
 from volid.observations.effects import predict_readings
 
 TOLERANCE = 1e-6  # standard uncertainties

@@ -1,0 +1,49 @@
+"""Products with the matrix that spans the free directions, block by block: a datum ties only coefficients of few functions."""
+
+from __future__ import annotations
+
+import numpy as np
+
+SMALLEST = 32  # rows; smaller blocks are put together
+
+
+class FreeDirections:
+    """F (size, n) with z = … + F y, cut into blocks of consecutive rows that share no column.
+
+    A matrix without such a structure is one block. Results are those of the dense products but for rounding.
+    """
+
+    def __init__(self, free: np.ndarray) -> None:
+        self.whole = free
+        size, n = free.shape
+        seen = free != 0.0
+        first = np.where(seen.any(axis=0), seen.argmax(axis=0), 0)
+        last = np.where(seen.any(axis=0), size - 1 - seen[::-1].argmax(axis=0), 0)
+        order = np.argsort(first, kind="stable")
+        self._blocks: list[tuple[slice, np.ndarray, np.ndarray]] = []
+        begin = 0
+        for k in range(1, n + 1):
+            columns = order[begin:k]
+            low, high = int(first[columns].min()), int(last[columns].max()) + 1
+            if k == n or (first[order[k]] >= high and high - low >= SMALLEST):
+                self._blocks.append((slice(low, high), columns, np.ascontiguousarray(free[low:high, columns])))
+                begin = k
+
+    def pull(self, gradient: np.ndarray) -> np.ndarray:
+        """Fᵀ g, shape (n,)."""
+        return np.asarray(self.whole.T @ gradient)
+
+    def project(self, matrix: np.ndarray) -> np.ndarray:
+        """Fᵀ M F, shape (n, n), of a symmetric M (size, size)."""
+        n = self.whole.shape[1]
+        half = np.empty((n, len(matrix)))
+        for rows, columns, block in self._blocks:
+            half[columns] = block.T @ matrix[rows]
+        result = np.empty((n, n))
+        for rows, columns, block in self._blocks:
+            result[:, columns] = half[:, rows] @ block
+        return result
+
+    def move(self, z: np.ndarray, step: np.ndarray) -> np.ndarray:
+        """z - F · step."""
+        return np.asarray(z - self.whole @ step)

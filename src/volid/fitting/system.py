@@ -1,0 +1,75 @@
+"""The unknowns and readings of a least-squares problem, as arrays that programs work on.
+
+Unknowns z = [c, ν]: coefficients of the error functions, then nuisance parameters (stations, dead paths, offsets).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import numpy as np
+
+from volid.error_model import Layout
+from volid.fitting.tiles import Tiles
+from volid.machine import Machine
+from volid.observations.effects import Form
+
+
+class Block(eqx.Module):
+    """Readings of one form, padded with zero weight to whole chunks: every array is (n_chunks, width, chunk).
+
+    `weight`: 1/u, times the square root of a robust weight, 0 for padding.
+    """
+
+    form: Form = eqx.field(static=True)
+    q: Any
+    direction: Any
+    tool: Any
+    reading: Any
+    weight: Any
+    slots: Any
+    constants: Any
+
+
+class System(eqx.Module):
+    """Everything a residual needs: kinematic chain, coefficient layout, blocks, and prior knowledge of z.
+
+    `prior_root` W, shape (r, size), and `prior_mean`: pseudo-readings W (z - mean) with unit variance, from calibrated
+    artefacts and from an earlier solution. `tiles`: the readings of large blocks again, by cells of the working volume.
+    """
+
+    machine: Machine = eqx.field(static=True)
+    layout: Layout = eqx.field(static=True)
+    n_nuisance: int = eqx.field(static=True)
+    blocks: tuple[Block, ...]
+    tiles: tuple[Tiles | None, ...]
+    prior_mean: Any
+    prior_root: Any
+
+    @property
+    def size(self) -> int:
+        """Length of z."""
+        return self.layout.n_coefficients + self.n_nuisance
+
+
+def thinned(system: System, rows: int) -> System:
+    """The system with `rows` of the readings of every block that has more, spread evenly over it."""
+    blocks = []
+    for block in system.blocks:
+        seen = np.flatnonzero(np.asarray(block.weight).any(axis=1).ravel())
+        if len(seen) > rows:
+            chunk, place = np.divmod(seen[np.linspace(0, len(seen) - 1, rows).astype(int)], block.q.shape[2])
+            block = jax.tree.map(lambda a, c=chunk, p=place: np.asarray(a)[c, :, p].T[None], block)
+        blocks.append(block)
+    return replace(system, blocks=tuple(blocks), tiles=(None,) * len(blocks))
+
+
+class Normal(NamedTuple):
+    """cost = |r|²/2, gradient Jᵀr and Gauss-Newton matrix JᵀJ, in z."""
+
+    cost: Any
+    gradient: Any
+    matrix: Any
