@@ -81,3 +81,11 @@ def in_rows(parts: Sequence[Any], shape: tuple[int, ...]) -> Any:
     for i, part in enumerate(parts):
         rows = rows.at[i].set(part)
     return rows
+
+
+def settled(parts: Any) -> Any:
+    """The parts of a vector; JAX arrays as rows of one array, at which XLA stops computing them anew for every use."""
+    if any(is_plain(p) or isinstance(p, Recorded) for p in parts):
+        return parts
+    rows = in_rows(parts, parts[0].shape)
+    return tuple(rows[i] for i in range(len(parts)))

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.linalg import block_diag, null_space
 
 from volid.datum_constraints import linear_constraints, make_splines, refine_all, rotary_constraints
-from volid.elementary import space
+from volid.elementary import in_rows, space
 from volid.error_functions import (
     location_names,
     motion_groups,
@@ -142,21 +142,16 @@ class ErrorModel:
 
 def error_values(layout: Layout, coefficients: Any, bases: Any) -> Any:
     """Error values (6·(n_axes + 1), m) from coefficients and the evaluated `bases` (one (size, m) array each)."""
-    n_rows = ROWS * (layout.n_axes + 1)
     if not layout.terms:
-        return np.zeros((n_rows, 0))
-    values = dict(zip(layout.bases, bases, strict=True))
-    blocks = []
-    for run in layout.runs:
-        last = run[-1].start + run[-1].basis.size
-        blocks.append(coefficients[run[0].start : last].reshape(len(run), -1) @ values[run[0].basis])
-    return place_matrix(layout, layout.terms) @ space(blocks[0]).concatenate(blocks)
+        return np.zeros((ROWS * (layout.n_axes + 1), 0))
+    m = bases[0].shape[1]
+    return in_rows(error_rows(layout, coefficients, bases, m), (m,))
 
 
 def error_rows(layout: Layout, coefficients: Any, bases: Any, m: int) -> list[Any]:
-    """`error_values` as a list of JAX rows (m,).
+    """`error_values` as a list of rows (m,).
 
-    Not one array: XLA would split the product that puts curves into rows, and add the parts up anew at every use of every row.
+    In JAX not one array: XLA would split the product that puts curves into rows, and add its parts up anew at every use of a row.
     """
     values = dict(zip(layout.bases, bases, strict=True))
     rows: list[Any] = [None] * (ROWS * (layout.n_axes + 1))
@@ -173,14 +168,6 @@ def add_curves(rows: list[Any], run: Sequence[Term], curves: Any) -> None:
     for term, curve in zip(run, curves, strict=True):
         signed = curve if term.sign == 1.0 else term.sign * curve
         rows[term.row] = signed if rows[term.row] is None else rows[term.row] + signed
-
-
-def place_matrix(layout: Layout, terms: Sequence[Term]) -> np.ndarray:
-    """Matrix (error values, terms) that adds the curves of `terms` to the rows they belong to."""
-    place = np.zeros((ROWS * (layout.n_axes + 1), len(terms)))
-    for i, term in enumerate(terms):
-        place[term.row, i] = term.sign
-    return place
 
 
 def evaluate_bases(layout: Layout, q: Any, direction: Any) -> list[Any]:

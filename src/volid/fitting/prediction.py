@@ -10,9 +10,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from volid.error_model import ErrorModel, Layout, coefficient_rows, error_values, evaluate_bases
+from volid.elementary import in_rows
+from volid.error_model import ErrorModel, Layout, coefficient_rows, error_rows, error_values, evaluate_bases
 from volid.fitting import spread
-from volid.kinematics import deviation
+from volid.kinematics import deviation, orientation_deviation, point_deviation
 from volid.machine import Machine
 from volid.reverse import Recorded, gradients
 
@@ -43,16 +44,26 @@ class _Points(NamedTuple):
 
 @eqx.filter_jit
 def _values(machine: Machine, layout: Layout, coefficients: Any, chunk: _Points) -> Any:
-    errors = error_values(layout, coefficients, evaluate_bases(layout, chunk.q, chunk.direction))
+    bases = evaluate_bases(layout, chunk.q, chunk.direction)
+    errors = error_rows(layout, coefficients, bases, chunk.q.shape[1])
     return deviation(machine, chunk.q, tuple(chunk.tool), errors)
 
 
 @eqx.filter_jit
 def _partials(machine: Machine, layout: Layout, coefficients: Any, chunk: _Points) -> Any:
     """∂(deviation)/∂(error values), shape (6, error values, chunk)."""
-    errors = error_values(layout, coefficients, evaluate_bases(layout, chunk.q, chunk.direction))
-    _, pull_back = jax.vjp(lambda e: deviation(machine, chunk.q, tuple(chunk.tool), e), errors)
-    return jax.vmap(lambda w: pull_back(w)[0])(jnp.broadcast_to(jnp.eye(6)[:, :, None], (6, 6, chunk.q.shape[1])))
+    m, tool = chunk.q.shape[1], tuple(chunk.tool)
+    errors = error_rows(layout, coefficients, evaluate_bases(layout, chunk.q, chunk.direction), m)
+    rows = []
+    for part in (
+        lambda e: point_deviation(machine, chunk.q, tool, e),
+        lambda e: orientation_deviation(machine, chunk.q, e),
+    ):
+        _, pull_back = jax.vjp(part, errors)
+        for k in range(3):
+            one = tuple(jnp.full(m, float(i == k)) for i in range(3))
+            rows.append(in_rows(pull_back(one)[0], (m,)))
+    return in_rows(rows, rows[0].shape)
 
 
 @eqx.filter_jit

@@ -20,14 +20,15 @@ class FreeDirections:
         first = np.where(seen.any(axis=0), seen.argmax(axis=0), 0)
         last = np.where(seen.any(axis=0), size - 1 - seen[::-1].argmax(axis=0), 0)
         order = np.argsort(first, kind="stable")
+        reach = np.maximum.accumulate(last[order]) + 1 if n else np.zeros(0, dtype=int)
         self._blocks: list[tuple[slice, np.ndarray, np.ndarray]] = []
-        begin = 0
-        for k in range(1, n + 1):
-            columns = order[begin:k]
-            low, high = int(first[columns].min()), int(last[columns].max()) + 1
-            if k == n or (first[order[k]] >= high and high - low >= SMALLEST):
+        begin = low = 0
+        for end in [*(np.flatnonzero(first[order][1:] >= reach[:-1]) + 1), n]:  # columns before and after share no row
+            high = int(reach[end - 1]) if end else 0
+            if end == n or high - low >= SMALLEST:
+                columns = order[begin:end]
                 self._blocks.append((slice(low, high), columns, np.ascontiguousarray(free[low:high, columns])))
-                begin = k
+                begin, low = end, high
 
     def pull(self, gradient: np.ndarray) -> np.ndarray:
         """Fᵀ g, shape (n,)."""

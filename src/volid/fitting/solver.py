@@ -27,7 +27,7 @@ SHRINK = (
     0.03  # a chord step is taken when it is at most this share of the step before; slower ones cost more than they save
 )
 LARGEST_STEPS = 60
-PLACING = 2048  # readings of a block that place the nuisance parameters before all others move
+PLACING = 512  # readings of a block that place the nuisance parameters before all others move, or 8 for each of these
 PLACING_STEPS = 6
 LIGHT, HEAVY = 1e-6, 1e9  # damping that counts as none; damping at which nothing helps
 SLACK = 1e-10  # relative and absolute rise of the cost that is rounding
@@ -77,7 +77,7 @@ def _placed(system: System, z: np.ndarray, free: np.ndarray) -> np.ndarray:
     columns = free[:, ~free[:n].any(axis=0)][n:]
     if not columns.shape[1]:
         return z
-    best, least, system = z, np.inf, thinned(system, PLACING)
+    best, least, system = z, np.inf, thinned(system, max(PLACING, 8 * columns.shape[1]))
     for _ in range(PLACING_STEPS):
         normal = nuisance_equations(system, z)
         matrix = columns.T @ np.asarray(normal.matrix) @ columns

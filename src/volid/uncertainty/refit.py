@@ -5,9 +5,11 @@ pseudo-readings of prior knowledge. The first step is linear, x₁ = x₀ + C J�
 
     x ← x - C g(x),   g = J(x)ᵀ r(x),   r = w (prediction(x) - reading)
 
-with the exact gradient of every trial and the shared H, until the step is below `TOLERANCE` standard uncertainties. H being that
-of the solution, a step shrinks by the relative change of J, some 1e-4 each; a chord with J frozen would never arrive, because its
-fixed point is another. Trials that do not shrink so are left to the full solver. Robust fits repeat the search for outliers.
+with the gradient of every trial and the shared H, until the estimated distance to the minimum is below `TOLERANCE` standard
+uncertainties. Near the solution g is taken to second order (`second_order`), whose error is estimated; trials for
+which that is too much go on with the exact gradient. A chord with J frozen would never arrive: its fixed point is another. What H
+lacks, Σ r ∇²r, makes the steps shrink by a share that is measured in a few trials. Trials that do not arrive are left to the full
+solver. Robust fits repeat the search for outliers.
 """
 
 from __future__ import annotations
@@ -24,7 +26,7 @@ import numpy as np
 from volid.campaign import Campaign
 from volid.error_model import ROWS as ROWS_PER_BODY
 from volid.error_model import Layout, evaluate_bases
-from volid.fitting.equations import predict_all, quadratic_forms, residual_rows
+from volid.fitting.equations import normal_equations, predict_all, quadratic_forms, residual_rows
 from volid.fitting.problem import Problem, build_problem, pad_rows, reweight, with_random_effects
 from volid.fitting.robust import Weighted, critical_value, down_weight, name_outliers, set_aside
 from volid.fitting.solution import Solution
@@ -32,9 +34,12 @@ from volid.fitting.solver import solve
 from volid.fitting.starts import find_starts
 from volid.fitting.system import Block, System
 from volid.observations.effects import predict_readings
+from volid.uncertainty.second_order import LARGEST, Curvature, curvatures, hessian_bytes, second_order
+from volid.uncertainty.second_order import TRIALS as SECOND_ORDER_TRIALS
 
 TOLERANCE = 1e-6  # standard uncertainties
-STEPS = 6  # exact-gradient steps at most, before a trial is solved anew
+STEPS = 6  # steps at most, before a trial is solved anew
+SAMPLE = 64  # trials in which the shrinking of the steps is measured
 _SINGULAR = 1e-12  # of the largest eigenvalue of the correlation matrix: below, rounding
 ROWS, TRIALS = 256, 64  # of one tile: its intermediate values stay in the processor's cache
 
@@ -77,17 +82,25 @@ def _tiles(block: Block, numbers: np.ndarray) -> tuple[Block, Any]:
 
 @eqx.filter_jit
 def _linear(frozen: _Frozen, noise: Any, prior_noise: Any) -> Any:
-    """C (Jᵀε + Wᵀε_p), shape (p, b); `noise` (b, N), `prior_noise` (b, r)."""
-    total = jnp.zeros((frozen.system.size, noise.shape[0]))
+    """C (Jᵀε + Wᵀε_p), shape (b, p); `noise` (N, b), in whose precision the products are formed, `prior_noise` (b, r)."""
+    total = jnp.zeros((frozen.system.size, noise.shape[1]))
     for block, numbers in zip(frozen.system.blocks, frozen.numbers, strict=True):
 
         def add(total: Any, parts: Any, block: Block = block) -> tuple[Any, None]:
             chunk, own = parts
             _, rows = residual_rows(frozen.system, block.form, chunk, frozen.z)
-            return total + rows @ noise[:, own.reshape(-1)].T, None
+            return total + (rows.astype(noise.dtype) @ noise[own.reshape(-1)]).astype(total.dtype), None
 
         total, _ = jax.lax.scan(add, total, (block, numbers))
-    return frozen.covariance @ (frozen.basis.T @ total + frozen.prior.T @ prior_noise.T)
+    return (frozen.covariance @ (frozen.basis.T @ total + frozen.prior.T @ prior_noise.T)).T
+
+
+@eqx.filter_jit
+def _corrected(frozen: _Frozen, curvature: list[Curvature], first: Any, x: Any, noise: Any, prior: Any) -> Any:
+    """first - C g(x), with g the second-order part of the gradient at x, (b, p); and chi-square at x, (b,)."""
+    gradient, square = second_order(frozen.system, curvature, x @ frozen.basis.T, noise)
+    offset = x @ frozen.prior.T - prior
+    return first - (gradient @ frozen.basis) @ frozen.covariance, square + jnp.sum(offset**2, axis=1)
 
 
 def _tile_gradient(system: System, chunk: Block, exact: Any, noise: Any, z: Any) -> tuple[Any, Any]:
@@ -222,6 +235,10 @@ class Refitter:
         )
         self.n_readings = self.campaign.n_readings
         self.n_prior = len(prior)
+        small = hessian_bytes(self.frozen.system) <= LARGEST
+        self.curvature = curvatures(self.frozen.system, self.frozen.z, numbers) if small else None
+        self.single = self._rounding() <= 0.5 * TOLERANCE
+        self.shrinking = self._measure_shrinking() if self.curvature is not None else 0.0
         self._robust = bool(solution.options.get("robust", False))
         self._redundancy: np.ndarray | None = None
 
@@ -243,22 +260,87 @@ class Refitter:
         b = len(noise)
         if prior_noise is None:
             prior_noise = np.zeros((b, self.n_prior))
-        width = b if b <= TRIALS else -(-b // TRIALS) * TRIALS
-        eps, prior_eps = (jnp.asarray(np.pad(a, ((0, width - b), (0, 0)))) for a in (noise, prior_noise))
-        x = _linear(self.frozen, eps, prior_eps).T
-        first = self._size(x)[:b]
+        x, error, chi = (a.copy() for a in self._bent(noise, prior_noise))
+        left = np.flatnonzero(~(error <= TOLERANCE))
+        if left.size:
+            x[left], error[left], chi[left] = self._exact(x[left], noise[left], prior_noise[left])
+        result = Refits(self.centre + x, error, chi, np.zeros(b, bool), np.zeros(b, int))
+        return self._finish(result, noise, prior_noise)
+
+    def _bent(self, noise: np.ndarray, prior_noise: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """x - x₀ of every trial to second order, its estimated error, and chi-square; no claim where there is no curvature."""
+        b, trials = len(noise), min(SECOND_ORDER_TRIALS, max(len(noise), 1))
+        width = -(-b // trials) * trials
+        kind = np.float32 if self.single else np.float64
+        turned = np.zeros((noise.shape[1], width), dtype=kind)
+        turned[:, :b] = noise.T
+        eps, prior = jnp.asarray(turned), jnp.asarray(np.pad(prior_noise, ((0, width - b), (0, 0))))
+        first = x = _linear(self.frozen, eps, prior)
         error, chi = np.full(b, np.inf), np.full(b, np.nan)
-        for _ in range(STEPS):
-            new, chi_square = _step(self.frozen, x, eps, prior_eps)
+        if self.curvature is None:
+            return np.asarray(x)[:b], error, chi
+        shift, eps = self._size(first)[:b], eps.astype(jnp.float32)
+        for number in range(STEPS):
+            new, chi_square = _corrected(self.frozen, self.curvature, first, x, eps, prior)
             last = self._size(new - x)[:b]
             x, chi = new, np.asarray(chi_square)[:b]
+            if not number:
+                with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+                    third = last * last / np.maximum(shift, 1e-300)
+            error = np.fmax(self.shrinking * last, third)
+            if np.all((error <= TOLERANCE) | (third > TOLERANCE) | ~np.isfinite(error)):
+                break
+        return np.asarray(x)[:b], np.where(np.isfinite(error), error, np.inf), chi
+
+    def _exact(
+        self, x: np.ndarray, noise: np.ndarray, prior_noise: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Steps with the exact gradient from x (b, p), relative to x₀: as `_bent` for trials far from the solution."""
+        b = len(x)
+        width = b if b <= TRIALS else -(-b // TRIALS) * TRIALS
+        start, eps, prior = (jnp.asarray(np.pad(a, ((0, width - b), (0, 0)))) for a in (x, noise, prior_noise))
+        first, error, chi = np.full(b, np.inf), np.full(b, np.inf), np.full(b, np.nan)
+        for _ in range(STEPS):
+            new, chi_square = _step(self.frozen, start, eps, prior)
+            last = self._size(new - start)[:b]
+            start, chi = new, np.asarray(chi_square)[:b]
             with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-                error = np.where(last < first, last * last / np.maximum(first, 1e-300), np.inf)
+                ratio = np.where(np.isfinite(first), last / np.maximum(first, 1e-300), 1.0)
+                error = np.where(ratio < 1.0, last * np.fmax(ratio, self.shrinking), np.inf)
+                error = np.where(last <= TOLERANCE, np.fmin(error, last), error)
             first = last
             if np.all(error <= TOLERANCE):
                 break
-        result = Refits(self.centre + np.asarray(x)[:b], error, chi.copy(), np.zeros(b, bool), np.zeros(b, int))
-        return self._finish(result, noise, prior_noise)
+        return np.asarray(start)[:b], error, chi
+
+    def _measure_shrinking(self) -> float:
+        """The share by which a correction shrinks from one pass to the next, largest over some trials of plain noise.
+
+        JᵀJ at the solution stands for the Hessian of every trial; what it lacks, Σ r ∇²r, decides.
+        """
+        rng = np.random.default_rng(0)
+        eps = jnp.asarray(rng.standard_normal((self.n_readings, SAMPLE)).astype(np.float32))
+        prior = jnp.asarray(rng.standard_normal((SAMPLE, self.n_prior)))
+        assert self.curvature is not None
+        first = x = _linear(self.frozen, eps, prior)
+        sizes = []
+        for _ in range(2):
+            new, _ = _corrected(self.frozen, self.curvature, first, x, eps, prior)
+            sizes.append(self._size(new - x))
+            x = new
+        return float(np.max(sizes[1] / np.maximum(sizes[0], 1e-300), initial=0.0))
+
+    def _rounding(self) -> float:
+        """Largest error of a linear refit in standard uncertainties when its products are formed in single precision.
+
+        Their rounding is noise on the gradient with variances ε² diag(H): sd ≤ ε sqrt(largest eigenvalue of D C D), D² = diag(H).
+        """
+        full = np.asarray(normal_equations(self.frozen.system, self.frozen.z).matrix)
+        basis, prior = np.asarray(self.frozen.basis), np.asarray(self.frozen.prior)
+        diagonal = np.einsum("ij,ij->j", basis, full @ basis) + np.sum(prior**2, axis=0)
+        d = np.sqrt(np.maximum(diagonal, 0.0))
+        largest = np.linalg.eigvalsh(d[:, None] * np.asarray(self.frozen.covariance) * d)[-1]
+        return float(np.finfo(np.float32).eps / 2.0 * np.sqrt(max(largest, 0.0)))
 
     def _size(self, step: Any) -> np.ndarray:
         """Largest change of a parameter in standard uncertainties, per trial."""
