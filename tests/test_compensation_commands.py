@@ -190,3 +190,77 @@ def test_residual_of_a_type_that_cannot_be(files, run):
     status, text, err = run("residual", files["three-axis"][0], "--type", "L-POS", "--type", "L-VOL+")
     assert (status, text) == (2, "")
     assert "--type L-VOL+" in err and "Traceback" not in err
+
+
+def measured_over(solution, **ranges):
+    """The solution as if its campaign had ended at the given positions of some axes."""
+    (ends,) = solution.campaign.sets
+    positions = ends.positions.copy()
+    for letter, ends_of in ranges.items():
+        positions[:, solution.machine.index(letter)] = ends_of
+    return replace(solution, campaign=replace(solution.campaign, sets=(replace(ends, positions=positions),)))
+
+
+@pytest.mark.parametrize(
+    ("measured", "arguments", "message"),
+    [
+        ({"X": (-200, 400)}, "tables --type L-POS --range X=-400:400", "table EXX: axis X over -400 … 400 mm leaves the "
+         "measured -200 … 400 mm; give --range X=-200:400. "),
+        ({"Y": (0, 0)}, "tables --type L-POS --at Y=100", "the specific lines cross at Y = 100 mm, outside the measured 0 mm "
+         "alone; give another --at"),
+        ({"Y": (0, 0)}, "grid --type L-VOL --points 3", "axis Y over -350 … 350 mm leaves the measured 0 mm alone. Measure"),
+        ({"C": (0, 180)}, "grid --type R-VOL --points 3", "axis C over -180 … 180 ° leaves the measured 0 … 180 °; "
+         "give --range C=0:180. "),
+        ({"Y": (0, 20)}, "grid --type L-POS --points 3 --at Y=100", "the specific lines cross at Y = 100 mm"),
+        ({}, "grid --range X=-500:0", "--range X=-500:0; expected a range that rises within the travel -400 … 400 mm"),
+        ({}, "tables --type L-POS --range X=0", "argument --range: 'X=0' is no list of ranges; expected such as X=0:500"),
+        ({}, "grid --range Q=0:1", "has no axis Q"),
+    ],
+)  # fmt: skip
+def test_what_was_not_measured_is_refused_unless_extrapolation_is_asked_for(
+    files, run, tmp_path, measured, arguments, message
+):
+    _, solution = files["tilting table"]
+    write_solution(measured_over(solution, **measured), tmp_path / "s.h5")
+    verb, *options = arguments.split()
+    out = tmp_path / ("out" if verb == "tables" else "out.csv")
+    tool = () if "R-VOL" in options else ("--tool", ORIGIN)
+    command = (verb, tmp_path / "s.h5", *options, *tool, "-o", out)
+    status, text, err = run(*command)
+    assert (status, text, out.exists()) == (2, "", False)
+    assert message in err and "Traceback" not in err
+    if measured:
+        status, _, _ = run(*command, "--extrapolate")
+        written = sorted(out.glob("*.csv")) if out.is_dir() else [out]
+        flags = [bool((read_table if verb == "tables" else read_grid)(p).outside.any()) for p in written]
+        assert status in (0, 1) and any(flags)
+
+
+def test_tables_stay_where_was_measured(files, run, tmp_path):
+    """By default within what was measured, said in output and header; a whole turn of C makes it measured everywhere."""
+    _, solution = files["tilting table"]
+    write_solution(measured_over(solution, X=(-200, 399), C=(-180, 180)), tmp_path / "s.h5")
+    status, text, _ = run("tables", tmp_path / "s.h5", "--type", "L-POS", "--type", "R-POS", "-o", tmp_path / "t")
+    assert status == 0
+    cut = "X -200 … 400 mm of the travel -400 … 400: measured -200 … 399 mm"
+    assert cut in text and cut in (tmp_path / "t" / "EXX.csv").read_text(encoding="utf-8")
+    table = read_table(tmp_path / "t" / "EXX.csv")
+    assert (table.positions[0], table.positions[-1], table.outside.any()) == (-200.0, 400.0, False)
+    assert read_table(tmp_path / "t" / "ECC.csv").period == 360.0
+    status, _, _ = run("tables", tmp_path / "s.h5", "--type", "R-POS", "--range", "C=0:90", "-o", tmp_path / "part")
+    part = read_table(tmp_path / "part" / "ECC.csv")
+    assert (status, part.period, part.positions[-1]) == (0, 0.0, 90.0)  # an arc does not close: end value held at 100°
+    assert part.at(np.array([100.0]), np.zeros(1)) == part.at(np.array([90.0]), np.zeros(1))
+
+
+def test_an_axis_measured_over_one_turn_is_measured_everywhere(files):
+    """C travels two turns; its functions have period 360°, so one turn says all, and half of one does not."""
+    _, solution = files["tilting table"]
+    c = solution.machine.index("C")
+    axes = tuple(replace(a, travel=(-360.0, 360.0)) if a.letter == "C" else a for a in solution.machine.axes)
+    turning = replace(solution.machine, axes=axes)
+    wide = replace(solution, campaign=replace(solution.campaign, machine=turning))
+    q = np.zeros((3, len(axes)))
+    q[:, c] = [-360.0, 0.0, 270.0]
+    assert measured_over(wide, C=(-180, 180)).outside(q).tolist() == [False, False, False]
+    assert measured_over(wide, C=(-90, 90)).outside(q).tolist() == [True, False, True]

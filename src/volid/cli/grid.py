@@ -15,10 +15,20 @@ from volid.cli.common import (
     conclude,
     explain,
     print_json,
+    tell,
     tool_vector,
     write_sheets,
 )
-from volid.cli.compensation_options import add_base, add_sampling, base_from, prepared, rule_from, sampling_of
+from volid.cli.compensation_options import (
+    add_base,
+    add_range,
+    add_sampling,
+    base_from,
+    prepared,
+    ranges_from,
+    rule_from,
+    sampling_of,
+)
 from volid.cli.progress import Progress
 from volid.report.text import vector
 
@@ -32,8 +42,8 @@ LINEAR, ROTARY = "L-VOL", "R-VOL"
 _EPILOG = """\
 Every type of ISO/TR 16907 but R-POS has a grid; default L-VOL, repeat --type to combine types.
 Compensation values are minus the error values (actual - nominal); --errors writes the error
-values. The grid spans the travels, both ends included, the first axis varying fastest; translations
-in mm, rotations in degrees. Lines that begin with # state type, sign, tool vector or reference
+values. The grid spans the measured part of the travels, or --range, both ends included, the first
+axis varying fastest; translations in mm, rotations in degrees. Lines that begin with # state type, sign, tool vector or reference
 point, frame, datum, source and command. OUT is CSV, or HDF5 when it ends in .h5.
 
 A linear grid holds for one tool vector; with rotary axes, for a rotated one and the linear axes'
@@ -45,9 +55,10 @@ example:
   volid grid solution.h5 --type L-VOL --step 50 --tool 0,0,-150 -o grid.csv
   volid grid solution.h5 --type R-VOL --step 10 --reference-point 0,0,0 -o rotary.csv
 
-exit status: 0 good; 1 written, but nodes lie outside what was measured (unless --extrapolate),
-rotations are not determined, the model leaves out error functions, or is rejected; 1 and nothing
-written when the data do not determine the translations; 2 bad input
+exit status: 0 good; 1 written, but rotations are not determined, a sum with --add-to reaches beyond
+what was measured, the model leaves out error functions, or is rejected; 1 and nothing written when
+the data do not determine the translations; 2 bad input, also nodes outside what was measured
+without --extrapolate
 """
 
 
@@ -68,7 +79,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="of rotary grids, mm, machine frame, linear axes at 0; default: on the rotary axis nearest the bed",
     )
     parser.add_argument("--errors", action="store_true", help="error values instead of compensation values")
-    parser.add_argument("--extrapolate", action="store_true", help="nodes outside what was measured are meant")
+    add_range(parser, "nodes")
     parser.add_argument(
         "--intervals",
         action="store_true",
@@ -91,6 +102,7 @@ def run(args: argparse.Namespace) -> int:
         progress("evaluating the grid")
         grids, notes = _grids(solution, args)
         paths = _write(grids, solution, args, notes)
+    tell(args, notes)
     if args.output and not args.json:
         for grid, path in zip(grids, paths, strict=True):
             print(f"{_described(grid, args)} written: {path}")
@@ -131,21 +143,27 @@ def _check_options(args: argparse.Namespace) -> None:
 
 def _grids(solution: Solution, args: argparse.Namespace) -> tuple[tuple[AnyGrid, ...], list[str]]:
     from volid.compensation.package import compensate
+    from volid.compensation.ranges import cut_notes, refuse_extrapolation
     from volid.report.summary import most_used_tool
 
     tool = most_used_tool(solution.campaign) if args.tool is None else args.tool
     solution, notes = prepared(solution, args, [tool])
+    base, ranges = base_from(solution, args, tool), ranges_from(solution, args)
     made = compensate(
         solution,
         args.type,
-        base_from(solution, args, tool),
+        base,
         grids=sampling_of(args),
         points=args.points,
         form="grid",
         rule=rule_from(args.rule),
         reference_point=args.reference_point,
+        ranges=ranges,
     )
     grids = made.grids
+    if not args.extrapolate:
+        refuse_extrapolation(solution, grids, base, ranges)
+    notes += cut_notes(solution, ranges, [a for g in grids for a in g.axes])
     if args.intervals:
         from volid.compensation.grid_intervals import with_intervals
 

@@ -16,6 +16,7 @@ from volid.compensation.base import Base
 from volid.compensation.effect_fields import CHUNK, Place, field_gradient, field_values, linear_place, rotary_place
 from volid.compensation.grid_sampling import grid_nodes
 from volid.compensation.grids import Grid, describe_datum, grid_positions, linear_grid
+from volid.compensation.interpolation import period_of
 from volid.compensation.parts import HEAD, TABLE, part_notes, rotary_letters
 from volid.compensation.rotary_grids import RotaryGrid, reference_of_side, rotary_grids
 from volid.compensation.sampling import Sampling
@@ -59,14 +60,15 @@ def effect_grids(
     reference_point: Sequence[float] | None = None,
     rule: Rule | None = None,
     uncertainty: bool = True,
+    ranges: Mapping[str, tuple[float, float]] | None = None,
 ) -> tuple[Grid | RotaryGrid, ...]:
     """Grids of one type: of the linear axes, then of the rotary axes of table and head, those that the type needs.
 
     `sampling`: step, at most so many points per axis, or a bound on the interpolation; else `points` per axis (default 21,
     rotary axes 37). `rule`: of L-SPEC and R-SPEC, called as rule(solution, positions (m, n_axes), tool (m, 3)), returns error
     values (m, 6) [mm, rad]. `uncertainty`: False leaves out u, and the test whether the data determine the values, which take
-    most of the time. Raises `InputError` for a type without grids, `NotDeterminedError` when the data do not determine its
-    translations.
+    most of the time. `ranges`: lowest and highest node by axis letter, default the travel [mm or °]. Raises `InputError` for a
+    type without grids, `NotDeterminedError` when the data do not determine its translations.
     """
     if GRID not in t.forms:
         raise InputError(f"--type {t.name} has no grid; it is a table of the axis itself: volid tables --type {t.name}")
@@ -75,13 +77,20 @@ def effect_grids(
     if t.is_linear or t.turns:
         own = t if t.is_linear else _FOR
         grids.append(
-            _linear(solution, own, base, grid_nodes(solution, own, base, None, sampling, points), rule, uncertainty)
+            _linear(
+                solution,
+                own,
+                base,
+                grid_nodes(solution, own, base, None, sampling, points, ranges=ranges),
+                rule,
+                uncertainty,
+            )
         )
     if t.is_rotary or t.turns:
         own = t if t.is_rotary else _FOR
         for side in (s for s in (TABLE, HEAD) if rotary_letters(machine, s)):
             point = reference_of_side(machine, side, reference_point)
-            nodes = grid_nodes(solution, own, base, side, sampling, points, point)
+            nodes = grid_nodes(solution, own, base, side, sampling, points, point, ranges)
             grids.append(_rotary(solution, own, base, side, nodes, point, rule, uncertainty))
     return tuple(grids)
 
@@ -105,7 +114,7 @@ def _linear(
     place = linear_place(solution.machine, positions, base)
     found = _evaluate(solution, t, base, place, uncertainty) if rule is None else _from_rule(solution, rule, place)
     _require(solution, t, found)
-    outside = _outside(solution, place)
+    outside = solution.outside(place.full, place.axes)
     notes = _notes(solution, t, base, place, outside, rule)
     datum = describe_datum(solution)
     return Grid(
@@ -132,7 +141,7 @@ def _rotary(
     place = rotary_place(machine, side, positions, point)
     found = _evaluate(solution, t, base, place, uncertainty) if rule is None else _from_rule(solution, rule, place)
     _require(solution, t, found)
-    outside = _outside(solution, place)
+    outside = solution.outside(place.full, place.axes)
     return RotaryGrid(
         type=t.name,
         side=side,
@@ -144,7 +153,7 @@ def _rotary(
         determined=found.determined,
         outside=outside,
         reference_point=(x, y, z),
-        period=tuple(360.0 if machine.axis(a).is_full_turn else 0.0 for a in place.axes),
+        period=tuple(period_of(machine.axis(a), n) for a, n in zip(place.axes, lines, strict=True)),
         frame="machine",
         datum=describe_datum(solution),
         notes=_notes(solution, t, base, place, outside, rule),
@@ -174,14 +183,6 @@ def _require(solution: Solution, t: CompensationType, found: _Found) -> None:
             f"grid: the data do not determine {', '.join(lost)} of {t.name}. {' '.join(solution.statements)} "
             "Measure what is missing, or take another type."
         )
-
-
-def _outside(solution: Solution, place: Place) -> np.ndarray:
-    columns = [solution.machine.index(a) for a in place.axes]
-    low, high = solution.measured_range()[columns].T
-    slack = 0.01 * np.array([solution.machine.axis(a).length for a in place.axes])
-    own = place.full[:, columns]
-    return np.asarray(np.any((own < low - slack) | (own > high + slack), axis=1))
 
 
 def _notes(

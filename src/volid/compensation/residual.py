@@ -111,6 +111,7 @@ def forecast(
     control: Mapping[str, Any] | None = None,
     tool_error: Sequence[float] = (0.0, 0.0, 0.0),
     seed: int = 0,
+    ranges: Mapping[str, tuple[float, float]] | None = None,
 ) -> Forecast:
     """Predictions for each list of types, after "none", for each tool vector (default: the base tool).
 
@@ -125,7 +126,16 @@ def forecast(
     columns = []
     for names in ((), *lists):
         made = compensate(
-            solution, names, base, tables=tables, grids=grids, points=points, form=form, rule=rule, uncertainty=False
+            solution,
+            names,
+            base,
+            tables=tables,
+            grids=grids,
+            points=points,
+            form=form,
+            rule=rule,
+            uncertainty=False,
+            ranges=ranges,
         )
         columns.append(
             _column(solution.machine, names, made, fields, draws, dict(control or {}), np.asarray(tool_error))
