@@ -3,21 +3,27 @@ draws."""
 
 from dataclasses import replace
 
+import h5py
 import numpy as np
 import pytest
 from compensated import MACHINES, TOOL, machine_of, node_positions, remaining, truth_of
-from exact_chain import gauge_free
+from exact_chain import Truth, gauge_free
 
+from volid.cli import main
 from volid.compensation.alignment import aligned_to_spindle
 from volid.compensation.base import base_of
 from volid.compensation.control import Control, asked_motion, asked_speed, check_motion
+from volid.compensation.grids import linear_grid
 from volid.compensation.orientation import PoleRule, poles
 from volid.compensation.package import compensate
 from volid.compensation.residual import QUANTITIES, Places, forecast, volume_places
 from volid.compensation.rigid import best_rigid
 from volid.compensation.sampling import Sampling
 from volid.compensation.types import select
+from volid.compensation.volume import predict_residual
 from volid.exceptions import InputError, NotDeterminedError
+from volid.fitting.solution import Residuals, Statistics
+from volid.io.solution_hdf5 import write_solution
 from volid.uncertainty.samples import Samples
 
 TRUTHS = 12
@@ -291,3 +297,51 @@ def test_undetermined_deviation_is_not_predicted():
     lost = replace(solution, null_space=column, statements=("EXX: of a test.",))
     with pytest.raises(NotDeterminedError, match="EXX: of a test"):
         forecast(lost, [], base_of(solution, TOOL))
+
+
+def with_reversal(b):
+    """A three-axis machine whose only error is the reversal B = `b` of EXX [mm], the same everywhere."""
+    exact, solution = machine_of("three-axis", functions="EXX = { reversal = true }", seed=3, u=1e-4)
+    theta = np.zeros(solution.model.n_parameters)
+    theta[solution.model.by_name["EXX", "reversal"].parameters] = b
+    return exact, replace(solution, parameters=theta), Truth(reversal={"EXX": lambda q: np.full(np.shape(q), b)})
+
+
+def test_what_grids_leave_of_reversal_is_predicted():
+    """B = 6 µm: tables remove it by direction, a grid leaves ± 3 µm, by exact matrices and by the prediction alike."""
+    exact, solution, truth = with_reversal(0.006)
+    base, places = base_of(solution, TOOL), volume_places(solution.machine, 128)
+    for form, left in (("grid", 0.003), ("tables", 0.0)):
+        (_, column) = forecast(solution, [["L-VOL"]], base, places=places, points=3, form=form).columns
+        control = column.compensation.control(solution.machine)
+        altered = control.command(places.positions, np.array(TOOL), places.directions)
+        found = remaining(exact, truth, places.positions, altered, TOOL, places.directions)[:, :3]
+        np.testing.assert_allclose(np.abs(found), np.tile([left, 0.0, 0.0], (128, 1)), atol=1e-6)
+        free, _ = gauge_free(found, places.positions, TOOL, tool_rotation=False, machine=exact)
+        largest = np.abs(free).max(axis=0)
+        np.testing.assert_allclose(column.predictions[0].exact[3:6], largest, atol=1e-6)
+    after = predict_residual(solution, linear_grid(solution, points=3, tool=TOOL))
+    assert after.rms == pytest.approx(0.003, rel=0.03)  # 512 signs: a mean of ± 3 µm / √512 goes with the rigid motion
+
+
+def test_commands_say_what_grids_do_with_reversal(tmp_path, capsys):
+    """In the output, in the file and beside the prediction: the mean of both directions, and that half of 6 µm stays."""
+    _, solution, _ = with_reversal(0.006)
+    z = np.zeros((2, 3))
+    solution = replace(
+        solution, statistics=Statistics(6, 0, {"ends": 0.0}, 1, True), readings=Residuals((z,), (z,), (z > 1,))
+    )
+    write_solution(solution, tmp_path / "s.h5")
+    said = "mean of both approach directions; half the reversal is left in either direction, at most EXX 3.00 µm"
+    for name in ("g.csv", "g.h5"):
+        command = ["grid", str(tmp_path / "s.h5"), "--points", "2", "--tool", "0,0,-150", "-o", str(tmp_path / name)]
+        assert main(command) == 0
+        assert said in capsys.readouterr().out
+    assert f"# reversal: {said}" in (tmp_path / "g.csv").read_text(encoding="utf-8")
+    with h5py.File(tmp_path / "g.h5") as file:
+        assert file.attrs["reversal"].startswith(said)
+    predict = ["residual", str(tmp_path / "s.h5"), "--tool", "0,0,-150", "--points", "2", "--type"]
+    assert main([*predict, "L-VOL"]) == 0
+    assert said in capsys.readouterr().out
+    assert main([*predict, "L-POS"]) == 0  # a table holds both directions
+    assert "reversal" not in capsys.readouterr().out

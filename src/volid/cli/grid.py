@@ -29,8 +29,8 @@ from volid.cli.compensation_options import (
     rule_from,
     sampling_of,
 )
+from volid.cli.grid_messages import LINEAR, ROTARY, described, messages_of, reversal_lines
 from volid.cli.progress import Progress
-from volid.report.text import vector
 
 if TYPE_CHECKING:
     from volid.fitting.solution import Solution
@@ -38,7 +38,6 @@ if TYPE_CHECKING:
 
 HELP = "spatial grid of compensation (or error) values over the working volume"
 
-LINEAR, ROTARY = "L-VOL", "R-VOL"
 _EPILOG = """\
 Every type of ISO/TR 16907 but R-POS has a grid; default L-VOL, repeat --type to combine types.
 Compensation values are minus the error values (actual - nominal); --errors writes the error
@@ -102,11 +101,11 @@ def run(args: argparse.Namespace) -> int:
         progress("evaluating the grid")
         grids, notes = _grids(solution, args)
         paths = _write(grids, solution, args, notes)
-    tell(args, notes)
+    tell(args, [*notes, *reversal_lines(solution, grids)])
     if args.output and not args.json:
         for grid, path in zip(grids, paths, strict=True):
-            print(f"{_described(grid, args)} written: {path}")
-    messages = [m for grid in grids for m in _messages(grid, args, several=len(grids) > 1)]
+            print(f"{described(grid, args)} written: {path}")
+    messages = [m for grid in grids for m in messages_of(grid, args, several=len(grids) > 1)]
     return conclude(args, [m for m in attention(solution) if "do not determine" not in m] + messages)
 
 
@@ -224,35 +223,3 @@ def _write(grids: tuple[AnyGrid, ...], solution: Solution, args: argparse.Namesp
     sheets = [grid_sheet(grid, header) for grid, header in zip(grids, headers, strict=True)]
     write_sheets(sheets, paths, args, key=whole)
     return paths
-
-
-def _described(grid: AnyGrid, args: argparse.Namespace) -> str:
-    counts = " × ".join(str(len(nodes)) for nodes in grid.nodes)
-    values = "error" if args.errors else "compensation"
-    kind = "" if grid.type in (LINEAR, ROTARY) else f"{grid.type} "
-    if not hasattr(grid, "side"):
-        return f"{counts} nodes of {kind}{values} values for tool vector {vector(getattr(grid, 'tool', ()))} mm"
-    where = vector(getattr(grid, "reference_point", ()))
-    side = getattr(grid, "side", "")
-    return (
-        f"{counts} nodes of {kind}{values} values of {', '.join(grid.axes)} in the {side}, reference point {where} mm,"
-    )
-
-
-def _messages(grid: AnyGrid, args: argparse.Namespace, several: bool) -> list[str]:
-    from volid.compensation.parts import LEFT_OUT
-
-    what = f"{getattr(grid, 'side', 'linear')}: " if several else ""
-    messages = [f"{what}{note}" for note in grid.notes if note.startswith(LEFT_OUT)]
-    lost = [f"d{c}" for k, c in enumerate("XYZABC") if (grid.values[:, k] != grid.values[:, k]).any()]
-    if lost:
-        advice = "no lever arm" if hasattr(grid, "side") else "no other tool vector"
-        messages.append(f"{what}{', '.join(lost)} not determined by the data and left blank; use {advice}")
-    outside = int(grid.outside.sum())
-    if outside and not args.extrapolate:
-        n = len(grid.outside)
-        messages.append(
-            f"{what}{outside} of {n} nodes lie outside the measured positions: extrapolated (outside = 1). Measure there, or "
-            "accept with --extrapolate"
-        )
-    return messages

@@ -25,6 +25,8 @@ from volid.compensation.effect_grids import Rule
 from volid.compensation.nominal import influence, nominal_point, side_rotation
 from volid.compensation.orientation import SPINDLE_AXIS, orientation_between
 from volid.compensation.package import Compensation, compensate
+from volid.compensation.reversal import NONE as NO_REVERSAL
+from volid.compensation.reversal import reversal_text
 from volid.compensation.sampling import Sampling
 from volid.even_points import even_points
 from volid.exceptions import NotDeterminedError
@@ -140,7 +142,12 @@ def forecast(
         columns.append(
             _column(solution.machine, names, made, fields, draws, dict(control or {}), np.asarray(tool_error))
         )
-    return Forecast(tuple(columns), tools, len(draws), source)
+    return Forecast(tuple(columns), tools, len(draws), source, _notes(solution, columns))
+
+
+def _notes(solution: Solution, columns: Sequence[Column]) -> tuple[str, ...]:
+    texts = {reversal_text(solution, g): None for c in columns for g in c.compensation.grids}
+    return tuple(f"grids hold no reversal, what is left is predicted: {t}" for t in texts if t != NO_REVERSAL)
 
 
 def parameter_draws(solution: Solution, seed: int = 0) -> tuple[np.ndarray, str]:

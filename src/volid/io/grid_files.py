@@ -22,6 +22,7 @@ import numpy as np
 
 from volid.compensation.grids import Grid, grid_positions
 from volid.compensation.parts import HEAD, TABLE
+from volid.compensation.reversal import reversal_text
 from volid.compensation.rotary_grids import RotaryGrid
 from volid.exceptions import InputError
 from volid.fitting.solution import Solution
@@ -87,6 +88,7 @@ def grid_header(
         "sign": _SIGN[values],
         "applied": _APPLIED.get(grid.type, _POSITION),
         "absolute": "absolute values, not increments",
+        "reversal": reversal_text(solution, grid),
         "units": f"{_units(grid)} dX, dY, dZ mm; dA, dB, dC degrees; u_… standard uncertainty (k = 1)",
         **(_rotary_lines(grid) if isinstance(grid, RotaryGrid) else _tool_lines(grid, solution)),
         "frame": grid.frame,

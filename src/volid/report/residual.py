@@ -40,6 +40,7 @@ def forecast_text(found: Forecast, machine: Machine, feeds: np.ndarray) -> list[
     lines.append(
         "A rigid motion of the workpiece frame is taken out. Repeatability and thermal change of the machine come on top."
     )
+    lines += found.notes
     return [*lines, "", *_motion(found.columns, machine, feeds), *_pole_lines(found, machine)]
 
 
