@@ -26,6 +26,7 @@ from volid.fitting.solution import Residuals, Statistics
 from volid.io.solution_hdf5 import write_solution
 from volid.uncertainty.samples import Samples
 
+SECOND_ORDER = 5e-5  # mm: (100 µrad)² × 1 m is 0.01 µm; products of several errors add up
 TRUTHS = 24
 # Binomial(24, 5 %) reaches 8 with probability 1.4e-5; over 45 cases × 10 quantities one of them does in 0.6 % of all seeds.
 # Intervals half as wide as they should be hold 67 %: then 8 of 24 are outside on average, and about half of all pairs fail.
@@ -241,6 +242,84 @@ def test_alignment_to_the_spindle():
     column[solution.model.by_name["EA0S", "location"].parameters] = 1.0
     with pytest.raises(NotDeterminedError, match="tilt of the spindle"):
         aligned_to_spindle(replace(solution, null_space=column), plain)
+
+
+def aligned_loop(layout, names, seed=6):
+    """Exact machine, truth, and the controls of `names` in the datum's frame and in that of the spindle."""
+    exact, solution = machine_of(layout, seed=seed)
+    plain = base_of(solution, TOOL)
+    controls = [
+        compensate(solution, names, base, points=5, uncertainty=False).control(solution.machine)
+        for base in (plain, aligned_to_spindle(solution, plain))
+    ]
+    return exact, truth_of(solution), controls
+
+
+def loop_positions(exact, m):
+    """Random choices among the five nodes of every axis."""
+    rng = np.random.default_rng(2)
+    return np.stack([rng.choice(np.linspace(*exact.travel[a], 5), m) for a in exact.axes], axis=1)
+
+
+def tilt_of_spindle(exact, truth):
+    """Turn of the tool against the machine frame at the reference, rotary axes at 0, table perfect: (A, B, 0), exact matrices."""
+    table = [a for a in exact.axes if a in "ABC" and exact.primed[a]]
+    alone = Truth(
+        functions={n: f for n, f in truth.functions.items() if n[2] not in table},
+        constants={n: v for n, v in truth.constants.items() if n[3] not in table},
+    )
+    at = np.array([[np.mean(exact.travel[a]) if a in "XYZ" else 0.0 for a in exact.axes]])
+    a, b, _ = exact.deviation(at, TOOL, alone)[0, 3:]
+    return np.array([a, b, 0.0])
+
+
+@pytest.mark.parametrize("layout", ["tilting table", "fork head"])
+def test_z_is_parallel_to_the_spindle_on_five_axis_machines(layout):
+    """L-VOL aligned to the spindle: Z moves along the spindle, on a table at every position of it, with a head at its zeros; in
+    the datum's frame it is off by the tilt of the spindle. Directions in the workpiece frame by exact matrices."""
+    exact, truth, controls = aligned_loop(layout, ["L-VOL"])
+    tilt = np.linalg.norm(tilt_of_spindle(exact, truth))
+    assert tilt > 1e-5
+    turned = [(0.0, 0.0), (50.0, -90.0), (-100.0, 180.0)] if layout == "tilting table" else [(0.0, 0.0)]
+    for control, expected in zip(controls, (tilt, 0.0), strict=True):
+        for a, c in turned:
+            at = {"A": a, "C": c, **{k: np.mean(exact.travel[k]) for k in "XY"}}
+            q = exact.in_axis_order(
+                at | {"Z": [exact.travel["Z"][0], np.mean(exact.travel["Z"]), exact.travel["Z"][1]]}
+            )
+            moved = exact.functional_point(control.command(q, np.array(TOOL)), TOOL, truth)
+            direction = (moved[2] - moved[0]) / np.linalg.norm(moved[2] - moved[0])
+            spindle = exact.pose(q[1:2], truth)[0, :3, 2]
+            assert np.linalg.norm(np.cross(direction, spindle)) == pytest.approx(expected, abs=3e-7), (a, c)
+
+
+@pytest.mark.parametrize("layout", ["tilting table", "fork head"])
+def test_location_errors_are_restated_in_the_frame_of_the_spindle(layout):
+    """The frame is turned by t about the datum's origin r. What linear axes alone, or rotary axes alone, leave differs by
+    t × (f - r), f the functional point, whatever the rotary axes do; together a table leaves nothing in either frame, a head
+    the turn itself. Signs and places from exact matrices."""
+    both = {}
+    for names in (["L-VOL"], ["R-VOL"], ["L-VOL", "R-VOL"]):
+        exact, truth, controls = aligned_loop(layout, names)
+        q, tool = loop_positions(exact, 200), np.array([30.0, -40.0, -210.0])
+        both[tuple(names)] = [remaining(exact, truth, q, c.command(q, tool), tool)[:, :3] for c in controls]
+    t = tilt_of_spindle(exact, truth)
+    linear = np.stack([q[:, exact.column(a)] for a in "XYZ"], axis=1)
+    reference = np.array([np.mean(exact.travel[a]) for a in "XYZ"])
+    point = exact.functional_point(q, tool)  # workpiece frame; a head's machine frame
+    carried = linear + tool - reference if layout == "tilting table" else point - linear
+    change = {names: aligned - plain for names, (plain, aligned) in both.items()}
+    if layout == "tilting table":
+        np.testing.assert_allclose(change["L-VOL",], np.cross(t, carried), atol=SECOND_ORDER)
+        np.testing.assert_allclose(change["R-VOL",], -np.cross(t, carried), atol=SECOND_ORDER)
+        whole = np.zeros_like(carried)
+    else:
+        np.testing.assert_allclose(change["L-VOL",], np.cross(t, linear - reference), atol=SECOND_ORDER)
+        np.testing.assert_allclose(change["R-VOL",], np.cross(t, carried), atol=SECOND_ORDER)
+        whole = np.cross(t, point - reference)
+    assert np.linalg.norm(change["L-VOL",], axis=1).max() > 0.005
+    aligned = both["L-VOL", "R-VOL"][1]
+    np.testing.assert_allclose(aligned, whole, atol=SECOND_ORDER)
 
 
 def test_alignment_to_other_axes_is_the_solution_in_that_datum():

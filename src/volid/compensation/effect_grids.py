@@ -24,6 +24,7 @@ from volid.compensation.tables import propagated
 from volid.compensation.types import GRID, TYPES, CompensationType
 from volid.exceptions import InputError, NotDeterminedError
 from volid.fitting.solution import Solution
+from volid.iso230 import ROTARY_AXES
 
 Rule = Callable[..., Any]
 
@@ -191,7 +192,10 @@ def _notes(
     notes = [*part_notes(solution, place.letters), f"{t.name} leaves: {t.leaves}"]
     if base.turn is not None:
         a, b, _ = 1e6 * (base.turn @ np.asarray(solution.parameters))
-        notes.append(f"machine frame aligned to the spindle: turned by A {a:.3f} µrad, B {b:.3f} µrad from the datum")
+        lines = "; location errors are those in the turned frame" if set(place.letters) & set(ROTARY_AXES) else ""
+        notes.append(
+            f"machine frame aligned to the spindle: turned by A {a:.3f} µrad, B {b:.3f} µrad from the datum{lines}"
+        )
     if t.based_on == "line" or t.name == "L-ANG":
         at = ", ".join(f"{a} = {v:g}" for a, v in zip(solution.machine.letters, base.at, strict=True))
         notes.append(f"specific lines through {at} with the tool vector above")
