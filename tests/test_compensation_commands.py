@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shlex
 from dataclasses import replace
 
 import numpy as np
@@ -264,3 +265,54 @@ def test_an_axis_measured_over_one_turn_is_measured_everywhere(files):
     q[:, c] = [-360.0, 0.0, 270.0]
     assert measured_over(wide, C=(-180, 180)).outside(q).tolist() == [False, False, False]
     assert measured_over(wide, C=(-90, 90)).outside(q).tolist() == [True, False, True]
+
+
+RECREATED = (
+    (
+        "three-axis",
+        "tables --type L-POS --type L-SQU --incremental --reversal value --increment 0.0001 --zero X=100,Y=-50",
+    ),
+    ("three-axis", "tables --type L-SQU --max-error 0.0002 --spacing free --align spindle --at Y=70 --tool 0,0,-150"),
+    ("tilting table", "tables --type R-RAX --type R-ANG --elevation 80 --max-points 7 --angle-increment 0.0001"),
+    (
+        "tilting table",
+        "grid --type R-VOL --max-error 0.004 --offset 50 --reference-point 1,2,3 --align spindle --errors",
+    ),
+    ("fork head", "grid --type L-VOL --type R-POR --points 3 --datum primary=Z,secondary=X --tool 0,10,-99"),
+)
+
+
+@pytest.mark.parametrize(("layout", "words"), RECREATED)
+def test_the_record_is_enough_to_make_a_file_again(files, run, tmp_path, layout, words):
+    """Clause 12: the command in the header, run again, writes the same file but for its date and its own name."""
+    folder = tmp_path / "a folder"  # blanks in names are quoted
+    folder.mkdir()
+    out, path = folder / ("t" if words.startswith("tables") else "g.csv"), files[layout][0]
+    verb, *options = words.split()
+    assert run(verb, path, *options, "-o", out)[0] == 0
+    first = {p.relative_to(folder): p.read_text(encoding="utf-8") for p in sorted(folder.rglob("*.csv"))}
+    assert first
+    command = next(x for x in next(iter(first.values())).splitlines() if x.startswith("# command: "))
+    for name in first:
+        (folder / name).unlink()
+    assert run(*shlex.split(command.removeprefix("# command: volid ")), "--force")[0] == 0
+    for name, text in first.items():
+        again = (folder / name).read_text(encoding="utf-8")
+        same = [x for x in again.splitlines() if not x.startswith(("# date: ", "# command: "))]
+        assert same == [x for x in text.splitlines() if not x.startswith(("# date: ", "# command: "))]
+        assert ("aligned to the spindle" in text) == ("--align" in words)
+
+
+def test_tables_are_zero_where_asked(files, run, tmp_path):
+    """--zero X=100: the mean of both directions is 0 there, whatever the line; both styles of rows read back alike."""
+    path, _ = files["three-axis"]
+    base = ("tables", path, "--type", "L-POS", "--zero", "X=100", "--step", "50")
+    for name, options in (("a", ()), ("i", ("--incremental", "--increment", "0.0001")), ("v", ("--reversal", "value"))):
+        assert run(*base, *options, "-o", tmp_path / name)[0] == 0
+    found = {n: read_table(tmp_path / n / "EXX.csv") for n in "aiv"}
+    assert {t.zero for t in found.values()} == {"X = 100 mm"}
+    x = np.arange(-400.0, 401.0, 50.0)
+    for table in found.values():
+        assert abs(float(table.at(np.array([100.0]), np.zeros(1))[0])) < 1e-9
+        np.testing.assert_allclose(table.at(x, 0 * x), found["a"].at(x, 0 * x), atol=0.5e-4 + 1e-9)
+    assert np.abs(found["a"].at(x, 0 * x)).max() > 0.002

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -170,7 +171,7 @@ def _write(found: Forecast, solution: Solution, feeds: Any, notes: list[str], ar
         "values": "remaining deviation after compensation, mm; orientation A, B, C rad; low, high: 95 % coverage interval",
         "draws": f"{found.draws}, {found.source}",
         **source_lines(solution, args.solution),
-        "command": " ".join(args.command_line),
+        "command": shlex.join(args.command_line),
     }
     if args.output:
         as_json, args.json = args.json, False

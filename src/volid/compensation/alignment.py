@@ -14,6 +14,7 @@ the table's axis cannot be parallel to both.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -23,6 +24,7 @@ from volid.compensation.nominal import influence
 from volid.compensation.parts import TABLE, rotary_letters
 from volid.exceptions import InputError, NotDeterminedError
 from volid.fitting.solution import Solution
+from volid.iso230 import ROTARY_AXES
 
 
 def spindle_turn(solution: Solution) -> np.ndarray:
@@ -53,3 +55,12 @@ def spindle_turn(solution: Solution) -> np.ndarray:
 def aligned_to_spindle(solution: Solution, base: Base) -> Base:
     """The base with the machine frame turned to the spindle. See `spindle_turn` for what it raises."""
     return replace(base, turn=spindle_turn(solution))
+
+
+def alignment_notes(solution: Solution, base: Base, letters: Iterable[str]) -> list[str]:
+    """What the record of a table or grid of the axes `letters` says about an alignment; nothing without one."""
+    if base.turn is None:
+        return []
+    a, b, _ = 1e6 * (base.turn @ np.asarray(solution.parameters))
+    restated = "; location errors are those in the turned frame" if set(letters) & set(ROTARY_AXES) else ""
+    return [f"machine frame aligned to the spindle: turned by A {a:.3f} µrad, B {b:.3f} µrad from the datum{restated}"]

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from volid.compensation.alignment import alignment_notes
 from volid.compensation.base import Base
 from volid.compensation.effect_fields import CHUNK, Place, field_gradient, field_values, linear_place, rotary_place
 from volid.compensation.grid_sampling import grid_nodes
@@ -24,7 +25,6 @@ from volid.compensation.tables import propagated
 from volid.compensation.types import GRID, TYPES, CompensationType
 from volid.exceptions import InputError, NotDeterminedError
 from volid.fitting.solution import Solution
-from volid.iso230 import ROTARY_AXES
 
 Rule = Callable[..., Any]
 
@@ -190,12 +190,7 @@ def _notes(
     solution: Solution, t: CompensationType, base: Base, place: Place, outside: np.ndarray, rule: Rule | None
 ) -> tuple[str, ...]:
     notes = [*part_notes(solution, place.letters), f"{t.name} leaves: {t.leaves}"]
-    if base.turn is not None:
-        a, b, _ = 1e6 * (base.turn @ np.asarray(solution.parameters))
-        lines = "; location errors are those in the turned frame" if set(place.letters) & set(ROTARY_AXES) else ""
-        notes.append(
-            f"machine frame aligned to the spindle: turned by A {a:.3f} µrad, B {b:.3f} µrad from the datum{lines}"
-        )
+    notes += alignment_notes(solution, base, place.letters)
     if t.based_on == "line" or t.name == "L-ANG":
         at = ", ".join(f"{a} = {v:g}" for a, v in zip(solution.machine.letters, base.at, strict=True))
         notes.append(f"specific lines through {at} with the tool vector above")

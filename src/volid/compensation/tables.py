@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from volid.compensation.alignment import alignment_notes
 from volid.compensation.base import Base, condensed
 from volid.compensation.effects import axis_errors, tool_frame_errors
 from volid.compensation.error_table import ITSELF, MODEL, ErrorTable
@@ -161,7 +162,7 @@ def _table(
         zero=f"{axis.letter} = {crossing:g} {axis.unit}",
         datum=describe_datum(solution),
         period=period_of(axis, nodes),
-        notes=_notes(solution, axis),
+        notes=(*alignment_notes(solution, base, axis.letter), *_notes(solution, axis)),
     )
 
 

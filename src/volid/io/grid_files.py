@@ -13,6 +13,7 @@ reading back restores them. One file holds one grid: of a machine with rotary ax
 from __future__ import annotations
 
 import re
+import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -101,7 +102,7 @@ def grid_header(
         lines["intervals"] = INTERVAL_MEANING
     lines |= source_lines(solution, source) | {"datum": grid.datum}
     if command:
-        lines["command"] = " ".join(command)
+        lines["command"] = shlex.join(command)
     if any(note.startswith(REJECTED) for note in grid.notes):
         del lines[REJECTED]  # said in the notes, which a reader gets back
     return lines | {f"note {i}": note for i, note in enumerate(grid.notes, start=1)}

@@ -15,13 +15,14 @@ error values.
 from __future__ import annotations
 
 import re
+import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from volid.compensation.error_table import COLUMNS, DIFFERENCE, ITSELF, MODEL, VALUE, ErrorTable, with_one_reversal
+from volid.compensation.error_table import COLUMNS, DIFFERENCE, ITSELF, MODEL, VALUE, ErrorTable
 from volid.exceptions import InputError
 from volid.fitting.solution import Solution
 from volid.io.csv_table import CsvTable, read_csv
@@ -134,10 +135,10 @@ def table_header(
     if table.has_reversal and form.reversal == VALUE:
         sign = 1.0 if form.errors else -1.0
         value = float(round_to(np.array(sign * table.reversal_value), least))
-        lines["reversal value"] = f"{value!r} {unit}"
+        lines["reversal value"] = f"{value:.12g} {unit}"
     lines |= source_lines(solution, source) | {"datum": table.datum}
     if command:
-        lines["command"] = " ".join(command)
+        lines["command"] = shlex.join(command)
     if any(note.startswith(REJECTED) for note in table.notes):
         lines.pop(REJECTED, None)
     return lines | {f"note {i}": note for i, note in enumerate(table.notes, start=1)}
@@ -262,12 +263,3 @@ def tables_in(folder: str | Path) -> Iterator[ErrorTable]:
     if not files:
         raise InputError(f"{folder}: holds no table (*.csv); expected a folder written by volid tables")
     return (read_table(file) for file in files)
-
-
-def as_written(table: ErrorTable, form: TableForm) -> ErrorTable:
-    """The table as a control will hold it: rounded, and with one reversal value where the form has but one."""
-    from dataclasses import replace
-
-    table = with_one_reversal(table) if form.reversal == VALUE else table
-    least = form.least(table)
-    return replace(table, forward=round_to(table.forward, least), reverse=round_to(table.reverse, least))
