@@ -272,7 +272,7 @@ RECREATED = (
         "three-axis",
         "tables --type L-POS --type L-SQU --incremental --reversal value --increment 0.0001 --zero X=100,Y=-50",
     ),
-    ("three-axis", "tables --type L-SQU --max-error 0.0002 --spacing free --align spindle --at Y=70 --tool 0,0,-150"),
+    ("three-axis", "tables --type L-SQU --max-error 0.0002 --align spindle --at Y=70 --tool 0,0,-150"),
     ("tilting table", "tables --type R-RAX --type R-ANG --elevation 80 --max-points 7 --angle-increment 0.0001"),
     (
         "tilting table",

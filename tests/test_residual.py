@@ -8,13 +8,15 @@ import numpy as np
 import pytest
 from compensated import MACHINES, TOOL, machine_of, node_positions, remaining, truth_of
 from exact_chain import Truth, gauge_free
+from five_axis import NUTATING, ROTARY_TABLE, STRUCTURES, exact_machine, made_up, volid_machine
+from scipy.spatial.transform import Rotation
 
 from volid.cli import main
 from volid.compensation.alignment import aligned_to_spindle
 from volid.compensation.base import base_of
 from volid.compensation.control import Control, asked_motion, asked_speed, check_motion
 from volid.compensation.grids import linear_grid
-from volid.compensation.orientation import PoleRule, poles
+from volid.compensation.orientation import PoleRule, distance_from_pole, poles
 from volid.compensation.package import compensate
 from volid.compensation.residual import QUANTITIES, Places, forecast, volume_places
 from volid.compensation.rigid import best_rigid
@@ -194,6 +196,34 @@ def test_poles_are_found_named_and_kept_out_or_limited():
             PoleRule(5.0, "off")
 
 
+@pytest.mark.parametrize("structure", [STRUCTURES["fork head CA"], NUTATING["nutating head"]])
+def test_a_clamped_rotary_axis_leaves_the_best_that_the_other_can_do(structure):
+    """C clamped: among all turns of the other axis none leaves less of the tool's tilt, by trial with exact matrices."""
+    exact = exact_machine(structure)
+    solution = made_up(volid_machine(exact, segments=4), seed=7)
+    (other,) = set(exact.axes) & set("AB")
+    q = volume_places(solution.machine, 24).positions
+    made = compensate(solution, ["FOR"], base_of(solution, TOOL), grids=Sampling(max_points=9), uncertainty=False)
+    control = made.control(solution.machine, clamped=("C",))
+    altered = control.command(q, np.array(TOOL))
+    assert np.all(altered[:, exact.column("C")] == q[:, exact.column("C")])
+    told = control.expected(q, np.array(TOOL)).orientation  # interpolated; what the axis does against it is judged
+    axis = np.einsum("mji,mj->mi", exact.table_rotation(q), exact.nominal_pose(q)[:, :3, 2])
+
+    def tilt(extra):
+        moved = q.copy()
+        moved[:, exact.column(other)] = altered[:, exact.column(other)] + extra
+        turned = exact.nominal_pose(moved)[:, :3, :3] @ exact.nominal_pose(q)[:, :3, :3].transpose(0, 2, 1)
+        back = np.einsum("mji,mj->mi", exact.table_rotation(q), Rotation.from_matrix(turned).as_rotvec())
+        return np.linalg.norm(np.cross(axis, told + back), axis=1)
+
+    away = distance_from_pole(solution.machine, q) > 20.0
+    assert away.sum() > 8
+    for extra in (-1e-3, -1e-4, 1e-4, 1e-3):
+        assert np.all((tilt(0.0) < tilt(extra))[away])
+    assert np.abs(altered - q)[:, exact.column(other)].max() > 1e-3
+
+
 def test_best_rigid_functions_leave_the_interaction_only():
     """EXX(x, y) without angular functions: the best EXX(x) and EXY(y) leave the doubly centred part, a closed form (7.4.2)."""
     cross = 'EXX = { over = ["X", "Y"], segments = [3, 3] }\n"E[ABC]?" = false\n"E[ABC]0S" = false'
@@ -355,8 +385,6 @@ def test_types_that_cannot_be(layout, names, message):
 
 
 def test_for_needs_two_directions_of_rotary_axes():
-    from five_axis import ROTARY_TABLE, exact_machine, volid_machine
-
     with pytest.raises(InputError, match=r"FOR: .* at least two rotary axes that are not parallel"):
         select(["FOR"], volid_machine(exact_machine(ROTARY_TABLE), segments=4))
 
