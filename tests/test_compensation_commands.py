@@ -278,7 +278,7 @@ RECREATED = (
         "tilting table",
         "grid --type R-VOL --max-error 0.004 --offset 50 --reference-point 1,2,3 --align spindle --errors",
     ),
-    ("fork head", "grid --type L-VOL --type R-POR --points 3 --datum primary=Z,secondary=X --tool 0,10,-99"),
+    ("fork head", "grid --type L-ANG --type R-POR --points 3 --datum primary=Z,secondary=X --tool 0,10,-99"),
 )
 
 
@@ -316,3 +316,41 @@ def test_tables_are_zero_where_asked(files, run, tmp_path):
         assert abs(float(table.at(np.array([100.0]), np.zeros(1))[0])) < 1e-9
         np.testing.assert_allclose(table.at(x, 0 * x), found["a"].at(x, 0 * x), atol=0.5e-4 + 1e-9)
     assert np.abs(found["a"].at(x, 0 * x)).max() > 0.002
+
+
+def test_grids_are_zero_where_asked_and_rounded(files, run, tmp_path):
+    """--zero takes the translations there out of all nodes and leaves rotations; least increments as control and note say."""
+    path, _ = files["three-axis"]
+    base = ("grid", path, "--type", "L-VOL", "--points", "5", "--tool", ORIGIN)
+    assert run(*base, "-o", tmp_path / "plain.csv")[0] == 0
+    assert run(*base, "--zero", "X=-200,Y=350", "-o", tmp_path / "zero.csv")[0] == 0
+    plain, zero = (read_grid(tmp_path / f"{n}.csv") for n in ("plain", "zero"))
+    node = np.flatnonzero((plain.positions == [-200.0, 350.0, 150.0]).all(axis=1))  # Z at the lines' crossing
+    np.testing.assert_allclose(zero.values[:, :3], plain.values[:, :3] - plain.values[node, :3], atol=1e-6)  # products
+    np.testing.assert_allclose(zero.values[:, 3:], plain.values[:, 3:], atol=1e-8)  # (60 µrad)² and the like
+    assert np.abs(plain.values[node, :3]).min() > 1e-4
+    assert np.all(zero.u[node, :3] < 1e-9) and zero.u[:, :3].max() > 1e-4  # what is zero by choice is known
+    assert any("zero at X = -200, Y = 350, Z = 150 mm" in n for n in zero.notes)
+
+    rounding = ("--increment", "0.0005", "--angle-increment", "0.0002")
+    assert run(*base, *rounding, "-o", tmp_path / "coarse.csv")[0] == 0
+    coarse = read_grid(tmp_path / "coarse.csv")
+    for own, least, scale in ((slice(0, 3), 0.0005, 1.0), (slice(3, 6), 0.0002, 180.0 / np.pi)):
+        steps = scale * coarse.values[:, own] / least
+        np.testing.assert_allclose(steps, np.round(steps), atol=1e-5)
+        off = np.abs(coarse.values - plain.values)[:, own].max() * scale
+        assert 0.4 * least < off <= 0.5 * least + 1e-9
+    assert any(n.startswith("least increment 0.0005 mm; largest change by rounding 0.0002") for n in coarse.notes)
+    for verb, option, message in (
+        (
+            "grid",
+            ("--type", "L-VOL", "--zero", "X=9000"),
+            "--zero X=9000; expected positions of X, Y, Z within their travels",
+        ),
+        ("grid", ("--type", "L-VOL", "--increment", "0"), "least increment 0 mm; expected a number > 0"),
+        ("grid", ("--zero", "X=0", "--intervals"), "--intervals and --zero exclude each other"),
+    ):
+        status, _, err = run(verb, path, *option, "--points", "2", "-o", tmp_path / "no.csv")
+        assert (status, message in err, (tmp_path / "no.csv").exists()) == (2, True, False), err
+    status, _, err = run("grid", files["tilting table"][0], "--type", "R-VOL", "--zero", "C=0")
+    assert (status, "would displace its axis" in err) == (2, True)

@@ -107,6 +107,13 @@ def ranges_from(solution: Solution, args: argparse.Namespace) -> dict[str, tuple
     return chosen_ranges(solution, args.range, args.extrapolate)
 
 
+def add_rounding(parser: argparse.ArgumentParser, kind: str) -> None:
+    """--increment, --angle-increment, --zero."""
+    parser.add_argument("--increment", metavar="D", type=float, help="least increment of lengths, mm")
+    parser.add_argument("--angle-increment", metavar="D", type=float, help="least increment of rotations, degrees")
+    parser.add_argument("--zero", metavar="X=..", type=assignments, help=f"where {kind} are zero")
+
+
 def sampling_of(args: argparse.Namespace, spacing: str = "equal") -> Sampling:
     """How tables or grids are sampled. Raises `InputError`."""
     from volid.compensation.sampling import Sampling

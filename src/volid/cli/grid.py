@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from math import radians
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,6 +23,7 @@ from volid.cli.common import (
 from volid.cli.compensation_options import (
     add_base,
     add_range,
+    add_rounding,
     add_sampling,
     base_from,
     prepared,
@@ -79,6 +81,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--errors", action="store_true", help="error values instead of compensation values")
     add_range(parser, "nodes")
+    add_rounding(parser, "translations of a linear grid")
     parser.add_argument(
         "--intervals",
         action="store_true",
@@ -127,12 +130,16 @@ def _check_options(args: argparse.Namespace) -> None:
         )
     if not rotary and args.reference_point is not None:
         raise InputError("--reference-point is for R-VOL; an L-VOL grid holds for a tool vector (--tool x,y,z)")
-    if args.intervals and (args.align != "axes" or args.rigid or args.add_to or args.rule):
+    if args.intervals and (args.align != "axes" or args.rigid or args.add_to or args.rule or args.zero):
         clash = next(
-            n for n in ("rigid", "add_to", "rule", "align") if getattr(args, n) not in (None, False, "axes", [])
+            n for n in ("rigid", "add_to", "rule", "zero", "align") if getattr(args, n) not in (None, False, "axes", [])
         )
         raise InputError(
             f"--intervals and --{clash.replace('_', '-')} exclude each other: the samples know nothing of it; leave one out"
+        )
+    if args.zero and not any(t.is_linear for t in types):
+        raise InputError(
+            "--zero is for grids of linear axes: a constant taken out of a rotary grid would displace its axis"
         )
     if args.points is not None and args.points < 2:
         raise InputError(f"--points {args.points}; expected at least 2 per axis")
@@ -143,6 +150,7 @@ def _check_options(args: argparse.Namespace) -> None:
 def _grids(solution: Solution, args: argparse.Namespace) -> tuple[tuple[AnyGrid, ...], list[str]]:
     from volid.compensation.package import compensate
     from volid.compensation.ranges import cut_notes, refuse_extrapolation
+    from volid.compensation.rounding import rounded_grid
     from volid.report.summary import most_used_tool
 
     tool = most_used_tool(solution.campaign) if args.tool is None else args.tool
@@ -158,6 +166,7 @@ def _grids(solution: Solution, args: argparse.Namespace) -> tuple[tuple[AnyGrid,
         rule=rule_from(args.rule),
         reference_point=args.reference_point,
         ranges=ranges,
+        zero=args.zero,
     )
     grids = made.grids
     if not args.extrapolate:
@@ -167,7 +176,8 @@ def _grids(solution: Solution, args: argparse.Namespace) -> tuple[tuple[AnyGrid,
         from volid.compensation.grid_intervals import with_intervals
 
         grids = tuple(with_intervals(solution, grid) for grid in grids)
-    return _superimposed(grids, args), notes
+    angle = None if args.angle_increment is None else radians(args.angle_increment)
+    return tuple(rounded_grid(g, args.increment, angle) for g in _superimposed(grids, args)), notes
 
 
 def _superimposed(grids: tuple[AnyGrid, ...], args: argparse.Namespace) -> tuple[AnyGrid, ...]:

@@ -18,9 +18,9 @@ from volid.cli.common import (
 from volid.cli.compensation_options import (
     add_base,
     add_range,
+    add_rounding,
     add_sampling,
     add_types,
-    assignments,
     base_from,
     prepared,
     ranges_from,
@@ -78,11 +78,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="columns",
         help="both directions as columns (default), one value per axis, or the difference as second column",
     )
-    parser.add_argument("--increment", metavar="D", type=float, help="least increment of lengths, mm")
-    parser.add_argument("--angle-increment", metavar="D", type=float, help="least increment of rotations, degrees")
-    parser.add_argument(
-        "--zero", metavar="X=..", type=assignments, help="where tables of an axis are zero; default: --at"
-    )
+    add_rounding(parser, "tables of an axis (default: --at)")
     parser.add_argument("--add-to", metavar="OLD", help="existing table or folder of tables to superimpose on")
     add_range(parser, "points")
     add_output(parser, "DIR", "folder for the tables", required=True)

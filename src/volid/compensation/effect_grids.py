@@ -35,16 +35,23 @@ class _Found(NamedTuple):
     determined: np.ndarray
 
 
-def _evaluate(solution: Solution, t: CompensationType, base: Base, place: Place, uncertainty: bool) -> _Found:
+def _evaluate(
+    solution: Solution, t: CompensationType, base: Base, place: Place, uncertainty: bool, zero: Place | None = None
+) -> _Found:
+    """Values of the type, u and whether they are determined; translations less those at `zero`."""
     if not uncertainty:
         values = field_values(solution, t, base, place)
+        if zero is not None:
+            values[:, :3] -= field_values(solution, t, base, zero)[:, :3]
         return _Found(values, np.full_like(values, np.nan), np.ones(values.shape, dtype=bool))
     covariance = solution.parameter_covariance
     theta = np.asarray(solution.parameters)
     found: list[tuple[np.ndarray, ...]] = []
+    origin = 0.0 if zero is None else field_gradient(solution, t, base, zero, slice(0, 1))[:, :3]
     for start in range(0, len(place.full), CHUNK):
         rows = slice(start, start + CHUNK)
         gradient = field_gradient(solution, t, base, place, rows)
+        gradient[:, :3] -= origin
         lost = solution.is_lost(gradient.reshape(-1, len(theta))).reshape(gradient.shape[:2])
         found.append((gradient @ theta, propagated(gradient, covariance), ~lost))
     value, u, known = (np.concatenate(parts) for parts in zip(*found, strict=True))
@@ -62,14 +69,17 @@ def effect_grids(
     rule: Rule | None = None,
     uncertainty: bool = True,
     ranges: Mapping[str, tuple[float, float]] | None = None,
+    zero: Mapping[str, float] | None = None,
 ) -> tuple[Grid | RotaryGrid, ...]:
     """Grids of one type: of the linear axes, then of the rotary axes of table and head, those that the type needs.
 
     `sampling`: step, at most so many points per axis, or a bound on the interpolation; else `points` per axis (default 21,
     rotary axes 37). `rule`: of L-SPEC and R-SPEC, called as rule(solution, positions (m, n_axes), tool (m, 3)), returns error
     values (m, 6) [mm, rad]. `uncertainty`: False leaves out u, and the test whether the data determine the values, which take
-    most of the time. `ranges`: lowest and highest node by axis letter, default the travel [mm or °]. Raises `InputError` for a
-    type without grids, `NotDeterminedError` when the data do not determine its translations.
+    most of the time. `ranges`: lowest and highest node by axis letter, default the travel [mm or °]. `zero`: where the
+    translations of a linear grid are 0 for its tool vector, by axis letter [mm], other axes at the lines' crossing; rotations
+    stay, because their effect on other tools does not vanish. Raises `InputError` for a type without grids or a `zero` that is
+    no place of linear axes, `NotDeterminedError` when the data do not determine its translations.
     """
     if GRID not in t.forms:
         raise InputError(f"--type {t.name} has no grid; it is a table of the axis itself: volid tables --type {t.name}")
@@ -85,6 +95,7 @@ def effect_grids(
                 grid_nodes(solution, own, base, None, sampling, points, ranges=ranges),
                 rule,
                 uncertainty,
+                None if own is _FOR or t.name == "FOR" else zero,
             )
         )
     if t.is_rotary or t.turns:
@@ -106,21 +117,43 @@ def _linear(
     nodes: Mapping[str, np.ndarray],
     rule: Rule | None,
     uncertainty: bool,
+    zero: Mapping[str, float] | None,
 ) -> Grid:
     x, y, z = base.tool.tolist()
-    if t.name in ("L-VOL", "L-VOL+") and uncertainty and base.turn is None:
+    if t.name in ("L-VOL", "L-VOL+") and uncertainty and base.turn is None and not zero:
         return replace(linear_grid(solution, tool=(x, y, z), nodes=nodes), type=t.name)
     lines = tuple(nodes.values())
     positions = grid_positions(lines)
     place = linear_place(solution.machine, positions, base)
-    found = _evaluate(solution, t, base, place, uncertainty) if rule is None else _from_rule(solution, rule, place)
+    origin = _zero_place(solution, base, zero, place.axes) if zero else None
+    if rule is None:
+        found = _evaluate(solution, t, base, place, uncertainty, origin)
+    else:
+        found = _from_rule(solution, rule, place, origin)
     _require(solution, t, found)
     outside = solution.outside(place.full, place.axes)
     notes = _notes(solution, t, base, place, outside, rule)
+    if origin is not None:
+        at = ", ".join(f"{a} = {origin.full[0, solution.machine.index(a)]:g}" for a in place.axes)
+        notes += (f"dX, dY, dZ are zero at {at} mm with the tool vector above; rotations are not shifted",)
     datum = describe_datum(solution)
     return Grid(
         t.name, place.axes, lines, positions, found.values, found.u, outside, (x, y, z), "machine", datum, notes
     )
+
+
+def _zero_place(solution: Solution, base: Base, zero: Mapping[str, float], axes: Sequence[str]) -> Place:
+    """Where translations are zero. Raises `InputError` for another axis than a linear one, or a place beyond its travel."""
+    machine = solution.machine
+    for letter, value in zero.items():
+        low, high = machine.axis(letter).travel
+        if letter not in axes or not low <= value <= high:
+            raise InputError(
+                f"--zero {letter}={value:g}; expected positions of {', '.join(axes)} within their travels: a constant taken out "
+                "of a rotary grid would displace its axis"
+            )
+    at = [zero.get(a, base.at[machine.index(a)]) for a in axes]
+    return linear_place(machine, np.array([at]), base)
 
 
 def _rotary(
@@ -161,7 +194,7 @@ def _rotary(
     )
 
 
-def _from_rule(solution: Solution, rule: Rule, place: Place) -> _Found:
+def _from_rule(solution: Solution, rule: Rule, place: Place, zero: Place | None = None) -> _Found:
     """Error values from a user's rule; no uncertainty. Raises `InputError` when it returns something else."""
     name = getattr(rule, "__name__", "rule")
     try:
@@ -173,6 +206,8 @@ def _from_rule(solution: Solution, rule: Rule, place: Place) -> _Found:
             f"--rule {name}: returned shape {values.shape}; expected finite error values ({len(place.full)}, 6): mm, "
             f"mm, mm, rad, rad, rad"
         )
+    if zero is not None:
+        values = values - np.pad(_from_rule(solution, rule, zero).values[:, :3], ((0, 0), (0, 3)))
     return _Found(values, np.full_like(values, np.nan), np.ones(values.shape, dtype=bool))
 
 

@@ -23,6 +23,7 @@ from pathlib import Path
 import numpy as np
 
 from volid.compensation.error_table import COLUMNS, DIFFERENCE, ITSELF, MODEL, VALUE, ErrorTable
+from volid.compensation.rounding import round_to
 from volid.exceptions import InputError
 from volid.fitting.solution import Solution
 from volid.io.csv_table import CsvTable, read_csv
@@ -75,11 +76,6 @@ class TableForm:
     def least(self, table: ErrorTable) -> float | None:
         """Least increment of a table's values [mm or rad]."""
         return self.angle_increment if parse(table.function).is_rotation else self.increment
-
-
-def round_to(values: np.ndarray, least: float | None) -> np.ndarray:
-    """Values at the nearest multiple of the least increment."""
-    return values if least is None else np.round(values / least) * least
 
 
 def increments(absolute: np.ndarray) -> np.ndarray:
