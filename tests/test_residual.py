@@ -18,11 +18,12 @@ from volid.compensation.control import Control, asked_motion, asked_speed, check
 from volid.compensation.grids import linear_grid
 from volid.compensation.orientation import PoleRule, distance_from_pole, poles
 from volid.compensation.package import compensate
-from volid.compensation.residual import QUANTITIES, Places, forecast, volume_places
+from volid.compensation.residual import forecast
 from volid.compensation.rigid import best_rigid
 from volid.compensation.sampling import Sampling
 from volid.compensation.types import TYPES, select
 from volid.compensation.volume import predict_residual
+from volid.compensation.volume_fields import QUANTITIES, Places, volume_places
 from volid.exceptions import InputError, NotDeterminedError
 from volid.fitting.solution import Residuals, Statistics
 from volid.io.solution_hdf5 import write_solution

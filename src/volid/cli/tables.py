@@ -133,7 +133,7 @@ def _tables(solution: Solution, args: argparse.Namespace) -> tuple[tuple[ErrorTa
     from volid.compensation.tables import error_tables
     from volid.compensation.types import select
     from volid.exceptions import InputError
-    from volid.io.table_files import tables_in
+    from volid.io.table_reader import tables_in
     from volid.report.summary import most_used_tool
 
     types = select(args.type, solution.machine)

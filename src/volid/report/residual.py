@@ -10,7 +10,8 @@ import numpy as np
 
 from volid.compensation.control import asked_speed
 from volid.compensation.orientation import poles
-from volid.compensation.residual import ANGLES, LENGTHS, QUANTITIES, Column, Forecast
+from volid.compensation.residual import Column, Forecast
+from volid.compensation.volume_fields import ANGLES, LENGTHS, QUANTITIES
 from volid.machine import Machine
 from volid.report.text import table, vector
 
