@@ -354,3 +354,28 @@ def test_grids_are_zero_where_asked_and_rounded(files, run, tmp_path):
         assert (status, message in err, (tmp_path / "no.csv").exists()) == (2, True, False), err
     status, _, err = run("grid", files["tilting table"][0], "--type", "R-VOL", "--zero", "C=0")
     assert (status, "would displace its axis" in err) == (2, True)
+
+
+def test_prediction_is_of_what_would_be_written(files, run, tmp_path):
+    """X measured to 0 only: the grid ends there and holds its end value, which leaves more than a grid that extrapolates."""
+    _, solution = files["three-axis"]
+    write_solution(measured_over(solution, X=(-400, 0)), tmp_path / "s.h5")
+    left = {}
+    for option in ((), ("--extrapolate",), ("--range", "X=-400:0")):
+        command = (
+            "residual",
+            tmp_path / "s.h5",
+            "--type",
+            "L-VOL",
+            "--tool",
+            ORIGIN,
+            "--points",
+            "9",
+            "--json",
+            *option,
+        )
+        status, text, err = run(*command)
+        assert (status, "the travel of X was not measured to its ends" in err) == (1, True)
+        left[option] = json.loads(text)["columns"][1]["predictions"][0]["exact"]["RMS"]
+    assert left[()] == left["--range", "X=-400:0"]
+    assert left[()] > 2.0 * left["--extrapolate",]
