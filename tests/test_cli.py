@@ -444,12 +444,22 @@ def test_grid_outside_what_was_measured_needs_consent(run, tmp_path):
     assert "travel = [0.0, 1000.0]" in text
     machine.write_text(text.replace("travel = [0.0, 1000.0]", "travel = [0.0, 1300.0]"), encoding="utf-8")
     assert run("fit", virtual.manifest, "-o", tmp_path / "s.h5")[0] in (0, 1)
-    status, _, err = run("grid", tmp_path / "s.h5", "--points", "3", "-o", tmp_path / "g.csv")
-    assert status == 1
-    assert "9 of 27 nodes lie outside the measured positions: extrapolated (outside = 1)" in err
-    assert read_grid(tmp_path / "g.csv").outside.sum() == 9
-    err = run("grid", tmp_path / "s.h5", "--points", "3", "--extrapolate", "-o", tmp_path / "g2.csv")[2]
-    assert "outside" not in err
+    grid = ("grid", tmp_path / "s.h5", "--points", "3")
+    status, text, err = run(*grid, "--range", "X=0:1300", "-o", tmp_path / "g.csv")
+    assert (status, text, (tmp_path / "g.csv").exists()) == (2, "", False)
+    assert "axis X over 0 … 1300 mm leaves the measured 0 … 1000 mm; give --range X=0:1000. Measure there" in err
+    assert "--extrapolate" in err and "Traceback" not in err
+    cut = "X 0 … 1000 mm of the travel 0 … 1300: measured 0 … 1000 mm; a control holds the end values outside"
+    status, text, _ = run(*grid, "-o", tmp_path / "g.csv")  # by itself the grid stays inside, and says so
+    assert (status, f"note: {cut}\n" in text) == (0, True)
+    assert cut in (tmp_path / "g.csv").read_text(encoding="utf-8")
+    inside = read_grid(tmp_path / "g.csv")
+    assert (inside.nodes[0].tolist(), inside.outside.any()) == ([0.0, 500.0, 1000.0], False)
+    assert cut in run(*grid)[2]  # not among the rows on standard output
+    status, _, _ = run(*grid, "--extrapolate", "-o", tmp_path / "g2.csv")
+    flagged = read_grid(tmp_path / "g2.csv")
+    assert (status, flagged.nodes[0][-1], flagged.outside.sum()) == (0, 1300.0, 9)
+    assert "9 of 27 nodes lie outside the measured positions: extrapolated" in (tmp_path / "g2.csv").read_text("utf-8")
     assert "(measured 0 … 1000)" in run("summary", tmp_path / "s.h5")[1]
 
 

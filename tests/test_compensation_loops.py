@@ -9,8 +9,13 @@ nanometres for 20 µm and 60 µrad, and about |turn| × |error| where rotary axe
 import numpy as np
 import pytest
 from compensated import MACHINES, TOOL, control_of, machine_of, node_positions, only, remaining, truth_of
+from exact_chain import gauge_free
 
+from volid.compensation.base import base_of
 from volid.compensation.orientation import distance_from_pole, side_rotation
+from volid.compensation.residual import forecast
+from volid.compensation.sampling import Sampling
+from volid.compensation.volume_fields import Places
 
 SECOND_ORDER = 2e-4  # mm: 0.2 µm, (100 µrad)² × 1 m and 100 µrad × 50 µm are below 0.02 µm; rotary chains add several
 ANGLE = 2e-7  # rad
@@ -96,6 +101,11 @@ def test_type_removes_what_it_is_for_and_leaves_the_rest(layout, name, tmp_path)
     after = remaining(exact, truth_of(own), q, altered, tool)
     assert np.linalg.norm(before[:, :3], axis=1).max() > 0.002
     assert np.linalg.norm(after[:, :3], axis=1).max() < SECOND_ORDER
+    few = Places(q[:24], np.zeros((24, q.shape[1])))
+    base, few_nodes = base_of(own, TOOL, functions=functions), Sampling(max_points=5)
+    (_, column) = forecast(own, [[name]], base, tool, places=few, points=5, tables=few_nodes).columns
+    free, _ = gauge_free(after[:24, :3], q[:24], tool, tool_rotation=False, machine=exact)
+    assert np.linalg.norm(free, axis=1).max() < column.predictions[0].low[0]
     if name == "R-POS":  # the axis itself is moved: its rotation goes too
         assert np.abs(after[:, 3:]).max() < ANGLE
     else:  # a direct angular measurement still sees the physical rotation

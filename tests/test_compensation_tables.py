@@ -15,6 +15,7 @@ from volid.compensation.error_table import ErrorTable
 from volid.compensation.grid_sampling import grid_interpolation
 from volid.compensation.grids import Grid
 from volid.compensation.package import compensate
+from volid.compensation.rounding import round_to
 from volid.compensation.sampling import Sampling, choose_nodes, interpolation_error
 from volid.compensation.superposition import add_grid, add_tables
 from volid.compensation.tables import error_tables
@@ -22,7 +23,8 @@ from volid.compensation.types import TYPES, select
 from volid.exceptions import InputError, NotDeterminedError
 from volid.io.compensation_files import load_control, save_compensation
 from volid.io.grid_files import read_grid, save_grid
-from volid.io.table_files import TableForm, increments, read_table, round_to, table_header, table_sheet, written_values
+from volid.io.table_files import TableForm, increments, table_header, table_sheet, written_values
+from volid.io.table_reader import read_table
 from volid.io.tables_csv import write_csv
 
 

@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from volid.io.grid_files import save_grid
     from volid.io.solution_hdf5 import read_solution as load_solution
     from volid.io.solution_hdf5 import write_solution as save_solution
-    from volid.io.table_files import read_table as load_table
+    from volid.io.table_reader import read_table as load_table
     from volid.machine import Datum, Machine
     from volid.random_truth import random_truth
     from volid.report.summary import summary
@@ -135,7 +135,7 @@ _PLACES = {
     "volid.io.compensation_files": ("load_control", "save_compensation"),
     "volid.io.grid_files": ("read_grid as load_grid", "save_grid"),
     "volid.io.solution_hdf5": ("read_solution as load_solution", "write_solution as save_solution"),
-    "volid.io.table_files": ("read_table as load_table",),
+    "volid.io.table_reader": ("read_table as load_table",),
     "volid.machine": ("Datum", "Machine"),
     "volid.random_truth": ("random_truth",),
     "volid.report.summary": ("summary",),

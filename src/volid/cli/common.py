@@ -129,6 +129,15 @@ def attention(solution: Solution) -> list[str]:
     return messages
 
 
+def tell(args: argparse.Namespace, notes: Sequence[str]) -> None:
+    """Notes about a result: on standard output, or on standard error where the result itself stands there."""
+    for note in notes:
+        if args.output and not args.json:
+            print(f"note: {note}")
+        else:
+            print(f"volid {args.verb}: note: {note}", file=sys.stderr)
+
+
 def conclude(args: argparse.Namespace, messages: Sequence[str]) -> int:
     """Name on standard error what needs attention; the exit status, 1 when there is something."""
     for message in messages:

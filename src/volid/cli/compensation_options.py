@@ -1,4 +1,4 @@
-"""Options that `tables`, `grid` and `residual` share: types, base, datum, sampling, and what a user's rule is."""
+"""Options that `tables`, `grid` and `residual` share: types, base, datum, sampling, ranges, and what a user's rule is."""
 
 from __future__ import annotations
 
@@ -72,6 +72,46 @@ def add_sampling(parser: argparse.ArgumentParser, kind: str) -> None:
     parser.add_argument(
         "--offset", metavar="R", type=float, help="offset of the tool from the axis at which E holds for rotations, mm"
     )
+
+
+def spans(text: str) -> dict[str, tuple[float, float]]:
+    """ "X=0:500,Y=0:300" as lowest and highest position by axis letter, for argparse."""
+    found = {}
+    try:
+        for part in text.split(","):
+            key, value = part.split("=")
+            low, high = value.split(":")
+            found[key.strip()] = (float(low), float(high))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"'{text}' is no list of ranges; expected such as X=0:500,Y=0:300") from None
+    return found
+
+
+def add_range(parser: argparse.ArgumentParser, kind: str) -> None:
+    """--range, --extrapolate."""
+    parser.add_argument(
+        "--range",
+        metavar="X=0:500",
+        type=spans,
+        help=f"lowest and highest of the {kind} by axis; default: the part of the travel that was measured",
+    )
+    parser.add_argument(
+        "--extrapolate", action="store_true", help=f"{kind} outside what was measured are meant; default: whole travel"
+    )
+
+
+def ranges_from(solution: Solution, args: argparse.Namespace) -> dict[str, tuple[float, float]]:
+    """Over which positions tables and grids reach, by axis letter. Raises `InputError`."""
+    from volid.compensation.ranges import chosen_ranges
+
+    return chosen_ranges(solution, args.range, args.extrapolate)
+
+
+def add_rounding(parser: argparse.ArgumentParser, kind: str) -> None:
+    """--increment, --angle-increment, --zero."""
+    parser.add_argument("--increment", metavar="D", type=float, help="least increment of lengths, mm")
+    parser.add_argument("--angle-increment", metavar="D", type=float, help="least increment of rotations, degrees")
+    parser.add_argument("--zero", metavar="X=..", type=assignments, help=f"where {kind} are zero")
 
 
 def sampling_of(args: argparse.Namespace, spacing: str = "equal") -> Sampling:

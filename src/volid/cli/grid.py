@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from math import radians
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,12 +16,23 @@ from volid.cli.common import (
     conclude,
     explain,
     print_json,
+    tell,
     tool_vector,
     write_sheets,
 )
-from volid.cli.compensation_options import add_base, add_sampling, base_from, prepared, rule_from, sampling_of
+from volid.cli.compensation_options import (
+    add_base,
+    add_range,
+    add_rounding,
+    add_sampling,
+    base_from,
+    prepared,
+    ranges_from,
+    rule_from,
+    sampling_of,
+)
+from volid.cli.grid_messages import LINEAR, ROTARY, described, messages_of, reversal_lines
 from volid.cli.progress import Progress
-from volid.report.text import vector
 
 if TYPE_CHECKING:
     from volid.fitting.solution import Solution
@@ -28,12 +40,11 @@ if TYPE_CHECKING:
 
 HELP = "spatial grid of compensation (or error) values over the working volume"
 
-LINEAR, ROTARY = "L-VOL", "R-VOL"
 _EPILOG = """\
 Every type of ISO/TR 16907 but R-POS has a grid; default L-VOL, repeat --type to combine types.
 Compensation values are minus the error values (actual - nominal); --errors writes the error
-values. The grid spans the travels, both ends included, the first axis varying fastest; translations
-in mm, rotations in degrees. Lines that begin with # state type, sign, tool vector or reference
+values. The grid spans the measured part of the travels, or --range, both ends included, the first
+axis varying fastest; translations in mm, rotations in degrees. Lines that begin with # state type, sign, tool vector or reference
 point, frame, datum, source and command. OUT is CSV, or HDF5 when it ends in .h5.
 
 A linear grid holds for one tool vector; with rotary axes, for a rotated one and the linear axes'
@@ -45,9 +56,10 @@ example:
   volid grid solution.h5 --type L-VOL --step 50 --tool 0,0,-150 -o grid.csv
   volid grid solution.h5 --type R-VOL --step 10 --reference-point 0,0,0 -o rotary.csv
 
-exit status: 0 good; 1 written, but nodes lie outside what was measured (unless --extrapolate),
-rotations are not determined, the model leaves out error functions, or is rejected; 1 and nothing
-written when the data do not determine the translations; 2 bad input
+exit status: 0 good; 1 written, but rotations are not determined, a sum with --add-to reaches beyond
+what was measured, the model leaves out error functions, or is rejected; 1 and nothing written when
+the data do not determine the translations; 2 bad input, also nodes outside what was measured
+without --extrapolate
 """
 
 
@@ -68,7 +80,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="of rotary grids, mm, machine frame, linear axes at 0; default: on the rotary axis nearest the bed",
     )
     parser.add_argument("--errors", action="store_true", help="error values instead of compensation values")
-    parser.add_argument("--extrapolate", action="store_true", help="nodes outside what was measured are meant")
+    add_range(parser, "nodes")
+    add_rounding(parser, "translations of a linear grid")
     parser.add_argument(
         "--intervals",
         action="store_true",
@@ -91,10 +104,11 @@ def run(args: argparse.Namespace) -> int:
         progress("evaluating the grid")
         grids, notes = _grids(solution, args)
         paths = _write(grids, solution, args, notes)
+    tell(args, [*notes, *reversal_lines(solution, grids)])
     if args.output and not args.json:
         for grid, path in zip(grids, paths, strict=True):
-            print(f"{_described(grid, args)} written: {path}")
-    messages = [m for grid in grids for m in _messages(grid, args, several=len(grids) > 1)]
+            print(f"{described(grid, args)} written: {path}")
+    messages = [m for grid in grids for m in messages_of(grid, args, several=len(grids) > 1)]
     return conclude(args, [m for m in attention(solution) if "do not determine" not in m] + messages)
 
 
@@ -116,12 +130,16 @@ def _check_options(args: argparse.Namespace) -> None:
         )
     if not rotary and args.reference_point is not None:
         raise InputError("--reference-point is for R-VOL; an L-VOL grid holds for a tool vector (--tool x,y,z)")
-    if args.intervals and (args.align != "axes" or args.rigid or args.add_to or args.rule):
+    if args.intervals and (args.align != "axes" or args.rigid or args.add_to or args.rule or args.zero):
         clash = next(
-            n for n in ("rigid", "add_to", "rule", "align") if getattr(args, n) not in (None, False, "axes", [])
+            n for n in ("rigid", "add_to", "rule", "zero", "align") if getattr(args, n) not in (None, False, "axes", [])
         )
         raise InputError(
             f"--intervals and --{clash.replace('_', '-')} exclude each other: the samples know nothing of it; leave one out"
+        )
+    if args.zero and not any(t.is_linear for t in types):
+        raise InputError(
+            "--zero is for grids of linear axes: a constant taken out of a rotary grid would displace its axis"
         )
     if args.points is not None and args.points < 2:
         raise InputError(f"--points {args.points}; expected at least 2 per axis")
@@ -131,26 +149,35 @@ def _check_options(args: argparse.Namespace) -> None:
 
 def _grids(solution: Solution, args: argparse.Namespace) -> tuple[tuple[AnyGrid, ...], list[str]]:
     from volid.compensation.package import compensate
+    from volid.compensation.ranges import cut_notes, refuse_extrapolation
+    from volid.compensation.rounding import rounded_grid
     from volid.report.summary import most_used_tool
 
     tool = most_used_tool(solution.campaign) if args.tool is None else args.tool
     solution, notes = prepared(solution, args, [tool])
+    base, ranges = base_from(solution, args, tool), ranges_from(solution, args)
     made = compensate(
         solution,
         args.type,
-        base_from(solution, args, tool),
+        base,
         grids=sampling_of(args),
         points=args.points,
         form="grid",
         rule=rule_from(args.rule),
         reference_point=args.reference_point,
+        ranges=ranges,
+        zero=args.zero,
     )
     grids = made.grids
+    if not args.extrapolate:
+        refuse_extrapolation(solution, grids, base, ranges)
+    notes += cut_notes(solution, ranges, [a for g in grids for a in g.axes])
     if args.intervals:
         from volid.compensation.grid_intervals import with_intervals
 
         grids = tuple(with_intervals(solution, grid) for grid in grids)
-    return _superimposed(grids, args), notes
+    angle = None if args.angle_increment is None else radians(args.angle_increment)
+    return tuple(rounded_grid(g, args.increment, angle) for g in _superimposed(grids, args)), notes
 
 
 def _superimposed(grids: tuple[AnyGrid, ...], args: argparse.Namespace) -> tuple[AnyGrid, ...]:
@@ -206,35 +233,3 @@ def _write(grids: tuple[AnyGrid, ...], solution: Solution, args: argparse.Namesp
     sheets = [grid_sheet(grid, header) for grid, header in zip(grids, headers, strict=True)]
     write_sheets(sheets, paths, args, key=whole)
     return paths
-
-
-def _described(grid: AnyGrid, args: argparse.Namespace) -> str:
-    counts = " × ".join(str(len(nodes)) for nodes in grid.nodes)
-    values = "error" if args.errors else "compensation"
-    kind = "" if grid.type in (LINEAR, ROTARY) else f"{grid.type} "
-    if not hasattr(grid, "side"):
-        return f"{counts} nodes of {kind}{values} values for tool vector {vector(getattr(grid, 'tool', ()))} mm"
-    where = vector(getattr(grid, "reference_point", ()))
-    side = getattr(grid, "side", "")
-    return (
-        f"{counts} nodes of {kind}{values} values of {', '.join(grid.axes)} in the {side}, reference point {where} mm,"
-    )
-
-
-def _messages(grid: AnyGrid, args: argparse.Namespace, several: bool) -> list[str]:
-    from volid.compensation.parts import LEFT_OUT
-
-    what = f"{getattr(grid, 'side', 'linear')}: " if several else ""
-    messages = [f"{what}{note}" for note in grid.notes if note.startswith(LEFT_OUT)]
-    lost = [f"d{c}" for k, c in enumerate("XYZABC") if (grid.values[:, k] != grid.values[:, k]).any()]
-    if lost:
-        advice = "no lever arm" if hasattr(grid, "side") else "no other tool vector"
-        messages.append(f"{what}{', '.join(lost)} not determined by the data and left blank; use {advice}")
-    outside = int(grid.outside.sum())
-    if outside and not args.extrapolate:
-        n = len(grid.outside)
-        messages.append(
-            f"{what}{outside} of {n} nodes lie outside the measured positions: extrapolated (outside = 1). Measure there, or "
-            "accept with --extrapolate"
-        )
-    return messages

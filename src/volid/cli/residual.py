@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +18,7 @@ from volid.cli.common import (
     tool_vector,
     write_sheet,
 )
-from volid.cli.compensation_options import add_base, assignments, base_from, prepared, rule_from
+from volid.cli.compensation_options import add_base, add_range, assignments, base_from, prepared, ranges_from, rule_from
 from volid.cli.progress import Progress
 
 if TYPE_CHECKING:
@@ -64,6 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--tables", action="store_true", help="types as tables of single functions where they have them"
     )
+    add_range(parser, "nodes and points")
     parser.add_argument(
         "--increment", metavar="X=..", type=assignments, help="least increments of the axes, mm or degrees"
     )
@@ -134,6 +136,7 @@ def _forecast(solution: Solution, args: argparse.Namespace) -> tuple[Forecast, l
     found = forecast(
         solution, lists, base_from(solution, args, tool), np.array(tools), points=args.points, rule=rule_from(args.rule),
         form="tables" if args.tables else None, control=control, tool_error=args.tool_error, seed=args.seed,
+        ranges=ranges_from(solution, args),
     )  # fmt: skip
     return found, notes
 
@@ -168,7 +171,7 @@ def _write(found: Forecast, solution: Solution, feeds: Any, notes: list[str], ar
         "values": "remaining deviation after compensation, mm; orientation A, B, C rad; low, high: 95 % coverage interval",
         "draws": f"{found.draws}, {found.source}",
         **source_lines(solution, args.solution),
-        "command": " ".join(args.command_line),
+        "command": shlex.join(args.command_line),
     }
     if args.output:
         as_json, args.json = args.json, False

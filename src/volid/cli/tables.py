@@ -13,14 +13,17 @@ from volid.cli.common import (
     conclude,
     explain,
     print_json,
+    tell,
 )
 from volid.cli.compensation_options import (
     add_base,
+    add_range,
+    add_rounding,
     add_sampling,
     add_types,
-    assignments,
     base_from,
     prepared,
+    ranges_from,
     sampling_of,
 )
 from volid.cli.progress import Progress
@@ -49,8 +52,11 @@ example:
   volid tables solution.h5 --type L-POS --at X=500,Y=300,Z=-250 -o tables
   volid tables solution.h5 --type L-STR --type L-SQU --max-error 0.0005 --incremental -o tables
 
-exit status: 0 good; 1 written, but tables leave what was measured (unless --extrapolate) or the
-model is rejected; 1 and nothing written when the data do not determine a function; 2 bad input
+Tables span the measured part of the travels, or --range.
+
+exit status: 0 good; 1 written, but a sum with --add-to reaches beyond what was measured or the model
+is rejected; 1 and nothing written when the data do not determine a function; 2 bad input, also
+points outside what was measured without --extrapolate
 """
 
 
@@ -72,13 +78,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="columns",
         help="both directions as columns (default), one value per axis, or the difference as second column",
     )
-    parser.add_argument("--increment", metavar="D", type=float, help="least increment of lengths, mm")
-    parser.add_argument("--angle-increment", metavar="D", type=float, help="least increment of rotations, degrees")
-    parser.add_argument(
-        "--zero", metavar="X=..", type=assignments, help="where tables of an axis are zero; default: --at"
-    )
+    add_rounding(parser, "tables of an axis (default: --at)")
     parser.add_argument("--add-to", metavar="OLD", help="existing table or folder of tables to superimpose on")
-    parser.add_argument("--extrapolate", action="store_true", help="points outside what was measured are meant")
+    add_range(parser, "points")
     add_output(parser, "DIR", "folder for the tables", required=True)
 
 
@@ -103,7 +105,8 @@ def run(args: argparse.Namespace) -> int:
         found = [{"header": dict(s.header), "columns": s.columns, "rows": list(s.rows)} for s in sheets.values()]
         print_json({"tables": found})
     else:
-        _print(tables, form, args, notes)
+        _print(tables, form, args)
+    tell(args, notes)
     return conclude(args, [m for m in attention(solution) if "do not determine" not in m] + _messages(tables, args))
 
 
@@ -125,11 +128,12 @@ def _form(args: argparse.Namespace) -> TableForm:
 
 
 def _tables(solution: Solution, args: argparse.Namespace) -> tuple[tuple[ErrorTable, ...], list[str]]:
+    from volid.compensation.ranges import cut_notes, refuse_extrapolation
     from volid.compensation.superposition import add_tables
     from volid.compensation.tables import error_tables
     from volid.compensation.types import select
     from volid.exceptions import InputError
-    from volid.io.table_files import tables_in
+    from volid.io.table_reader import tables_in
     from volid.report.summary import most_used_tool
 
     types = select(args.type, solution.machine)
@@ -141,10 +145,13 @@ def _tables(solution: Solution, args: argparse.Namespace) -> tuple[tuple[ErrorTa
         )
     tool = most_used_tool(solution.campaign) if args.tool is None else args.tool
     solution, notes = prepared(solution, args, [tool])
-    base = base_from(solution, args, tool)
-    tables = error_tables(solution, types, base, sampling_of(args, args.spacing), args.zero)
+    base, ranges = base_from(solution, args, tool), ranges_from(solution, args)
+    tables = error_tables(solution, types, base, sampling_of(args, args.spacing), args.zero, ranges)
     if not tables:
         raise InputError(f"--type {', '.join(args.type)}: the model has no function that it corrects; nothing to write")
+    if not args.extrapolate:
+        refuse_extrapolation(solution, tables, base, ranges)
+    notes += cut_notes(solution, ranges, [t.axis for t in tables])
     return add_tables(tables, list(tables_in(args.add_to))) if args.add_to else tables, notes
 
 
@@ -179,7 +186,7 @@ def _write(sheets: dict[str, Sheet], folder: Path) -> None:
             write_csv(stream, sheet)
 
 
-def _print(tables: tuple[ErrorTable, ...], form: TableForm, args: argparse.Namespace, notes: list[str]) -> None:
+def _print(tables: tuple[ErrorTable, ...], form: TableForm, args: argparse.Namespace) -> None:
     from volid.io.table_files import written_values
     from volid.report.text import micro, table, unit_of
 
@@ -189,8 +196,6 @@ def _print(tables: tuple[ErrorTable, ...], form: TableForm, args: argparse.Names
         off = [micro(v, t.unit, 3) for v in (t.interpolation, loss)]
         rows.append([t.function, t.type, str(len(t.positions)), *off, unit_of(t.unit)])
     print("\n".join(table(["table", "type", "points", "interpolation", "rounding", ""], rows, left=2, right=1)))
-    for note in notes:
-        print(note)
     print(f"{len(tables)} tables written: {args.output}")
 
 

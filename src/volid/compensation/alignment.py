@@ -1,12 +1,20 @@
 """To what the compensated motion is aligned (ISO/TR 16907 10.2): primary and secondary axis, or the spindle.
 
-By axes, it is another datum of the same solution (`Solution.in_datum`). By the spindle, the machine frame is turned so that
-its Z lies along the spindle's axis at the reference position: compensated Z motion is then parallel to the spindle, and a
-longer tool cuts at the same X and Y. Squareness between the axes is not changed by either.
+By axes, it is another datum of the same solution (`Solution.in_datum`). By the spindle, the machine frame is turned about the
+datum's origin so that its Z lies along the spindle's axis at the reference position, rotary axes at 0: compensated Z motion
+(L-VOL) is then parallel to the spindle, and a longer tool cuts at the same X and Y. Squareness between the linear axes is not
+changed by either.
+
+With rotary axes in the head that is the spindle at their zeros; the head's location errors are those in the turned frame. With
+rotary axes in the table Z follows the spindle at every position of the table, and the location errors of the table, which stays
+where it is, are restated in the turned frame. R-VOL then makes the table turn about lines parallel to that frame: together
+L-VOL and R-VOL move the workpiece as they do in any other frame, with Z along the table's axis. A spindle that is not parallel to
+the table's axis cannot be parallel to both.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +24,7 @@ from volid.compensation.nominal import influence
 from volid.compensation.parts import TABLE, rotary_letters
 from volid.exceptions import InputError, NotDeterminedError
 from volid.fitting.solution import Solution
+from volid.iso230 import ROTARY_AXES
 
 
 def spindle_turn(solution: Solution) -> np.ndarray:
@@ -46,3 +55,12 @@ def spindle_turn(solution: Solution) -> np.ndarray:
 def aligned_to_spindle(solution: Solution, base: Base) -> Base:
     """The base with the machine frame turned to the spindle. See `spindle_turn` for what it raises."""
     return replace(base, turn=spindle_turn(solution))
+
+
+def alignment_notes(solution: Solution, base: Base, letters: Iterable[str]) -> list[str]:
+    """What the record of a table or grid of the axes `letters` says about an alignment; nothing without one."""
+    if base.turn is None:
+        return []
+    a, b, _ = 1e6 * (base.turn @ np.asarray(solution.parameters))
+    restated = "; location errors are those in the turned frame" if set(letters) & set(ROTARY_AXES) else ""
+    return [f"machine frame aligned to the spindle: turned by A {a:.3f} µrad, B {b:.3f} µrad from the datum{restated}"]

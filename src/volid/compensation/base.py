@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from volid.error_functions import reference_of
 from volid.error_model import ROWS
 from volid.exceptions import InputError
 from volid.fitting.solution import Solution
@@ -80,7 +81,7 @@ def model_errors(
 ) -> np.ndarray:
     """Error values of the model's functions that `keep` accepts, as linear map of θ, (m, 6·(n_axes + 1), n).
 
-    `turn`: rotation of the machine frame (3, n): directions of linear axes, tool frame and rotary axes change against it.
+    `turn`: rotation of the machine frame (3, n) about the datum's origin, see `_turn_frame`.
     """
     model = solution.model
     values: dict[Basis, np.ndarray] = {}
@@ -99,18 +100,31 @@ def model_errors(
 def _turn_frame(
     solution: Solution, out: np.ndarray, positions: np.ndarray, keep: Callable[[ErrorName], bool], turn: np.ndarray
 ) -> None:
-    """What a rotation of the machine frame adds to the constants: minus it for what is tool-ward of the bed, and the opposite for
-    a table, whose axis lines stay where they are."""
+    """What a rotation t of the machine frame about the datum's origin r adds to the errors, (m, 6·(n_axes + 1), n).
+
+    With the chain cut at the stator of the table, T = table · rest, the same machine reads T = (table · G) (G⁻¹ · rest): all
+    that bears the tool is turned by -t about r, the table's stator by +t, so that its axis lines stay where they are and
+    their location errors, rotations and positions, are those in the new frame. Table and rest together do not change; without
+    a table G is a motion of the workpiece frame. A linear axis turns as long as no rotary axis lies between it and the bed.
+    """
     machine = solution.machine
     rotary = [i for i, a in enumerate(machine.axes) if not a.is_linear]
     table, head = [i for i in rotary if machine.axes[i].primed], [i for i in rotary if not machine.axes[i].primed]
+    first, last = table[-1] if table else -1, head[0] if head else len(machine.axes)
+    origin = np.zeros(3)
     for i, axis in enumerate(machine.axes):
-        rows = slice(ROWS * i, ROWS * i + 3), slice(ROWS * i + 3, ROWS * i + ROWS)
-        if axis.is_linear and keep(ErrorName("C", axis.letter, True)):
-            slope = np.cross(turn, np.eye(3)[LINEAR_AXES.index(axis.letter)][:, None], axis=0)
-            out[:, rows[0]] -= (positions[:, i] - axis.reference)[:, None, None] * slope
-        elif i in (table[-1:] + head[:1]) and keep(ErrorName("C" if axis.letter != "C" else "A", axis.letter, True)):
-            out[:, rows[1]] += (1.0 if axis.primed else -1.0) * (axis.frame.T @ turn)
+        if axis.is_linear and first < i < last:
+            k = LINEAR_AXES.index(axis.letter)
+            origin[k] = reference_of(machine, solution.datum, axis.letter)
+            if keep(ErrorName("C", axis.letter, True)):
+                slope = np.cross(turn, np.eye(3)[k][:, None], axis=0)
+                out[:, ROWS * i : ROWS * i + 3] -= (positions[:, i] - origin[k])[:, None, None] * slope
+    for i, sense, centre in (*((i, 1.0, origin) for i in table[-1:]), *((i, -1.0, np.zeros(3)) for i in head[:1])):
+        axis = machine.axes[i]
+        if keep(ErrorName("C" if axis.letter != "C" else "A", axis.letter, True)):
+            arm = np.asarray(axis.error_point) - centre
+            moved = np.concatenate([axis.frame.T @ np.cross(turn, arm[:, None], axis=0), axis.frame.T @ turn])
+            out[:, ROWS * i : ROWS * i + ROWS] += sense * moved
     if not head and keep(ErrorName("A", SPINDLE, True)):
         out[:, -3:] -= turn
 

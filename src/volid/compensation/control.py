@@ -96,8 +96,9 @@ class Control:
         (m, 3)."""
         q = np.atleast_2d(np.asarray(positions, dtype=float))
         found = self.expected(q, tool, directions)
-        turns = rotary_turns(self.machine, q, found.orientation, self.poles) if self._turns else np.zeros_like(q)
-        turns[:, [self.machine.index(a) for a in self.clamped]] = 0.0
+        turns = np.zeros_like(q)
+        if self._turns:
+            turns = rotary_turns(self.machine, q, found.orientation, self.poles, self.clamped)
         step = self._linear_motion(q, turns, found.point, self._told(tool, len(q)))
         step += turns + found.turn
         step[:, [self.machine.index(a) for a in self.clamped]] = 0.0
@@ -111,8 +112,7 @@ class Control:
         q = np.atleast_2d(np.asarray(positions, dtype=float))
         if not self._turns:
             return np.zeros((len(q), 3))
-        turns = rotary_turns(self.machine, q, self.expected(q, tool).orientation, self.poles)
-        turns[:, [self.machine.index(a) for a in self.clamped]] = 0.0
+        turns = rotary_turns(self.machine, q, self.expected(q, tool).orientation, self.poles, self.clamped)
         tools = np.broadcast_to(np.asarray(tool, dtype=float), (len(q), 3))
         moved = nominal_point(self.machine, q + turns, tools) - nominal_point(self.machine, q, tools)
         return np.asarray(np.einsum("mji,mj->mi", side_rotation(self.machine, q, True), moved))

@@ -12,10 +12,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from volid.compensation.alignment import alignment_notes
 from volid.compensation.base import Base
 from volid.compensation.effect_fields import CHUNK, Place, field_gradient, field_values, linear_place, rotary_place
 from volid.compensation.grid_sampling import grid_nodes
 from volid.compensation.grids import Grid, describe_datum, grid_positions, linear_grid
+from volid.compensation.interpolation import period_of
 from volid.compensation.parts import HEAD, TABLE, part_notes, rotary_letters
 from volid.compensation.rotary_grids import RotaryGrid, reference_of_side, rotary_grids
 from volid.compensation.sampling import Sampling
@@ -33,16 +35,23 @@ class _Found(NamedTuple):
     determined: np.ndarray
 
 
-def _evaluate(solution: Solution, t: CompensationType, base: Base, place: Place, uncertainty: bool) -> _Found:
+def _evaluate(
+    solution: Solution, t: CompensationType, base: Base, place: Place, uncertainty: bool, zero: Place | None = None
+) -> _Found:
+    """Values of the type, u and whether they are determined; translations less those at `zero`."""
     if not uncertainty:
         values = field_values(solution, t, base, place)
+        if zero is not None:
+            values[:, :3] -= field_values(solution, t, base, zero)[:, :3]
         return _Found(values, np.full_like(values, np.nan), np.ones(values.shape, dtype=bool))
     covariance = solution.parameter_covariance
     theta = np.asarray(solution.parameters)
     found: list[tuple[np.ndarray, ...]] = []
+    origin = 0.0 if zero is None else field_gradient(solution, t, base, zero, slice(0, 1))[:, :3]
     for start in range(0, len(place.full), CHUNK):
         rows = slice(start, start + CHUNK)
         gradient = field_gradient(solution, t, base, place, rows)
+        gradient[:, :3] -= origin
         lost = solution.is_lost(gradient.reshape(-1, len(theta))).reshape(gradient.shape[:2])
         found.append((gradient @ theta, propagated(gradient, covariance), ~lost))
     value, u, known = (np.concatenate(parts) for parts in zip(*found, strict=True))
@@ -59,14 +68,18 @@ def effect_grids(
     reference_point: Sequence[float] | None = None,
     rule: Rule | None = None,
     uncertainty: bool = True,
+    ranges: Mapping[str, tuple[float, float]] | None = None,
+    zero: Mapping[str, float] | None = None,
 ) -> tuple[Grid | RotaryGrid, ...]:
     """Grids of one type: of the linear axes, then of the rotary axes of table and head, those that the type needs.
 
     `sampling`: step, at most so many points per axis, or a bound on the interpolation; else `points` per axis (default 21,
     rotary axes 37). `rule`: of L-SPEC and R-SPEC, called as rule(solution, positions (m, n_axes), tool (m, 3)), returns error
     values (m, 6) [mm, rad]. `uncertainty`: False leaves out u, and the test whether the data determine the values, which take
-    most of the time. Raises `InputError` for a type without grids, `NotDeterminedError` when the data do not determine its
-    translations.
+    most of the time. `ranges`: lowest and highest node by axis letter, default the travel [mm or °]. `zero`: where the
+    translations of a linear grid are 0 for its tool vector, by axis letter [mm], other axes at the lines' crossing; rotations
+    stay, because their effect on other tools does not vanish. Raises `InputError` for a type without grids or a `zero` that is
+    no place of linear axes, `NotDeterminedError` when the data do not determine its translations.
     """
     if GRID not in t.forms:
         raise InputError(f"--type {t.name} has no grid; it is a table of the axis itself: volid tables --type {t.name}")
@@ -75,13 +88,21 @@ def effect_grids(
     if t.is_linear or t.turns:
         own = t if t.is_linear else _FOR
         grids.append(
-            _linear(solution, own, base, grid_nodes(solution, own, base, None, sampling, points), rule, uncertainty)
+            _linear(
+                solution,
+                own,
+                base,
+                grid_nodes(solution, own, base, None, sampling, points, ranges=ranges),
+                rule,
+                uncertainty,
+                None if own is _FOR or t.name == "FOR" else zero,
+            )
         )
     if t.is_rotary or t.turns:
         own = t if t.is_rotary else _FOR
         for side in (s for s in (TABLE, HEAD) if rotary_letters(machine, s)):
             point = reference_of_side(machine, side, reference_point)
-            nodes = grid_nodes(solution, own, base, side, sampling, points, point)
+            nodes = grid_nodes(solution, own, base, side, sampling, points, point, ranges)
             grids.append(_rotary(solution, own, base, side, nodes, point, rule, uncertainty))
     return tuple(grids)
 
@@ -96,21 +117,43 @@ def _linear(
     nodes: Mapping[str, np.ndarray],
     rule: Rule | None,
     uncertainty: bool,
+    zero: Mapping[str, float] | None,
 ) -> Grid:
     x, y, z = base.tool.tolist()
-    if t.name in ("L-VOL", "L-VOL+") and uncertainty and base.turn is None:
+    if t.name in ("L-VOL", "L-VOL+") and uncertainty and base.turn is None and not zero:
         return replace(linear_grid(solution, tool=(x, y, z), nodes=nodes), type=t.name)
     lines = tuple(nodes.values())
     positions = grid_positions(lines)
     place = linear_place(solution.machine, positions, base)
-    found = _evaluate(solution, t, base, place, uncertainty) if rule is None else _from_rule(solution, rule, place)
+    origin = _zero_place(solution, base, zero, place.axes) if zero else None
+    if rule is None:
+        found = _evaluate(solution, t, base, place, uncertainty, origin)
+    else:
+        found = _from_rule(solution, rule, place, origin)
     _require(solution, t, found)
-    outside = _outside(solution, place)
+    outside = solution.outside(place.full, place.axes)
     notes = _notes(solution, t, base, place, outside, rule)
+    if origin is not None:
+        at = ", ".join(f"{a} = {origin.full[0, solution.machine.index(a)]:g}" for a in place.axes)
+        notes += (f"dX, dY, dZ are zero at {at} mm with the tool vector above; rotations are not shifted",)
     datum = describe_datum(solution)
     return Grid(
         t.name, place.axes, lines, positions, found.values, found.u, outside, (x, y, z), "machine", datum, notes
     )
+
+
+def _zero_place(solution: Solution, base: Base, zero: Mapping[str, float], axes: Sequence[str]) -> Place:
+    """Where translations are zero. Raises `InputError` for another axis than a linear one, or a place beyond its travel."""
+    machine = solution.machine
+    for letter, value in zero.items():
+        low, high = machine.axis(letter).travel
+        if letter not in axes or not low <= value <= high:
+            raise InputError(
+                f"--zero {letter}={value:g}; expected positions of {', '.join(axes)} within their travels: a constant taken out "
+                "of a rotary grid would displace its axis"
+            )
+    at = [zero.get(a, base.at[machine.index(a)]) for a in axes]
+    return linear_place(machine, np.array([at]), base)
 
 
 def _rotary(
@@ -132,7 +175,7 @@ def _rotary(
     place = rotary_place(machine, side, positions, point)
     found = _evaluate(solution, t, base, place, uncertainty) if rule is None else _from_rule(solution, rule, place)
     _require(solution, t, found)
-    outside = _outside(solution, place)
+    outside = solution.outside(place.full, place.axes)
     return RotaryGrid(
         type=t.name,
         side=side,
@@ -144,14 +187,14 @@ def _rotary(
         determined=found.determined,
         outside=outside,
         reference_point=(x, y, z),
-        period=tuple(360.0 if machine.axis(a).is_full_turn else 0.0 for a in place.axes),
+        period=tuple(period_of(machine.axis(a), n) for a, n in zip(place.axes, lines, strict=True)),
         frame="machine",
         datum=describe_datum(solution),
         notes=_notes(solution, t, base, place, outside, rule),
     )
 
 
-def _from_rule(solution: Solution, rule: Rule, place: Place) -> _Found:
+def _from_rule(solution: Solution, rule: Rule, place: Place, zero: Place | None = None) -> _Found:
     """Error values from a user's rule; no uncertainty. Raises `InputError` when it returns something else."""
     name = getattr(rule, "__name__", "rule")
     try:
@@ -163,6 +206,8 @@ def _from_rule(solution: Solution, rule: Rule, place: Place) -> _Found:
             f"--rule {name}: returned shape {values.shape}; expected finite error values ({len(place.full)}, 6): mm, "
             f"mm, mm, rad, rad, rad"
         )
+    if zero is not None:
+        values = values - np.pad(_from_rule(solution, rule, zero).values[:, :3], ((0, 0), (0, 3)))
     return _Found(values, np.full_like(values, np.nan), np.ones(values.shape, dtype=bool))
 
 
@@ -176,21 +221,11 @@ def _require(solution: Solution, t: CompensationType, found: _Found) -> None:
         )
 
 
-def _outside(solution: Solution, place: Place) -> np.ndarray:
-    columns = [solution.machine.index(a) for a in place.axes]
-    low, high = solution.measured_range()[columns].T
-    slack = 0.01 * np.array([solution.machine.axis(a).length for a in place.axes])
-    own = place.full[:, columns]
-    return np.asarray(np.any((own < low - slack) | (own > high + slack), axis=1))
-
-
 def _notes(
     solution: Solution, t: CompensationType, base: Base, place: Place, outside: np.ndarray, rule: Rule | None
 ) -> tuple[str, ...]:
     notes = [*part_notes(solution, place.letters), f"{t.name} leaves: {t.leaves}"]
-    if base.turn is not None:
-        a, b, _ = 1e6 * (base.turn @ np.asarray(solution.parameters))
-        notes.append(f"machine frame aligned to the spindle: turned by A {a:.3f} µrad, B {b:.3f} µrad from the datum")
+    notes += alignment_notes(solution, base, place.letters)
     if t.based_on == "line" or t.name == "L-ANG":
         at = ", ".join(f"{a} = {v:g}" for a, v in zip(solution.machine.letters, base.at, strict=True))
         notes.append(f"specific lines through {at} with the tool vector above")

@@ -56,20 +56,23 @@ def grid_nodes(
     sampling: Sampling,
     points: int | None,
     point: np.ndarray | None = None,
+    ranges: Mapping[str, tuple[float, float]] | None = None,
 ) -> dict[str, np.ndarray]:
-    """Nodes by axis letter: by number, by step, or the fewest that share the stated interpolation error between the axes."""
+    """Nodes by axis letter: by number, by step, or the fewest that share the stated interpolation error between the axes.
+
+    `ranges`: lowest and highest node by axis letter, default the travel [mm or °].
+    """
+    reach = {a.letter: a.travel for a in solution.machine.axes} | dict(ranges or {})
     axes = _axes_of(solution.machine, side)
     count = sampling.max_points if sampling.max_error is None and sampling.max_points else points
     default = LINEAR_POINTS if side is None else ROTARY_POINTS
     if sampling.max_error is None:
-        return dict(zip(axes, node_lines(solution, axes, sampling.step, count, default), strict=True))
+        return dict(zip(axes, node_lines(solution, axes, sampling.step, count, default, ranges=reach), strict=True))
     share = replace(sampling, max_error=sampling.max_error / len(axes), spacing="equal")
     nodes = {}
     for letter in axes:
-        x = np.linspace(*solution.machine.axis(letter).travel, LINES)
-        curves = [
-            _line(solution, t, base, side, letter, x, at, point) for at in _crossings(solution.machine, axes, letter)
-        ]
+        x = np.linspace(*reach[letter], LINES)
+        curves = [_line(solution, t, base, side, letter, x, at, point) for at in _crossings(reach, axes, letter)]
         values = np.concatenate(curves, axis=1)
         values[:, _rotations(values)] *= _offset(solution, base, sampling, side)
         nodes[letter] = choose_nodes(f"grid axis {letter}", x, values, share)
@@ -90,14 +93,13 @@ def _offset(solution: Solution, base: Base, sampling: Sampling, side: str | None
     return tool if side == HEAD else 0.5 * float(np.linalg.norm([a.length for a in solution.machine.linear]))
 
 
-def _crossings(machine: Machine, axes: tuple[str, ...], moving: str) -> list[dict[str, float]]:
-    """Where the other axes stand while one moves: all ends, and mid-travel."""
+def _crossings(reach: Mapping[str, tuple[float, float]], axes: tuple[str, ...], moving: str) -> list[dict[str, float]]:
+    """Where the other axes stand while one moves: all ends, and the middle."""
     others = [a for a in axes if a != moving]
     ends = np.stack(np.meshgrid(*([[0.0, 1.0]] * len(others)), indexing="ij"), axis=-1).reshape(-1, len(others))
     places = np.vstack([ends, np.full(len(others), 0.5)])
     return [
-        {a: machine.axis(a).travel[0] + f * machine.axis(a).length for a, f in zip(others, row, strict=True)}
-        for row in places
+        {a: reach[a][0] + f * (reach[a][1] - reach[a][0]) for a, f in zip(others, row, strict=True)} for row in places
     ]
 
 

@@ -78,9 +78,9 @@ def describe_datum(solution: Solution) -> str:
     return f"primary axis {datum.primary}, secondary axis {datum.secondary}; zero at {origin}{means}; {lines}"
 
 
-def axis_nodes(axis: Axis, step: float | None, points: int) -> np.ndarray:
-    """Grid positions over the whole travel of an axis, both ends included: every `step`, else `points` of them."""
-    low, high = axis.travel
+def axis_nodes(axis: Axis, step: float | None, points: int, own: tuple[float, float] | None = None) -> np.ndarray:
+    """Grid positions over an axis's travel, or its `own` range, both ends included: every `step`, else `points` of them."""
+    low, high = axis.travel if own is None else own
     if step is None:
         return np.linspace(low, high, points)
     if not step > 0:
@@ -96,13 +96,15 @@ def node_lines(
     points: int | None,
     default: int,
     nodes: Mapping[str, np.ndarray] | None = None,
+    ranges: Mapping[str, tuple[float, float]] | None = None,
 ) -> tuple[np.ndarray, ...]:
     """Node positions of each axis. Raises `InputError` for numbers that make no grid, or one of more than two million nodes."""
     if points is not None and points < 2:
         raise InputError(f"grid: points = {points}; expected at least 2 per axis")
-    own = nodes or {}
+    own, reach, count = nodes or {}, ranges or {}, points or default
     lines = tuple(
-        np.asarray(own[a]) if a in own else axis_nodes(solution.machine.axis(a), step, points or default) for a in axes
+        np.asarray(own[a]) if a in own else axis_nodes(solution.machine.axis(a), step, count, reach.get(a))
+        for a in axes
     )
     size = int(np.prod([len(n) for n in lines]))
     if size > LARGEST:

@@ -6,6 +6,13 @@ from itertools import product
 
 import numpy as np
 
+from volid.machine import Axis
+
+
+def period_of(axis: Axis, nodes: np.ndarray) -> float:
+    """360 [°] where a full turn's nodes close the circle, so that a control may count turns; else 0."""
+    return 360.0 if axis.is_full_turn and nodes[-1] - nodes[0] >= 360.0 - 1e-6 else 0.0
+
 
 def interpolate(nodes: tuple[np.ndarray, ...], table: np.ndarray, positions: np.ndarray) -> np.ndarray:
     """Values at `positions` (m, k) of a `table` (n_1, …, n_k, c) over increasing `nodes` (n_i,); shape (m, c).

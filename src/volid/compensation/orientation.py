@@ -9,6 +9,7 @@ sin(margin); outside it is exact. Nakamura and Hanafusa 1986; Chiaverini 1997.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -77,24 +78,29 @@ def orientation_between(machine: Machine, commanded: np.ndarray, altered: np.nda
     return np.asarray(np.einsum("mji,mj->mi", table[0], turn))
 
 
-def rotary_turns(machine: Machine, positions: np.ndarray, orientation: np.ndarray, rule: PoleRule) -> np.ndarray:
+def rotary_turns(
+    machine: Machine, positions: np.ndarray, orientation: np.ndarray, rule: PoleRule, clamped: Sequence[str] = ()
+) -> np.ndarray:
     """Turns of the rotary axes against an orientation error, (m, n_axes) [°], 0 for linear axes.
 
     `orientation`: rotation vector, machine frame (m, 3) [rad]. The component about the tool axis, and near a pole that about the
-    pole's direction, stay.
+    pole's direction, stay. Axes `clamped` do not turn; the others do what they can alone.
     """
     rotary = [i for i, a in enumerate(machine.axes) if not a.is_linear]
-    u, s, vt = _across(machine, positions)
+    u, s, vt = _across(machine, positions, clamped)
     inverse = np.einsum("mri,mr,mjr->mij", vt, rule.gain(s), u)
     turns = np.zeros(positions.shape)
     turns[:, rotary] = -np.rad2deg(np.einsum("mij,mj->mi", inverse, orientation))
     return turns
 
 
-def _across(machine: Machine, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """SVD of P A, the axes' directions across the tool axis; the two largest singular values."""
+def _across(
+    machine: Machine, positions: np.ndarray, clamped: Sequence[str] = ()
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """SVD of P A, the axes' directions across the tool axis, 0 for clamped ones; the two largest singular values."""
     rotary = [i for i, a in enumerate(machine.axes) if not a.is_linear]
-    directions = axis_directions(machine, positions)[:, :, rotary]
+    free = np.array([machine.axes[i].letter not in clamped for i in rotary])
+    directions = axis_directions(machine, positions)[:, :, rotary] * free
     k = side_rotation(machine, positions, False) @ SPINDLE_AXIS
     across = directions - k[:, :, None] * np.einsum("mi,mij->mj", k, directions)[:, None, :]
     u, s, vt = np.linalg.svd(across, full_matrices=False)

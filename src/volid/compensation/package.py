@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -55,12 +55,15 @@ def compensate(
     rule: Rule | None = None,
     reference_point: Sequence[float] | None = None,
     uncertainty: bool = True,
+    ranges: Mapping[str, tuple[float, float]] | None = None,
+    zero: Mapping[str, float] | None = None,
 ) -> Compensation:
     """Tables and grids of several types, each in its first form, or in the `form` asked for where it has it.
 
-    `tables`, `grids`: their sampling; `points`: per axis of a grid; `uncertainty`: of grids. Raises `InputError` for types
-    that do not go together or that the machine cannot have, or an L-SPEC or R-SPEC without `base.functions` or `rule`;
-    `NotDeterminedError`.
+    `tables`, `grids`: their sampling; `points`: per axis of a grid; `uncertainty`: of grids; `ranges`: lowest and highest
+    position of tables and grids by axis letter [mm or °], default the travel; `zero`: where tables and the translations of linear
+    grids are 0, by axis letter. Raises `InputError` for types that do not go
+    together or that the machine cannot have, or an L-SPEC or R-SPEC without `base.functions` or `rule`; `NotDeterminedError`.
     """
     types = in_full(select(names, solution.machine))
     for t in types:
@@ -68,7 +71,7 @@ def compensate(
             raise InputError(f"--type {t.name} needs what it corrects: --functions EXX,EAX,… or --rule module:function")
     own_form = {t.name: form if form in t.forms else t.forms[0] for t in types}
     in_tables = [t for t in types if own_form[t.name] == TABLES]
-    held = error_tables(solution, in_tables, base, tables) if in_tables else ()
+    held = error_tables(solution, in_tables, base, tables, zero, ranges) if in_tables else ()
     found: list[Grid | RotaryGrid] = []
     for t in types:
         if own_form[t.name] == GRID:
@@ -82,6 +85,8 @@ def compensate(
                 reference_point=reference_point,
                 rule=own,
                 uncertainty=uncertainty,
+                ranges=ranges,
+                zero=zero,
             )
     return Compensation(tuple(t.name for t in types), held, _once(found))
 

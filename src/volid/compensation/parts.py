@@ -67,7 +67,7 @@ def evaluate_part(
     part = part_model(model, letters)
     theta, still = np.asarray(solution.parameters), np.zeros_like(positions)
     null, covariance = np.asarray(solution.null_space), solution.parameter_covariance
-    outside = _outside(solution, positions, own)
+    outside = solution.outside(positions, own)
     if part is model:
         values, u, found = known_deviations(model, theta, covariance, null, positions, tool, still)
         return Deviations(values, u, found.known, outside, found.rigid)
@@ -77,15 +77,6 @@ def evaluate_part(
     _, lost = split_null_space(model, null)
     known = estimable(part, lost, parameter_units(model), positions, tool, still)
     return Deviations(np.where(known, values, np.nan), np.where(known, u, np.nan), known, outside)
-
-
-def _outside(solution: Solution, positions: np.ndarray, own: tuple[str, ...]) -> np.ndarray:
-    """As `Solution.outside`, judged by some of the axes."""
-    columns = [solution.machine.index(a) for a in own]
-    low, high = solution.measured_range().T
-    slack = 0.01 * np.array([axis.length for axis in solution.machine.axes])
-    out = (positions < low - slack) | (positions > high + slack)
-    return np.asarray(np.any(out[:, columns], axis=1))
 
 
 def full_positions(machine: Machine, letters: tuple[str, ...], positions: np.ndarray) -> np.ndarray:

@@ -19,35 +19,21 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from volid.compensation.base import Base, model_errors
+from volid.compensation.base import Base
 from volid.compensation.control import Control, Motion, asked_motion
 from volid.compensation.effect_grids import Rule
-from volid.compensation.nominal import influence, nominal_point, side_rotation
-from volid.compensation.orientation import SPINDLE_AXIS, orientation_between
 from volid.compensation.package import Compensation, compensate
+from volid.compensation.reversal import NONE as NO_REVERSAL
+from volid.compensation.reversal import reversal_text
 from volid.compensation.sampling import Sampling
-from volid.even_points import even_points
-from volid.exceptions import NotDeterminedError
-from volid.fitting.identifiability import parameter_units
-from volid.fitting.prediction import ESTIMABLE
+from volid.compensation.volume_fields import LENGTHS, Field, Places, moved_by, quantities, volume_places
 from volid.fitting.solution import Solution
 from volid.machine import Machine
 from volid.uncertainty.coverage import coverage_intervals
 
-POINTS = 512
 DRAWS = 400
 MOST_SAMPLES = 2000
 NONE = "none"
-LENGTHS = ("largest", "95 %", "RMS", "X", "Y", "Z")
-ANGLES = ("A", "B", "C", "tool axis")
-QUANTITIES = (*LENGTHS, *ANGLES)
-
-
-class Places(NamedTuple):
-    """Where the working volume is looked at: positions and approach directions, (m, n_axes)."""
-
-    positions: np.ndarray
-    directions: np.ndarray
 
 
 class Prediction(NamedTuple):
@@ -88,14 +74,6 @@ class Forecast:
     notes: tuple[str, ...] = field(default_factory=tuple)
 
 
-def volume_places(machine: Machine, points: int = POINTS, seed: int = 0) -> Places:
-    """Points spread evenly over the travel (Halton), approach directions at random."""
-    low = np.array([a.travel[0] for a in machine.axes])
-    length = np.array([a.length for a in machine.axes])
-    positions = low + even_points(points, len(low), seed) * length
-    return Places(positions, np.random.default_rng(seed).choice([-1.0, 1.0], positions.shape))
-
-
 def forecast(
     solution: Solution,
     lists: Sequence[Sequence[str]],
@@ -111,6 +89,7 @@ def forecast(
     control: Mapping[str, Any] | None = None,
     tool_error: Sequence[float] = (0.0, 0.0, 0.0),
     seed: int = 0,
+    ranges: Mapping[str, tuple[float, float]] | None = None,
 ) -> Forecast:
     """Predictions for each list of types, after "none", for each tool vector (default: the base tool).
 
@@ -121,16 +100,30 @@ def forecast(
     tools = base.tool[None] if tools is None else np.atleast_2d(tools)
     places = volume_places(solution.machine) if places is None else places
     draws, source = parameter_draws(solution, seed)
-    fields = [_Field(solution, places, tool, base) for tool in tools]
+    fields = [Field(solution, places, tool, base) for tool in tools]
     columns = []
     for names in ((), *lists):
         made = compensate(
-            solution, names, base, tables=tables, grids=grids, points=points, form=form, rule=rule, uncertainty=False
+            solution,
+            names,
+            base,
+            tables=tables,
+            grids=grids,
+            points=points,
+            form=form,
+            rule=rule,
+            uncertainty=False,
+            ranges=ranges,
         )
         columns.append(
             _column(solution.machine, names, made, fields, draws, dict(control or {}), np.asarray(tool_error))
         )
-    return Forecast(tuple(columns), tools, len(draws), source)
+    return Forecast(tuple(columns), tools, len(draws), source, _notes(solution, columns))
+
+
+def _notes(solution: Solution, columns: Sequence[Column]) -> tuple[str, ...]:
+    texts = {reversal_text(solution, g): None for c in columns for g in c.compensation.grids}
+    return tuple(f"grids hold no reversal, what is left is predicted: {t}" for t in texts if t != NO_REVERSAL)
 
 
 def parameter_draws(solution: Solution, seed: int = 0) -> tuple[np.ndarray, str]:
@@ -146,79 +139,11 @@ def parameter_draws(solution: Solution, seed: int = 0) -> tuple[np.ndarray, str]
     ) @ root.T, "the covariance of the solution"
 
 
-class _Field:
-    """The deviation field for one tool vector, linear in θ, and how to take its rigid motion out."""
-
-    def __init__(self, solution: Solution, places: Places, tool: np.ndarray, base: Base) -> None:
-        self.places, self.tool, self.machine = places, np.asarray(tool, dtype=float), solution.machine
-        self.gradient = _gradient(solution, places, self.tool, base)
-        self.estimate = self.gradient @ np.asarray(solution.parameters)
-        self.tool_axis = side_rotation(self.machine, places.positions, False) @ SPINDLE_AXIS
-        self.rigid = rigid_rows(solution.machine, places.positions, self.tool)
-        scale = np.linalg.norm(self.rigid[:, :3].reshape(-1, 6), axis=0)
-        self.inverse = np.linalg.pinv(self.rigid[:, :3].reshape(-1, 6) / scale) / scale[:, None]
-        self.angles_known = self._require_determined(solution)
-
-    def without_rigid_motion(self, fields: np.ndarray) -> np.ndarray:
-        """Fields (s, m, 6) less the rigid motion that fits their translations best."""
-        motion = fields[:, :, :3].reshape(len(fields), -1) @ self.inverse.T
-        return np.asarray(fields - np.einsum("mij,sj->smi", self.rigid, motion))
-
-    def _require_determined(self, solution: Solution) -> bool:
-        """Whether the orientation is determined. Raises `NotDeterminedError` when the functional point's deviation is not."""
-        if not solution.null_space.shape[1]:
-            return True
-        units = parameter_units(solution.model)
-        null, _ = np.linalg.qr(np.asarray(solution.null_space) / units[:, None])
-        moved = self.without_rigid_motion((self.gradient @ (units[:, None] * null)).transpose(2, 0, 1))
-        whole = np.abs(self.gradient * units)
-        if np.abs(moved[:, :, :3]).max() > ESTIMABLE * whole[:, :3].max():
-            where = ", ".join(f"{v:g}" for v in self.tool)
-            raise NotDeterminedError(
-                f"residual: the data do not determine the deviation for tool vector ({where}) mm. {' '.join(solution.statements)}"
-            )
-        return bool(np.abs(moved[:, :, 3:]).max() <= ESTIMABLE * whole[:, 3:].max())
-
-
-def _gradient(solution: Solution, places: Places, tool: np.ndarray, base: Base) -> np.ndarray:
-    parts = []
-    for start in range(0, len(places.positions), 256):
-        rows = slice(start, start + 256)
-        errors = model_errors(solution, places.positions[rows], places.directions[rows], lambda _: True, base.turn)
-        parts.append(influence(solution.machine, places.positions[rows], tool) @ errors)
-    return np.concatenate(parts)
-
-
-def rigid_rows(machine: Machine, positions: np.ndarray, tool: np.ndarray) -> np.ndarray:
-    """Deviation by a rigid motion (t, ω) of the workpiece frame, R_wᵀ(t + ω × f) and R_wᵀ ω, (m, 6, 6) (CONVENTIONS 4)."""
-    f = nominal_point(machine, positions, tool)
-    rows = np.zeros((len(f), 6, 6))
-    rows[:, :3, :3] = rows[:, 3:, 3:] = np.eye(3)
-    rows[:, :3, 3:] = np.cross(np.eye(3)[None], f[:, None, :]).transpose(0, 2, 1)
-    back = side_rotation(machine, positions, True).transpose(0, 2, 1)
-    return np.concatenate([back @ rows[:, :3], back @ rows[:, 3:]], axis=1)
-
-
-def moved_by(machine: Machine, commanded: np.ndarray, altered: np.ndarray, tool: np.ndarray) -> np.ndarray:
-    """What the altered command does nominally to functional point and orientation, machine frame, (m, 6) [mm, rad]."""
-    change = nominal_point(machine, altered, tool) - nominal_point(machine, commanded, tool)
-    point = np.einsum("mji,mj->mi", side_rotation(machine, commanded, True), change)
-    return np.concatenate([point, orientation_between(machine, commanded, altered)], axis=1)
-
-
-def quantities(fields: np.ndarray, tool_axis: np.ndarray) -> np.ndarray:
-    """The numbers of `QUANTITIES` of fields (s, m, 6), (s, 10); `tool_axis`: unit vectors (m, 3), machine frame."""
-    size = np.linalg.norm(fields[:, :, :3], axis=2)
-    overall = [size.max(axis=1), np.quantile(size, 0.95, axis=1), np.sqrt(np.mean(size**2, axis=1))]
-    tilt = np.linalg.norm(np.cross(tool_axis, fields[:, :, 3:]), axis=2)
-    return np.column_stack([*overall, np.abs(fields).max(axis=1), tilt.max(axis=1)])
-
-
 def _column(
     machine: Machine,
     names: Sequence[str],
     made: Compensation,
-    fields: Sequence[_Field],
+    fields: Sequence[Field],
     draws: np.ndarray,
     options: dict[str, Any],
     tool_error: np.ndarray,
@@ -242,14 +167,14 @@ def _told(options: dict[str, Any], tool: np.ndarray, tool_error: np.ndarray) -> 
 
 
 def _told_control(
-    made: Compensation, machine: Machine, options: dict[str, Any], own: _Field, tool_error: np.ndarray
+    made: Compensation, machine: Machine, options: dict[str, Any], own: Field, tool_error: np.ndarray
 ) -> Control:
     """The control whose motions are looked at: without the steps of its least increment, which have no speed."""
     smooth = {k: v for k, v in _told(options, own.tool, tool_error).items() if k != "increment"}
     return made.control(machine, **smooth)
 
 
-def _prediction(own: _Field, moved: np.ndarray, draws: np.ndarray) -> Prediction:
+def _prediction(own: Field, moved: np.ndarray, draws: np.ndarray) -> Prediction:
     centre = (own.estimate + moved)[None]
     exact = quantities(own.without_rigid_motion(centre), own.tool_axis)[0]
     spread = (draws @ own.gradient.reshape(-1, draws.shape[1]).T).reshape(len(draws), -1, 6)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from volid.compensation.grids import Grid, describe_datum, grid_positions, node_lines
-from volid.compensation.interpolation import interpolate
+from volid.compensation.interpolation import interpolate, period_of
 from volid.compensation.parts import (
     HEAD,
     TABLE,
@@ -166,7 +166,7 @@ def _grid(
         determined=found.determined,
         outside=found.outside,
         reference_point=(float(x), float(y), float(z)),
-        period=tuple(360.0 if machine.axis(a).is_full_turn else 0.0 for a in axes),
+        period=tuple(period_of(machine.axis(a), n) for a, n in zip(axes, nodes, strict=True)),
         frame="machine",
         datum=describe_datum(solution),
         notes=_notes(solution, side, found.determined, found.outside),

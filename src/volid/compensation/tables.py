@@ -12,16 +12,18 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from volid.compensation.alignment import alignment_notes
 from volid.compensation.base import Base, condensed
 from volid.compensation.effects import axis_errors, tool_frame_errors
 from volid.compensation.error_table import ITSELF, MODEL, ErrorTable
 from volid.compensation.grids import describe_datum
+from volid.compensation.interpolation import period_of
 from volid.compensation.sampling import DENSE, Sampling, choose_nodes, interpolation_error
+from volid.compensation.table_axes import judged_axes, polygon_knots, reach
 from volid.compensation.types import LINEAR_EFFECTS, ROTARY_EFFECTS, TABLES, CompensationType
-from volid.error_functions import settings_for
 from volid.exceptions import InputError, NotDeterminedError
 from volid.fitting.solution import Solution
-from volid.iso230 import DIRECTIONS, ROTARY_AXES, SPINDLE, parse
+from volid.iso230 import DIRECTIONS, SPINDLE, parse
 from volid.machine import Axis, Machine
 
 NEGLIGIBLE = 1e-9  # mm at the offset: a function that is nowhere larger needs no table
@@ -33,12 +35,14 @@ def error_tables(
     base: Base,
     sampling: Sampling | None = None,
     zero: Mapping[str, float] | None = None,
+    ranges: Mapping[str, tuple[float, float]] | None = None,
 ) -> tuple[ErrorTable, ...]:
     """Tables of every function that the `types` correct by tables, axis by axis.
 
     `zero`: by axis letter, where the values of its tables are to be zero (mean of both directions) instead of at the lines'
-    crossing. Raises `InputError` for a type without tables or a limit too small for the stated error; `NotDeterminedError`
-    when the data do not determine a function. ISO/TR 16907 8.2, Table 1.
+    crossing. `ranges`: lowest and highest position by axis letter, default the travel [mm or °]. Raises `InputError` for a
+    type without tables or a limit too small for the stated error; `NotDeterminedError` when the data do not determine a
+    function. ISO/TR 16907 8.2, Table 1.
     """
     for t in types:
         if TABLES not in t.forms:
@@ -51,7 +55,8 @@ def error_tables(
     tables: list[ErrorTable] = []
     covariance = solution.parameter_covariance
     for axis in solution.machine.axes:
-        tables += _axis_tables(solution, axis, types, base, sampling, (zero or {}).get(axis.letter), covariance)
+        own = (ranges or {}).get(axis.letter, axis.travel)
+        tables += _axis_tables(solution, axis, types, base, sampling, (zero or {}).get(axis.letter), covariance, own)
     return tuple(tables + _tool_frame(solution, types, base, covariance))
 
 
@@ -68,12 +73,13 @@ def _axis_tables(
     sampling: Sampling,
     zero: float | None,
     covariance: np.ndarray,
+    own: tuple[float, float],
 ) -> list[ErrorTable]:
     chosen = _own(axis, types)
     if not chosen:
         return []
-    knots = _knots(solution, axis)
-    dense = np.linspace(*axis.travel, DENSE)
+    knots = polygon_knots(solution, axis, own)
+    dense = np.linspace(*own, DENSE)
     dense = dense if knots is None else np.union1d(dense, knots)
     small, plain = condensed(solution, base)
     ways = [axis_values(small, axis, chosen, plain, dense, w).sum(axis=3) for w in (1.0, -1.0)]  # (types, m, 6)
@@ -149,14 +155,14 @@ def _table(
         forward=both[0] @ theta,
         reverse=both[1] @ theta,
         u=np.stack([propagated(own, covariance) for own in both], axis=1),
-        outside=solution.outside(positions),
+        outside=solution.outside(positions, judged_axes(solution, axis)),
         applied=MODEL,
         interpolation=0.0,
         basis=_basis(solution.machine, axis, base),
         zero=f"{axis.letter} = {crossing:g} {axis.unit}",
         datum=describe_datum(solution),
-        period=360.0 if axis.is_full_turn else 0.0,
-        notes=_notes(solution, axis),
+        period=period_of(axis, nodes),
+        notes=(*alignment_notes(solution, base, axis.letter), *_notes(solution, axis)),
     )
 
 
@@ -171,19 +177,6 @@ def _require_determined(solution: Solution, name: str, rows: np.ndarray) -> None
             f"tables: the data do not determine {name} on this line. {' '.join(solution.statements)} Measure what is missing, "
             "or choose another line (--at), tool vector (--tool) or type."
         )
-
-
-def _knots(solution: Solution, axis: Axis) -> np.ndarray | None:
-    """Ends of the straight pieces, when the axis's functions are polygons of one spacing: a table of these is exact."""
-    splines = {
-        (f.splines[0].segments, f.splines[0].degree)
-        for f in solution.model.functions
-        if parse(f.name).axis == axis.letter and f.splines
-    }
-    degrees = {settings_for(solution.machine, n).degree for n in solution.model.names if parse(n).axis == axis.letter}
-    if len(splines) != 1 or next(iter(splines))[1] != 1 or axis.is_full_turn or not degrees:
-        return None
-    return np.linspace(*axis.travel, next(iter(splines))[0] + 1)
 
 
 def _basis(machine: Machine, axis: Axis, base: Base) -> dict[str, str]:
@@ -207,15 +200,6 @@ def _notes(solution: Solution, axis: Axis) -> tuple[str, ...]:
     if solution.adequacy.rejected:
         notes.append("MODEL REJECTED BY THE DATA: " + solution.adequacy.verdict)
     return tuple(notes)
-
-
-def reach(machine: Machine, axis: Axis, base: Base) -> float:
-    """Longest lever arm that rotations of an axis may meet [mm]: the other axes' travel and the tool, or the tool alone."""
-    tool = float(np.linalg.norm(base.tool))
-    if axis.is_linear or axis.primed:
-        return float(np.linalg.norm([a.length for a in machine.linear if a.letter != axis.letter])) + tool
-    pivots = [np.asarray(a.point) for a in machine.axes if a.letter in ROTARY_AXES and not a.primed]
-    return max(float(np.linalg.norm(base.tool - p)) for p in pivots)
 
 
 def _tool_frame(

@@ -35,9 +35,9 @@ class VolumeSummary(NamedTuple):
 class ResidualPrediction(NamedTuple):
     """Deviation (3-D length, [mm]) expected to remain after a grid is active, a rigid motion of the workpiece removed.
 
-    From the uncertainty of the solution (`SAMPLES` draws) and the grid's linear interpolation: `rms` and `maximum` are means
-    over the draws, `interval` the central 95 % interval of the maximum, `interpolation` the largest interpolation
-    deviation alone.
+    From the uncertainty of the solution (`SAMPLES` draws), the grid's linear interpolation and the half of the reversal that it
+    leaves: `rms` and `maximum` are means over the draws, `interval` the central 95 % interval of the maximum,
+    `interpolation` the largest interpolation deviation alone.
     """
 
     rms: float
@@ -80,7 +80,8 @@ def predict_residual(
 ) -> ResidualPrediction:
     """What should remain of the deviation when a control applies `grid`: uncertainty and interpolation together.
 
-    e_after = e_true - e_interpolated, with e_true drawn from the solution's covariance, for the tool vector of `grid`. `rotary`:
+    e_after = e_true - e_interpolated, with e_true drawn from the solution's covariance, for the tool vector of `grid` and random
+    approach directions, whose reversal a grid leaves. `rotary`:
     the grids of the rotary axes; without them a five-axis machine keeps the errors of its rotary axes. Least increment,
     repeatability and temperature are not included. ISO/TR 16907 11.1.
     """
@@ -88,15 +89,16 @@ def predict_residual(
     unit = even_points(POINTS, len(low), seed)
     positions = low + unit * length
     tool = np.broadcast_to(np.asarray(grid.tool), (POINTS, 3))
-    theta, still = np.asarray(solution.parameters), np.zeros_like(positions)
-    exact = deviation_values(solution.model, theta, positions, tool, still)[:, :3]
-    difference = exact - deviation_from_grids(solution.machine, grid, rotary, positions, tool)[:, :3]
-    interpolation = without_rigid_motion(solution, positions, tool, difference)
-    gradient = gradient_matrix(solution.model, theta, positions, tool, still)
+    theta = np.asarray(solution.parameters)
+    still, ways = np.zeros_like(positions), np.random.default_rng(seed).choice([-1.0, 1.0], positions.shape)
+    held = deviation_from_grids(solution.machine, grid, rotary, positions, tool)[:, :3]
+    mean, exact = (deviation_values(solution.model, theta, positions, tool, d)[:, :3] - held for d in (still, ways))
+    interpolation = without_rigid_motion(solution, positions, tool, mean)
+    gradient = gradient_matrix(solution.model, theta, positions, tool, ways)
     values, vectors = np.linalg.eigh(solution.parameter_covariance)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     draws = np.random.default_rng(seed).standard_normal((SAMPLES, root.shape[1])) @ root.T
-    fields = np.einsum("mkn,sn->smk", gradient[:, :3], draws) + interpolation
+    fields = np.einsum("mkn,sn->smk", gradient[:, :3], draws) + exact
     size = np.linalg.norm(without_rigid_motion(solution, positions, tool, fields), axis=2)
     largest = size.max(axis=1)
     bounds = np.quantile(largest, [0.025, 0.975])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -180,11 +180,17 @@ class Solution(eqx.Module):
         positions = np.concatenate([s.positions for s in self.campaign.sets])
         return np.stack([positions.min(axis=0), positions.max(axis=0)], axis=1)
 
-    def outside(self, positions: np.ndarray) -> np.ndarray:
-        """True for positions outside what was measured, by more than 1 % of the travel, bool (m,)."""
+    def outside(self, positions: np.ndarray, axes: Sequence[str] | None = None) -> np.ndarray:
+        """True for positions (m, n_axes) outside what was measured, by more than 1 % of the travel, bool (m,).
+
+        `axes`: letters that are judged, default all. A rotary axis measured over a whole turn is measured everywhere.
+        """
         low, high = self.measured_range().T
         slack = 0.01 * np.array([axis.length for axis in self.machine.axes])
-        return np.asarray(np.any((positions < low - slack) | (positions > high + slack), axis=1))
+        round_about = np.array([a.is_full_turn for a in self.machine.axes]) & (high - low >= 360.0 - slack)
+        out = ((positions < low - slack) | (positions > high + slack)) & ~round_about
+        own = [self.machine.index(a) for a in (self.machine.letters if axes is None else axes)]
+        return np.asarray(np.any(out[:, own], axis=1))
 
     def functions(self, step: float | None = None, points: int = 21) -> list[FunctionValue]:
         """All error functions tabulated, and location errors, each with standard uncertainty.

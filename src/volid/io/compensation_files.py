@@ -15,7 +15,8 @@ from volid.io.grid_files import FORMAT as GRID_FORMAT
 from volid.io.grid_files import grid_paths, read_grid, save_grid
 from volid.io.hdf5_values import is_hdf5
 from volid.io.table_files import FORMAT as TABLE_FORMAT
-from volid.io.table_files import TableForm, read_table, table_header, table_sheet
+from volid.io.table_files import TableForm, table_header, table_sheet
+from volid.io.table_reader import read_table
 from volid.io.tables_csv import write_csv
 from volid.io.toml_table import read_text
 from volid.machine import Machine

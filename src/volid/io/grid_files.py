@@ -13,6 +13,7 @@ reading back restores them. One file holds one grid: of a machine with rotary ax
 from __future__ import annotations
 
 import re
+import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ import numpy as np
 
 from volid.compensation.grids import Grid, grid_positions
 from volid.compensation.parts import HEAD, TABLE
+from volid.compensation.reversal import reversal_text
 from volid.compensation.rotary_grids import RotaryGrid
 from volid.exceptions import InputError
 from volid.fitting.solution import Solution
@@ -87,6 +89,7 @@ def grid_header(
         "sign": _SIGN[values],
         "applied": _APPLIED.get(grid.type, _POSITION),
         "absolute": "absolute values, not increments",
+        "reversal": reversal_text(solution, grid),
         "units": f"{_units(grid)} dX, dY, dZ mm; dA, dB, dC degrees; u_… standard uncertainty (k = 1)",
         **(_rotary_lines(grid) if isinstance(grid, RotaryGrid) else _tool_lines(grid, solution)),
         "frame": grid.frame,
@@ -99,7 +102,7 @@ def grid_header(
         lines["intervals"] = INTERVAL_MEANING
     lines |= source_lines(solution, source) | {"datum": grid.datum}
     if command:
-        lines["command"] = " ".join(command)
+        lines["command"] = shlex.join(command)
     if any(note.startswith(REJECTED) for note in grid.notes):
         del lines[REJECTED]  # said in the notes, which a reader gets back
     return lines | {f"note {i}": note for i, note in enumerate(grid.notes, start=1)}

@@ -14,19 +14,18 @@ error values.
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator, Mapping, Sequence
+import shlex
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from volid.compensation.error_table import COLUMNS, DIFFERENCE, ITSELF, MODEL, VALUE, ErrorTable, with_one_reversal
+from volid.compensation.error_table import COLUMNS, DIFFERENCE, ITSELF, MODEL, VALUE, ErrorTable
+from volid.compensation.rounding import round_to
 from volid.exceptions import InputError
 from volid.fitting.solution import Solution
-from volid.io.csv_table import CsvTable, read_csv
-from volid.io.tables_csv import OUTSIDE, REJECTED, Sheet, read_flags, source_lines
-from volid.io.toml_table import read_text
+from volid.io.tables_csv import OUTSIDE, REJECTED, Sheet, source_lines
 from volid.iso230 import LINEAR_AXES, describe, parse
 
 FORMAT = "volid-table/1"
@@ -74,11 +73,6 @@ class TableForm:
     def least(self, table: ErrorTable) -> float | None:
         """Least increment of a table's values [mm or rad]."""
         return self.angle_increment if parse(table.function).is_rotation else self.increment
-
-
-def round_to(values: np.ndarray, least: float | None) -> np.ndarray:
-    """Values at the nearest multiple of the least increment."""
-    return values if least is None else np.round(values / least) * least
 
 
 def increments(absolute: np.ndarray) -> np.ndarray:
@@ -134,10 +128,10 @@ def table_header(
     if table.has_reversal and form.reversal == VALUE:
         sign = 1.0 if form.errors else -1.0
         value = float(round_to(np.array(sign * table.reversal_value), least))
-        lines["reversal value"] = f"{value!r} {unit}"
+        lines["reversal value"] = f"{value:.12g} {unit}"
     lines |= source_lines(solution, source) | {"datum": table.datum}
     if command:
-        lines["command"] = " ".join(command)
+        lines["command"] = shlex.join(command)
     if any(note.startswith(REJECTED) for note in table.notes):
         lines.pop(REJECTED, None)
     return lines | {f"note {i}": note for i, note in enumerate(table.notes, start=1)}
@@ -166,108 +160,3 @@ def table_sheet(table: ErrorTable, form: TableForm, header: Mapping[str, str]) -
         rows=([q, *v, *s, flag] for q, v, s, flag in rows),
         digits={name: digits for c in columns[1:] for name in (c, f"u_{c}")},
     )
-
-
-def read_table(path: str | Path) -> ErrorTable:
-    """A table as error values, absolute, in mm or rad, whatever the file holds.
-
-    Raises `InputError` when the file is damaged or of another format, a header line or column is missing, positions do not rise.
-    """
-    comments = [line[1:].strip() for line in read_text(Path(path)).split("\n") if line.startswith("#")]
-    header = dict(line.split(": ", 1) for line in comments if ": " in line)
-    table = read_csv(path)
-    for key in ("format", "type", "function", "values", "rows", "applied", "zero", "period", "datum"):
-        if key not in header:
-            raise InputError(f"{path}: header '{key}' is missing; expected a table written by volid, '{FORMAT}'")
-    _expect(path, header, "format", (FORMAT,))
-    _expect(path, header, "values", (ERROR, COMPENSATION))
-    _expect(path, header, "rows", (ABSOLUTE, INCREMENTAL))
-    _expect(path, header, "applied", (MODEL, ITSELF))
-    name = header["function"]
-    axis = parse(name).axis
-    positions = table.numbers(*_required(table, axis), "mm or degrees", "every row has a position")  # type: ignore[arg-type]
-    if np.any(np.diff(positions) <= 0):
-        i = int(np.argmax(np.diff(positions) <= 0)) + 1
-        raise InputError(f"{table.where(i)}: {axis} is {positions[i]:g}; expected positions that rise from row to row")
-    forward, reverse = _values(table, name, header, str(path))
-    u = _uncertainties(table, name)
-    basis: dict[str, str] = {k: header[k] for k in ("line", "tool vector", "elevation") if k in header}
-    off = re.search(r"points ([\d.e+-]+)", header.get("interpolation", ""))
-    return ErrorTable(
-        type=header["type"],
-        function=name,
-        positions=positions,
-        forward=forward,
-        reverse=reverse,
-        u=u,
-        outside=read_flags(table, OUTSIDE) if OUTSIDE in table else np.zeros(len(positions), dtype=bool),
-        applied=header["applied"],
-        interpolation=float(off[1]) if off else float("nan"),
-        basis=basis,
-        zero=header["zero"],
-        datum=header["datum"],
-        period=0.0 if header["period"] == "none" else float(header["period"].split()[0]),
-        notes=tuple(text for key, text in header.items() if re.fullmatch(r"note \d+", key)),
-    )
-
-
-def _expect(path: str | Path, header: Mapping[str, str], key: str, values: Sequence[str]) -> None:
-    if header[key] not in values:
-        raise InputError(f"{path}: {key} is '{header[key]}'; expected {' or '.join(values)}")
-
-
-def _required(table: CsvTable, axis: str) -> tuple[str]:
-    table.require((axis,), "every row has a position")
-    return (axis,)
-
-
-def _values(table: CsvTable, name: str, header: Mapping[str, str], path: str) -> tuple[np.ndarray, np.ndarray]:
-    """Error values approached in + and -, absolute."""
-    unit = parse(name).unit
-    sign = 1.0 if header["values"] == ERROR else -1.0
-    sum_up = np.cumsum if header["rows"] == INCREMENTAL else np.asarray
-
-    def column(c: str) -> np.ndarray:
-        return np.asarray(sign * sum_up(table.numbers(c, unit, "every row has a value")))
-
-    if f"{name}(+)" in table and f"{name}(-)" in table:
-        return column(f"{name}(+)"), column(f"{name}(-)")
-    if f"{name}(+)" in table and f"B_{name}" in table:
-        up = column(f"{name}(+)")
-        return up, up - sign * table.numbers(f"B_{name}", unit, "every row has a reversal value")
-    table.require((name,), f"expected {name}, or {name}(+) with {name}(-) or B_{name}")
-    mean, half = column(name), 0.0
-    if "reversal value" in header:
-        try:
-            half = 0.5 * sign * float(header["reversal value"].split()[0])
-        except ValueError:
-            raise InputError(
-                f"{path}: reversal value is '{header['reversal value']}'; expected a number in {unit}"
-            ) from None
-    return mean + half, mean - half
-
-
-def _uncertainties(table: CsvTable, name: str) -> np.ndarray:
-    found = [c for c in table.columns if c.startswith("u_")]
-    if not found:
-        return np.full((len(table), 2), np.nan)
-    columns = [table.numbers(c, "mm or rad", "or an empty cell", gaps=True) for c in found]
-    return np.stack([columns[0], columns[-1]], axis=1)
-
-
-def tables_in(folder: str | Path) -> Iterator[ErrorTable]:
-    """All tables of a folder that `volid tables` wrote, or the one table of a file."""
-    path = Path(folder)
-    files = sorted(path.glob("*.csv")) if path.is_dir() else [path]
-    if not files:
-        raise InputError(f"{folder}: holds no table (*.csv); expected a folder written by volid tables")
-    return (read_table(file) for file in files)
-
-
-def as_written(table: ErrorTable, form: TableForm) -> ErrorTable:
-    """The table as a control will hold it: rounded, and with one reversal value where the form has but one."""
-    from dataclasses import replace
-
-    table = with_one_reversal(table) if form.reversal == VALUE else table
-    least = form.least(table)
-    return replace(table, forward=round_to(table.forward, least), reverse=round_to(table.reverse, least))

@@ -10,7 +10,8 @@ import numpy as np
 
 from volid.compensation.control import asked_speed
 from volid.compensation.orientation import poles
-from volid.compensation.residual import ANGLES, LENGTHS, QUANTITIES, Column, Forecast
+from volid.compensation.residual import Column, Forecast
+from volid.compensation.volume_fields import ANGLES, LENGTHS, QUANTITIES
 from volid.machine import Machine
 from volid.report.text import table, vector
 
@@ -40,6 +41,7 @@ def forecast_text(found: Forecast, machine: Machine, feeds: np.ndarray) -> list[
     lines.append(
         "A rigid motion of the workpiece frame is taken out. Repeatability and thermal change of the machine come on top."
     )
+    lines += found.notes
     return [*lines, "", *_motion(found.columns, machine, feeds), *_pole_lines(found, machine)]
 
 

@@ -1,0 +1,56 @@
+"""What `volid grid` says about the grids that it wrote."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+from volid.report.text import vector
+
+if TYPE_CHECKING:
+    from volid.fitting.solution import Solution
+    from volid.io.grid_files import AnyGrid
+
+LINEAR, ROTARY = "L-VOL", "R-VOL"
+
+
+def described(grid: AnyGrid, args: argparse.Namespace) -> str:
+    """Size, type and values of a grid, and where it holds."""
+    counts = " × ".join(str(len(nodes)) for nodes in grid.nodes)
+    values = "error" if args.errors else "compensation"
+    kind = "" if grid.type in (LINEAR, ROTARY) else f"{grid.type} "
+    if not hasattr(grid, "side"):
+        return f"{counts} nodes of {kind}{values} values for tool vector {vector(getattr(grid, 'tool', ()))} mm"
+    where = vector(getattr(grid, "reference_point", ()))
+    side = getattr(grid, "side", "")
+    return (
+        f"{counts} nodes of {kind}{values} values of {', '.join(grid.axes)} in the {side}, reference point {where} mm,"
+    )
+
+
+def messages_of(grid: AnyGrid, args: argparse.Namespace, several: bool) -> list[str]:
+    """What of a grid needs attention."""
+    from volid.compensation.parts import LEFT_OUT
+
+    what = f"{getattr(grid, 'side', 'linear')}: " if several else ""
+    messages = [f"{what}{note}" for note in grid.notes if note.startswith(LEFT_OUT)]
+    lost = [f"d{c}" for k, c in enumerate("XYZABC") if (grid.values[:, k] != grid.values[:, k]).any()]
+    if lost:
+        advice = "no lever arm" if hasattr(grid, "side") else "no other tool vector"
+        messages.append(f"{what}{', '.join(lost)} not determined by the data and left blank; use {advice}")
+    outside = int(grid.outside.sum())
+    if outside and not args.extrapolate:
+        n = len(grid.outside)
+        messages.append(
+            f"{what}{outside} of {n} nodes lie outside the measured positions: extrapolated (outside = 1). Measure there, or "
+            "accept with --extrapolate"
+        )
+    return messages
+
+
+def reversal_lines(solution: Solution, grids: tuple[AnyGrid, ...]) -> list[str]:
+    """What the grids leave of the reversal, one line per side."""
+    from volid.compensation.reversal import NONE, reversal_text
+
+    told = {f"reversal, {getattr(g, 'side', 'linear')} grid: {reversal_text(solution, g)}": None for g in grids}
+    return [text for text in told if NONE not in text]

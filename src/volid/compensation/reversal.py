@@ -1,0 +1,47 @@
+"""What spatial grids do with reversal: they hold one value per node, whatever the approach direction."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+import numpy as np
+
+from volid.compensation.grids import Grid
+from volid.compensation.parts import part_letters
+from volid.compensation.rotary_grids import RotaryGrid
+from volid.fitting.solution import Solution
+from volid.iso230 import parse
+
+NONE = "none: the model has no reversal"
+DENSE = 201  # positions per axis at which the largest reversal is looked for
+
+
+def left_reversal(solution: Solution, letters: Collection[str]) -> dict[str, float]:
+    """Largest |B|/2 over the travel of every function of the axes `letters` that has reversal [mm or rad].
+
+    E(q, ±) = E(q) ± B(q)/2 (CONVENTIONS 3): the mean of both directions leaves half the reversal, with either sign. Cross
+    effects are looked at where the other axis stands at its reference.
+    """
+    theta, found = np.asarray(solution.parameters), {}
+    for name in dict.fromkeys(f.name for f in solution.model.functions if f.part == "reversal"):
+        axis = solution.machine.axis(parse(name).axis)
+        if axis.letter in letters:
+            q = np.linspace(*axis.travel, DENSE)
+            up, down = (solution.motion_rows(name, q, way) @ theta for way in (1, -1))
+            found[name] = float(np.abs(up - down).max() / 2.0)
+    return found
+
+
+def reversal_text(solution: Solution, grid: Grid | RotaryGrid) -> str:
+    """What the grid holds of reversal and what is left, in words; `NONE` when its axes have no reversal."""
+    left = left_reversal(solution, part_letters(solution.machine, getattr(grid, "side", None)))
+    if not left:
+        return NONE
+    each = ", ".join(
+        f"{name} {1e6 * v:.2f} µrad" if parse(name).is_rotation else f"{name} {1e3 * v:.2f} µm"
+        for name, v in left.items()
+    )
+    return (
+        f"mean of both approach directions; half the reversal is left in either direction, at most {each}; volid tables holds "
+        "both directions"
+    )

@@ -1,0 +1,113 @@
+"""Tables read back from CSV (`volid-table/1`), whatever form they were written in; see `table_files`."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from volid.compensation.error_table import ITSELF, MODEL, ErrorTable
+from volid.exceptions import InputError
+from volid.io.csv_table import CsvTable, read_csv
+from volid.io.table_files import ABSOLUTE, COMPENSATION, ERROR, FORMAT, INCREMENTAL
+from volid.io.tables_csv import OUTSIDE, read_flags
+from volid.io.toml_table import read_text
+from volid.iso230 import parse
+
+
+def read_table(path: str | Path) -> ErrorTable:
+    """A table as error values, absolute, in mm or rad, whatever the file holds.
+
+    Raises `InputError` when the file is damaged or of another format, a header line or column is missing, positions do not rise.
+    """
+    comments = [line[1:].strip() for line in read_text(Path(path)).split("\n") if line.startswith("#")]
+    header = dict(line.split(": ", 1) for line in comments if ": " in line)
+    table = read_csv(path)
+    for key in ("format", "type", "function", "values", "rows", "applied", "zero", "period", "datum"):
+        if key not in header:
+            raise InputError(f"{path}: header '{key}' is missing; expected a table written by volid, '{FORMAT}'")
+    _expect(path, header, "format", (FORMAT,))
+    _expect(path, header, "values", (ERROR, COMPENSATION))
+    _expect(path, header, "rows", (ABSOLUTE, INCREMENTAL))
+    _expect(path, header, "applied", (MODEL, ITSELF))
+    name = header["function"]
+    axis = parse(name).axis
+    positions = table.numbers(*_required(table, axis), "mm or degrees", "every row has a position")  # type: ignore[arg-type]
+    if np.any(np.diff(positions) <= 0):
+        i = int(np.argmax(np.diff(positions) <= 0)) + 1
+        raise InputError(f"{table.where(i)}: {axis} is {positions[i]:g}; expected positions that rise from row to row")
+    forward, reverse = _values(table, name, header, str(path))
+    u = _uncertainties(table, name)
+    basis: dict[str, str] = {k: header[k] for k in ("line", "tool vector", "elevation") if k in header}
+    off = re.search(r"points ([\d.e+-]+)", header.get("interpolation", ""))
+    return ErrorTable(
+        type=header["type"],
+        function=name,
+        positions=positions,
+        forward=forward,
+        reverse=reverse,
+        u=u,
+        outside=read_flags(table, OUTSIDE) if OUTSIDE in table else np.zeros(len(positions), dtype=bool),
+        applied=header["applied"],
+        interpolation=float(off[1]) if off else float("nan"),
+        basis=basis,
+        zero=header["zero"],
+        datum=header["datum"],
+        period=0.0 if header["period"] == "none" else float(header["period"].split()[0]),
+        notes=tuple(text for key, text in header.items() if re.fullmatch(r"note \d+", key)),
+    )
+
+
+def _expect(path: str | Path, header: Mapping[str, str], key: str, values: Sequence[str]) -> None:
+    if header[key] not in values:
+        raise InputError(f"{path}: {key} is '{header[key]}'; expected {' or '.join(values)}")
+
+
+def _required(table: CsvTable, axis: str) -> tuple[str]:
+    table.require((axis,), "every row has a position")
+    return (axis,)
+
+
+def _values(table: CsvTable, name: str, header: Mapping[str, str], path: str) -> tuple[np.ndarray, np.ndarray]:
+    """Error values approached in + and -, absolute."""
+    unit = parse(name).unit
+    sign = 1.0 if header["values"] == ERROR else -1.0
+    sum_up = np.cumsum if header["rows"] == INCREMENTAL else np.asarray
+
+    def column(c: str) -> np.ndarray:
+        return np.asarray(sign * sum_up(table.numbers(c, unit, "every row has a value")))
+
+    if f"{name}(+)" in table and f"{name}(-)" in table:
+        return column(f"{name}(+)"), column(f"{name}(-)")
+    if f"{name}(+)" in table and f"B_{name}" in table:
+        up = column(f"{name}(+)")
+        return up, up - sign * table.numbers(f"B_{name}", unit, "every row has a reversal value")
+    table.require((name,), f"expected {name}, or {name}(+) with {name}(-) or B_{name}")
+    mean, half = column(name), 0.0
+    if "reversal value" in header:
+        try:
+            half = 0.5 * sign * float(header["reversal value"].split()[0])
+        except ValueError:
+            raise InputError(
+                f"{path}: reversal value is '{header['reversal value']}'; expected a number in {unit}"
+            ) from None
+    return mean + half, mean - half
+
+
+def _uncertainties(table: CsvTable, name: str) -> np.ndarray:
+    found = [c for c in table.columns if c.startswith("u_")]
+    if not found:
+        return np.full((len(table), 2), np.nan)
+    columns = [table.numbers(c, "mm or rad", "or an empty cell", gaps=True) for c in found]
+    return np.stack([columns[0], columns[-1]], axis=1)
+
+
+def tables_in(folder: str | Path) -> Iterator[ErrorTable]:
+    """All tables of a folder that `volid tables` wrote, or the one table of a file."""
+    path = Path(folder)
+    files = sorted(path.glob("*.csv")) if path.is_dir() else [path]
+    if not files:
+        raise InputError(f"{folder}: holds no table (*.csv); expected a folder written by volid tables")
+    return (read_table(file) for file in files)
