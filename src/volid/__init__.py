@@ -42,9 +42,11 @@ if TYPE_CHECKING:
     from volid.fitting.fit import fit
     from volid.fitting.location_errors import LocationError, location_errors
     from volid.fitting.solution import Solution
+    from volid.fitting.streamed import fit_streamed
     from volid.io import load_campaign
     from volid.io import read_machine as load_machine
     from volid.io import write_campaign as save_campaign
+    from volid.io.campaign_stream import CampaignStream
     from volid.io.compensation_files import load_control, save_compensation
     from volid.io.grid_files import read_grid as load_grid
     from volid.io.grid_files import save_grid
@@ -77,6 +79,8 @@ __all__ = [  # in the order of the work  # noqa: RUF022
     "simulate",
     # identification
     "fit",
+    "CampaignStream",
+    "fit_streamed",
     "parse_datum",
     "Solution",
     "save_solution",
@@ -131,7 +135,9 @@ _PLACES = {
     "volid.fitting.fit": ("fit",),
     "volid.fitting.location_errors": ("location_errors", "LocationError"),
     "volid.fitting.solution": ("Solution",),
+    "volid.fitting.streamed": ("fit_streamed",),
     "volid.io": ("load_campaign", "read_machine as load_machine", "write_campaign as save_campaign"),
+    "volid.io.campaign_stream": ("CampaignStream",),
     "volid.io.compensation_files": ("load_control", "save_compensation"),
     "volid.io.grid_files": ("read_grid as load_grid", "save_grid"),
     "volid.io.solution_hdf5": ("read_solution as load_solution", "write_solution as save_solution"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -64,6 +64,13 @@ class ObservationSet:
 
     def __len__(self) -> int:
         return len(self.positions)
+
+    def rows_of(self, numbers: np.ndarray) -> ObservationSet:
+        """The set with some of its rows, in the order of `numbers`."""
+        arrays = ("positions", "directions", "tool", "readings", "u", "time", "temperature", "rows")
+        given = {name: getattr(self, name) for name in arrays}
+        cut: dict[str, Any] = {name: None if values is None else values[numbers] for name, values in given.items()}
+        return replace(self, labels={name: values[numbers] for name, values in self.labels.items()}, **cut)
 
     def where(self, i: int) -> str:
         """File and row of reading `i`, for messages: "volume.csv, row 412"."""

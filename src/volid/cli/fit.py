@@ -60,6 +60,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="chord",
         help="chord (default): fewest assemblies of the normal equations; optimistix: one a step; the minimum is the same",
     )
+    parser.add_argument(
+        "--stream",
+        action="store_true",
+        help="read one HDF5 campaign part by part, for more readings than fit into memory; stations, resolution and rank are "
+        "decided on a sample",
+    )
     add_output(parser, "SOLUTION.h5", "solution, with its campaign and machine", required=True)
 
 
@@ -91,6 +97,13 @@ def _solve(args: argparse.Namespace, progress: Progress) -> Solution:
     from volid.io.solution_hdf5 import read_solution, write_solution
 
     prior = read_solution(args.prior) if args.prior else None
+    if args.stream:
+        found = _stream(args, prior, progress)
+        options = {"stream": True, "datum": args.datum, "prior": args.prior}
+        solution = replace(found, provenance=provenance(input_files(_inputs(args)), args.command_line, options))
+        progress("writing the solution")
+        write_solution(solution, args.output, args.force)
+        return solution
     campaign = load_campaign(*args.campaign)
     options = {"robust": args.robust, "datum": args.datum, "prior": args.prior, "solver": args.solver}
     record = provenance(input_files(_inputs(args)), args.command_line, options)
@@ -102,6 +115,27 @@ def _solve(args: argparse.Namespace, progress: Progress) -> Solution:
     progress("writing the solution")
     write_solution(solution, args.output, args.force)
     return solution
+
+
+def _stream(args: argparse.Namespace, prior: Solution | None, progress: Progress) -> Solution:
+    """Fit part by part. Raises `InputError` for several campaigns, or options that need all readings at once."""
+    from volid.exceptions import InputError
+    from volid.fitting.datum import parse_datum
+    from volid.fitting.streamed import fit_streamed
+    from volid.io.campaign_stream import CampaignStream
+
+    if len(args.campaign) > 1:
+        raise InputError(f"--stream reads one campaign; {len(args.campaign)} are given. Expected one HDF5 file")
+    if args.robust or args.solver != "chord":
+        wrong = "--robust" if args.robust else f"--solver {args.solver}"
+        raise InputError(
+            f"--stream and {wrong} exclude each other: that needs all readings at once; leave one of them out"
+        )
+    stream = CampaignStream(args.campaign[0])
+    datum = None
+    if args.datum:
+        datum = parse_datum(next(stream.parts()).machine, args.datum)
+    return fit_streamed(stream, datum=datum, prior=prior, progress=progress)
 
 
 def _summarise(args: argparse.Namespace, solution: Solution, progress: Progress) -> None:

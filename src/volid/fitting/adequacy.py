@@ -62,42 +62,46 @@ class Adequacy:
     verdict: str
 
 
-def _groupings(campaign: Campaign, observations: ObservationSet) -> Iterator[tuple[str, np.ndarray]]:
+def _groupings(
+    campaign: Campaign, observations: ObservationSet, like: ObservationSet
+) -> Iterator[tuple[str, np.ndarray]]:
     """Name and rows of every group of a set: itself, stations, segments' tools, positions, regions, directions, time.
 
-    Rows: bool (m,), or (m, k) for the columns of the readings (directions of the sensor, coordinates).
+    Rows: bool (m,), or (m, k) for the columns of the readings (directions of the sensor, coordinates). `like`: the set, or a
+    sample of it, which decides what groups there are.
     """
     m = len(observations)
     yield f"set '{observations.name}'", np.ones(m, dtype=bool)
     for label in ("station", "line", "component", "sphere"):
-        values = dict.fromkeys(observations.labels.get(label, ()))
+        values = dict.fromkeys(like.labels.get(label, ()))
         for value in values if label != "sphere" or len(values) > 1 else ():
             yield f"{label} {value}", observations.labels[label] == value
     columns = KINDS[observations.kind].readings
     for k, name in enumerate(columns if len(columns) > 1 else ()):
         yield f"direction {name}", np.tile(np.arange(len(columns)) == k, (m, 1))
-    tools, index = np.unique(np.round(observations.tool, 6), axis=0, return_inverse=True)
-    for i, tool in enumerate(tools if 1 < len(tools) <= 12 else ()):
-        yield f"tool vector ({tool[0]:g}, {tool[1]:g}, {tool[2]:g}) mm", np.asarray(index).ravel() == i
-    yield from _position_groups(campaign, observations)
+    tools = np.unique(np.round(like.tool, 6), axis=0)
+    for tool in tools if 1 < len(tools) <= 12 else ():
+        own = np.all(np.round(observations.tool, 6) == tool, axis=1)
+        yield f"tool vector ({tool[0]:g}, {tool[1]:g}, {tool[2]:g}) mm", own
+    yield from _position_groups(campaign, observations, like)
     for i, axis in enumerate(campaign.machine.axes):
         for sign in (1, -1):
-            rows = observations.directions[:, i] == sign
+            rows = like.directions[:, i] == sign
             if rows.any() and not rows.all():
-                yield f"{axis.letter} approached in {'+' if sign > 0 else '-'}", rows
-    if observations.time is not None and np.all(np.isfinite(observations.time)):
-        edges = np.quantile(observations.time, np.linspace(0, 1, BINS + 1))
+                yield f"{axis.letter} approached in {'+' if sign > 0 else '-'}", observations.directions[:, i] == sign
+    if like.time is not None and observations.time is not None and np.all(np.isfinite(like.time)):
+        edges = np.quantile(like.time, np.linspace(0, 1, BINS + 1))
         yield from _bins("time", "s", observations.time, edges)
 
 
-def _position_groups(campaign: Campaign, observations: ObservationSet) -> Iterator[tuple[str, np.ndarray]]:
-    high = []
+def _position_groups(
+    campaign: Campaign, observations: ObservationSet, like: ObservationSet
+) -> Iterator[tuple[str, np.ndarray]]:
     for i, axis in enumerate(campaign.machine.axes):
-        values = observations.positions[:, i]
-        yield from _bins(axis.letter, axis.unit, values, np.linspace(*axis.travel, BINS + 1))
-        high.append(values > 0.5 * sum(axis.travel))
-    octants = np.stack(high, axis=1)
-    for corner in np.unique(octants, axis=0):
+        yield from _bins(axis.letter, axis.unit, observations.positions[:, i], np.linspace(*axis.travel, BINS + 1))
+    middle = np.array([0.5 * sum(axis.travel) for axis in campaign.machine.axes])
+    octants = observations.positions > middle
+    for corner in np.unique(like.positions > middle, axis=0):
         name = ", ".join(
             f"{a.letter} {'high' if c else 'low'}" for a, c in zip(campaign.machine.axes, corner, strict=True)
         )
@@ -110,12 +114,10 @@ def _bins(name: str, unit: str, values: np.ndarray, edges: np.ndarray) -> Iterat
         yield f"{name} {edges[k]:g} … {edges[k + 1]:g} {unit}", index == k
 
 
-def _test(what: str, squares: np.ndarray, redundancy: np.ndarray) -> GroupTest | None:
-    dof = float(redundancy.sum())
+def _test(what: str, total: float, dof: float, n: float) -> GroupTest | None:
     if dof < 1.0:
         return None
-    total = float(squares.sum())
-    return GroupTest(what, int(redundancy.size), float(np.sqrt(total / dof)), float(chdtrc(dof, total)))
+    return GroupTest(what, int(n), float(np.sqrt(total / dof)), float(chdtrc(dof, total)))
 
 
 def reading_label(observations: ObservationSet, i: int, k: int) -> str:
@@ -134,37 +136,66 @@ def assess(
     prior_chi_square: float = 0.0,
 ) -> Adequacy:
     """Test the whitened residuals (reading - predicted)/u, leverages h and active readings, each (m, k) per set."""
-    squares = [np.where(a, r**2, 0.0) for r, a in zip(residuals, active, strict=True)]
-    redundancy = [np.where(a, 1.0 - h, 0.0) for h, a in zip(leverages, active, strict=True)]
-    total = sum(float(s.sum()) for s in squares) + prior_chi_square
-    dof = degrees_of_freedom
-    probability = float(chdtrc(dof, total)) if dof > 0 else float("nan")
-    tests: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
-    for s, sq, re in zip(campaign.sets, squares, redundancy, strict=True):
-        for what, rows in _groupings(campaign, s):
-            tests.setdefault(what, []).append((sq[rows].ravel(), re[rows].ravel()))
-    found = [_test(w, *(np.concatenate(x) for x in zip(*parts, strict=True))) for w, parts in tests.items()]
-    groups = tuple(sorted((g for g in found if g), key=lambda g: (g.probability, -g.unit_weight)))
-    suspects = _suspects(campaign, residuals, redundancy, active)
-    worst = groups[0].probability * len(groups) if groups else 1.0
-    rejected = dof > 0 and (probability < REJECT or worst < REJECT)
-    weight = float(np.sqrt(total / dof)) if dof > 0 else float("nan")
-    verdict = _verdict(rejected, weight, probability, groups, suspects, dof)
-    return Adequacy(total, dof, weight, probability, groups, suspects, rejected, verdict)
+    tally = Tally(campaign, sum(int(a.sum()) for a in active))
+    tally.add(campaign, residuals, leverages, active)
+    return tally.adequacy(degrees_of_freedom, prior_chi_square)
+
+
+class Tally:
+    """Sums of squared residuals and redundancies by groups, over all readings or part by part.
+
+    `like`: the campaign, or a sample of it, which decides what groups there are. `n`: number of all readings that take part.
+    """
+
+    def __init__(self, like: Campaign, n: int) -> None:
+        self._like = {s.name: s for s in like.sets}
+        self._limit = critical_value(n)
+        self._total = 0.0
+        self._groups: dict[str, np.ndarray] = {}  # sum of squares, of redundancies, readings
+        self._suspects: list[SuspectReading] = []
+
+    def add(
+        self, campaign: Campaign, residuals: list[np.ndarray], leverages: list[np.ndarray], active: list[np.ndarray]
+    ) -> None:
+        """Count the whitened residuals (reading - predicted)/u, leverages h and active readings, each (m, k) per set."""
+        squares = [np.where(a, r**2, 0.0) for r, a in zip(residuals, active, strict=True)]
+        redundancy = [np.where(a, 1.0 - h, 0.0) for h, a in zip(leverages, active, strict=True)]
+        self._total += sum(float(s.sum()) for s in squares)
+        for s, sq, re in zip(campaign.sets, squares, redundancy, strict=True):
+            for what, rows in _groupings(campaign, s, self._like[s.name]):
+                found = np.array([sq[rows].sum(), re[rows].sum(), re[rows].size])
+                self._groups[what] = self._groups.get(what, 0.0) + found
+        self._suspects += _suspects(campaign, residuals, redundancy, active, self._limit)
+
+    def adequacy(self, dof: int, prior_chi_square: float = 0.0) -> Adequacy:
+        """The verdict on what was counted."""
+        total = self._total + prior_chi_square
+        probability = float(chdtrc(dof, total)) if dof > 0 else float("nan")
+        found = [_test(what, *sums) for what, sums in self._groups.items()]
+        groups = tuple(sorted((g for g in found if g), key=lambda g: (g.probability, -g.unit_weight)))
+        suspects = tuple(sorted(self._suspects, key=lambda x: -abs(x.normalised)))
+        worst = groups[0].probability * len(groups) if groups else 1.0
+        rejected = dof > 0 and (probability < REJECT or worst < REJECT)
+        weight = float(np.sqrt(total / dof)) if dof > 0 else float("nan")
+        verdict = _verdict(rejected, weight, probability, groups, suspects, dof)
+        return Adequacy(total, dof, weight, probability, groups, suspects, rejected, verdict)
 
 
 def _suspects(
-    campaign: Campaign, residuals: list[np.ndarray], redundancy: list[np.ndarray], active: list[np.ndarray]
-) -> tuple[SuspectReading, ...]:
-    limit = critical_value(sum(int(a.sum()) for a in active))
-    result: list[SuspectReading] = []
+    campaign: Campaign,
+    residuals: list[np.ndarray],
+    redundancy: list[np.ndarray],
+    active: list[np.ndarray],
+    limit: float,
+) -> list[SuspectReading]:
+    result = []
     for s, r, f, a in zip(campaign.sets, residuals, redundancy, active, strict=True):
         normalised = np.where(a & (f > 1e-6), r / np.sqrt(np.maximum(f, 1e-6)), 0.0)
         for i, k in zip(*np.nonzero(np.abs(normalised) > limit), strict=True):
             result.append(
                 SuspectReading(s.where(i), reading_label(s, i, k), float(r[i, k] * s.u[i, k]), float(normalised[i, k]))
             )
-    return tuple(sorted(result, key=lambda x: -abs(x.normalised)))
+    return result
 
 
 def _verdict(rejected: bool, weight: float, probability: float, groups: Any, suspects: Any, dof: int) -> str:

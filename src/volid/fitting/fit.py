@@ -15,23 +15,21 @@ from volid.campaign import Campaign
 from volid.checks import check_campaign
 from volid.error_functions import motion_names
 from volid.error_model import build_model
-from volid.exceptions import InputError, VolidError
+from volid.exceptions import InputError
 from volid.fitting import resolution
 from volid.fitting.adequacy import SuspectReading, assess, reading_label
-from volid.fitting.equations import predict_all, quadratic_forms
-from volid.fitting.holdout import held_out_residuals
-from volid.fitting.identifiability import NAMED, Identifiability, analyse
+from volid.fitting.fitter import Fitter, Method
+from volid.fitting.identifiability import NAMED, analyse
 from volid.fitting.interpreted import interpreted, is_small
 from volid.fitting.prior import check_prior, prior_notes, prior_of, shared_names
-from volid.fitting.problem import Problem, build_problem, pad_rows, reweight, scatter, with_random_effects
-from volid.fitting.robust import Weighted, down_weight, name_outliers, set_aside
+from volid.fitting.problem import Prior, Problem, build_problem, with_random_effects
+from volid.fitting.robust import down_weight, name_outliers, set_aside
 from volid.fitting.solution import Residuals, Solution, Statistics
 from volid.fitting.solver import Optimum, solve
 from volid.fitting.starts import find_starts
 from volid.machine import Datum, Machine
 
 Progress = Callable[[str], None]
-Method = Callable[..., Optimum]  # as `solver.solve`
 CHORD, OPTIMISTIX = "chord", "optimistix"
 
 
@@ -39,84 +37,8 @@ def _silent(message: str) -> None:
     del message
 
 
-class _Fitter:
-    """A problem restricted to its determined directions; refits with other weights start at the last optimum."""
-
-    def __init__(self, campaign: Campaign, problem: Problem, found: Identifiability, method: Method = solve) -> None:
-        self.campaign, self.problem, self.found, self.method = campaign, problem, found, method
-        self.free = problem.free @ found.basis
-        self.optimum: Optimum | None = None
-        self.factors = [np.ones(s.readings.shape) for s in campaign.sets]
-
-    def solve(self, factors: list[np.ndarray]) -> Optimum:
-        """Optimum with square-root weights `factors` (m, k) per set. Raises `VolidError` when nothing converges."""
-        self.factors = factors
-        weighted = reweight(self.problem, self.campaign, factors)
-        start = None if self.optimum is None else self.optimum.z
-        self.optimum = self.method(weighted, start, self.free)
-        if not np.all(np.isfinite(self.optimum.z)):
-            raise VolidError("the fit diverged; check units, stations and axis positions")
-        return self.optimum
-
-    def without(self, outliers: list[np.ndarray]) -> _Fitter:
-        """Refit without the outliers; what is determined is decided anew, since they may have carried it alone."""
-        factors = [np.where(o, 0.0, 1.0) for o in outliers]
-        weighted = reweight(self.problem, self.campaign, factors)
-        refit = _Fitter(self.campaign, self.problem, analyse(weighted, self.campaign), self.method)
-        refit.solve(factors)
-        return refit
-
-    def whitened(self) -> list[np.ndarray]:
-        """(reading - predicted)/u at the optimum, all readings."""
-        assert self.optimum is not None
-        blocks = predict_all(self.problem.system, self.optimum.z)
-        values = scatter(self.problem, self.campaign, blocks)
-        return [(s.readings - p) / s.u for s, p in zip(self.campaign.sets, values, strict=True)]
-
-    def root(self) -> np.ndarray:
-        """Square root L of the covariance of z, C = L Lᵀ, shape (size, rank): by scaled Cholesky factorisation."""
-        assert self.optimum is not None
-        matrix = self.optimum.normal.matrix
-        if not np.all(np.isfinite(matrix)) or np.any(np.diagonal(matrix) <= 0.0):
-            raise InputError(
-                "the fit broke down: readings and positions contradict each other; check units and axis columns"
-            )
-        scale = 1.0 / np.sqrt(np.diagonal(matrix))
-        try:
-            lower = np.linalg.cholesky(matrix * np.outer(scale, scale))
-        except np.linalg.LinAlgError:
-            raise VolidError(
-                "the covariance cannot be computed: the readings that are left determine too little"
-            ) from None
-        inverse = np.linalg.solve(lower, np.diag(scale))
-        return np.asarray(self.free @ inverse.T)
-
-    def leverages(self) -> list[np.ndarray]:
-        """h_ii of the readings that take part with full weight."""
-        assert self.optimum is not None
-        system = reweight(self.problem, self.campaign, self.factors).system
-        blocks = quadratic_forms(system, self.optimum.z, pad_rows(self.root().T))
-        return scatter(self.problem, self.campaign, blocks)
-
-    def held_out(self) -> tuple[np.ndarray, ...]:
-        """Whitened residuals, every rotary position predicted from all others; empty without rotary axes."""
-        assert self.optimum is not None
-        problem = reweight(self.problem, self.campaign, self.factors)
-        return held_out_residuals(problem, self.campaign, self.optimum.z, self.root(), self.whitened())
-
-    def weighted(self, factors: list[np.ndarray]) -> Weighted:
-        """Refit, then residuals and leverages, for the search of outliers."""
-        self.solve(factors)
-        return Weighted(self.whitened(), self.leverages())
-
-    def residuals_only(self, factors: list[np.ndarray]) -> list[np.ndarray]:
-        """Refit, then residuals."""
-        self.solve(factors)
-        return self.whitened()
-
-
 class _Resolved(NamedTuple):
-    fitter: _Fitter
+    fitter: Fitter
     resolution: resolution.Resolution
 
 
@@ -130,12 +52,12 @@ class _Task(NamedTuple):
     progress: Progress
     method: Method
 
-    def fitter(self, segments: resolution.Segments, carrier: resolution.Segments) -> _Fitter:
+    def fitter(self, segments: resolution.Segments, carrier: resolution.Segments) -> Fitter:
         """A fitter for stated segments."""
         model = build_model(self.campaign.machine, segments, carrier=carrier)
         known = None if self.prior is None else prior_of(self.prior, model)
         problem = build_problem(self.campaign, model, self.starts, known)
-        return _Fitter(self.campaign, problem, analyse(problem, self.campaign), self.method)
+        return Fitter(self.campaign, problem, analyse(problem, self.campaign), self.method)
 
 
 def _check_counts(task: _Task, segments: resolution.Segments, carrier: resolution.Segments) -> None:
@@ -234,6 +156,56 @@ def _method(solver: str) -> Method:
     return solve_by_optimistix
 
 
+class Stages:
+    """The stages of one fit, in their order: `begin` (checks, stations), `solved` (resolution, solve), `solution`."""
+
+    def __init__(self, measured: Campaign, task: _Task, warnings: tuple[str, ...]) -> None:
+        self.measured, self.task, self.warnings = measured, task, warnings
+        self._chosen: resolution.Resolution | None = None
+
+    @classmethod
+    def begin(
+        cls,
+        campaign: Campaign,
+        prior: Solution | None,
+        progress: Progress,
+        robust: bool = False,
+        method: Method = solve,
+    ) -> Stages:
+        """Check the campaign and find start values."""
+        progress("checking the campaign")
+        warnings = check_campaign(campaign)
+        progress("locating stations")
+        starts = find_starts(campaign)
+        if prior is not None:
+            check_prior(prior, campaign.machine)
+            warnings = (*warnings, *prior_notes(prior))
+            prior = prior if prior.datum == campaign.machine.datum else prior.in_datum(campaign.machine.datum)
+        noisy = with_random_effects(campaign, starts)
+        return cls(campaign, _Task(noisy, starts, prior, robust, progress, method), warnings)
+
+    def solved(self) -> Fitter:
+        """Choose the resolution and solve."""
+        resolved = _resolve(self.task)
+        self._chosen = resolved.resolution
+        self.task.progress("solving")
+        resolved.fitter.solve(resolved.fitter.factors)
+        return resolved.fitter
+
+    def prior_of(self, fitter: Fitter) -> Prior | None:
+        """What an earlier solution says of the parameters of the fitter's model."""
+        return None if self.task.prior is None else prior_of(self.task.prior, fitter.problem.model)
+
+    def solution(self, fitter: Fitter, outliers: list[np.ndarray] | None = None) -> Solution:
+        """The solution at the fitter's optimum."""
+        assert self._chosen is not None
+        if outliers is None:
+            outliers = [np.zeros(s.readings.shape, dtype=bool) for s in self.measured.sets]
+        options = {"robust": self.task.robust, "prior": self.task.prior is not None}
+        found = _solution(fitter, self._chosen, outliers, self.warnings, options)
+        return replace(found, campaign=self.measured)
+
+
 def _fit(
     campaign: Campaign,
     robust: bool,
@@ -242,29 +214,14 @@ def _fit(
     method: Method,
     progress: Progress,
 ) -> Solution:
-    progress("checking the campaign")
-    warnings = check_campaign(campaign)
-    progress("locating stations")
-    starts = find_starts(campaign)
-    if prior is not None:
-        check_prior(prior, campaign.machine)
-        warnings = (*warnings, *prior_notes(prior))
-        prior = prior if prior.datum == campaign.machine.datum else prior.in_datum(campaign.machine.datum)
-    measured, campaign = campaign, with_random_effects(campaign, starts)
-    resolved = _resolve(_Task(campaign, starts, prior, robust, progress, method))
-    fitter = resolved.fitter
-    progress("solving")
-    fitter.solve(fitter.factors)
-    outliers = [np.zeros(s.readings.shape, dtype=bool) for s in campaign.sets]
+    stages = Stages.begin(campaign, prior, progress, robust, method)
+    fitter, outliers = stages.solved(), None
     if robust:
         progress("looking for outliers")
         factors = down_weight(fitter.residuals_only, fitter.factors)
         outliers = name_outliers(fitter.weighted, set_aside(fitter.weighted(factors)))
         fitter = fitter.without(outliers)
-    solution = _solution(
-        fitter, resolved.resolution, outliers, warnings, {"robust": robust, "prior": prior is not None}
-    )
-    solution = replace(solution, campaign=measured)
+    solution = stages.solution(fitter, outliers)
     return solution if datum in (None, solution.datum) else solution.in_datum(datum)
 
 
@@ -277,7 +234,7 @@ def _outlier_readings(campaign: Campaign, whitened: list[np.ndarray], outliers: 
     return tuple(sorted(found, key=lambda x: -abs(x.normalised)))
 
 
-def _notes(fitter: _Fitter, chosen: resolution.Resolution, held: tuple[str, ...], optimum: Optimum) -> tuple[str, ...]:
+def _notes(fitter: Fitter, chosen: resolution.Resolution, held: tuple[str, ...], optimum: Optimum) -> tuple[str, ...]:
     notes = []
     if not optimum.converged:
         notes.append("the iteration stopped before full convergence")
@@ -292,7 +249,7 @@ def _notes(fitter: _Fitter, chosen: resolution.Resolution, held: tuple[str, ...]
     return tuple(notes)
 
 
-def _held(fitter: _Fitter) -> tuple[str, ...]:
+def _held(fitter: Fitter) -> tuple[str, ...]:
     """Tool-frame rotations that cannot be stated because part of them is held at 0."""
     names = [f.name for f in fitter.problem.model.functions if f.name.endswith("0S")]
     directions = fitter.found.tool_rotation
@@ -300,7 +257,7 @@ def _held(fitter: _Fitter) -> tuple[str, ...]:
 
 
 def _solution(
-    fitter: _Fitter,
+    fitter: Fitter,
     chosen: resolution.Resolution,
     outliers: list[np.ndarray],
     warnings: tuple[str, ...],

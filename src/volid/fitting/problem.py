@@ -124,10 +124,17 @@ def _prior_knowledge(model: ErrorModel, nuisance: list[Nuisance], prior: Prior |
 
 
 def build_problem(
-    campaign: Campaign, model: ErrorModel, starts: dict[Any, float] | None = None, prior: Prior | None = None
+    campaign: Campaign,
+    model: ErrorModel,
+    starts: dict[Any, float] | None = None,
+    prior: Prior | None = None,
+    table: NuisanceTable | None = None,
 ) -> Problem:
-    """Problem of a campaign and an error model; `starts`: start values of nuisance parameters by key."""
-    table = NuisanceTable(starts)
+    """Problem of a campaign and an error model; `starts`: start values of nuisance parameters by key.
+
+    `table`: nuisance parameters that are there already, of a campaign that this one is a part of.
+    """
+    table = NuisanceTable(starts) if table is None else table
     blocks, places = [], []
     for number, observations in enumerate(campaign.sets):
         for group in groups_of(observations, campaign, table):

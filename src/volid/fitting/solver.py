@@ -39,7 +39,7 @@ class Optimum:
     `normal`: the normal equations at z in y, assembled when they are first asked for: many fits need the minimum alone.
     """
 
-    def __init__(self, objective: _Objective, z: np.ndarray, cost: float, iterations: int, converged: bool) -> None:
+    def __init__(self, objective: Objective, z: np.ndarray, cost: float, iterations: int, converged: bool) -> None:
         self._objective, self.z, self.cost = objective, z, cost
         self.iterations, self.converged = iterations, converged
 
@@ -49,7 +49,7 @@ class Optimum:
         return self._objective.normal(self.z)
 
 
-class _Objective:
+class Objective:
     """Cost, gradient and JᵀJ in the free directions of a problem; large arrays are put where JAX computes, once."""
 
     def __init__(self, system: System, free: np.ndarray) -> None:
@@ -123,11 +123,18 @@ def optimum_at(
     problem: Problem, z: np.ndarray, cost: float, free: np.ndarray, iterations: int, converged: bool
 ) -> Optimum:
     """The optimum that another solver found, with its normal equations on demand."""
-    return Optimum(_Objective(problem.system, free), z, cost, iterations, converged)
+    return Optimum(Objective(problem.system, free), z, cost, iterations, converged)
 
 
-def solve(problem: Problem, start: np.ndarray | None = None, free: np.ndarray | None = None) -> Optimum:
+def solve(
+    problem: Problem,
+    start: np.ndarray | None = None,
+    free: np.ndarray | None = None,
+    objective: Objective | None = None,
+) -> Optimum:
     """Minimise over z = start + free · y from y = 0; `free` (size, n) defaults to all free directions of the problem.
+
+    `objective`: what gives cost, gradient and JᵀJ, where that is not the problem's own readings.
 
     Without a `start`, nuisance parameters (stations, dead paths) first go to their own minimum. The first JᵀJ is formed in single
     precision; where its steps do not shrink fast, the next ones in double. `converged` is claimed when the estimated distance
@@ -135,7 +142,7 @@ def solve(problem: Problem, start: np.ndarray | None = None, free: np.ndarray | 
     taken without a look at where it ends; the cost there follows from the quadratic model.
     """
     z = np.array(problem.start if start is None else start, dtype=float)
-    objective = _Objective(problem.system, problem.free if free is None else free)
+    objective = objective or Objective(problem.system, problem.free if free is None else free)
     if start is None:
         z = _placed(objective.system, z, objective.free.whole)
     rough = True

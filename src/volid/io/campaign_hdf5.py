@@ -14,7 +14,7 @@ Root attributes: `format`; `title`; `conditions` and `warnings` (JSON texts); `a
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import h5py
@@ -101,12 +101,20 @@ def read_campaign_group(group: h5py.Group, source: str) -> Campaign:
 
 
 def _read(file: h5py.Group, path: str) -> Campaign:
-    machine = parse_machine(file["machine"].asstr()[()], f"{path}, machine")
-    groups = [file["sets"][name] for name in sorted(file["sets"], key=int)]
+    bare = read_outline(file, path)
+    return replace(bare, sets=tuple(read_set(g, bare.machine, f"{path}, {g.name}") for g in set_groups(file)))
+
+
+def set_groups(file: h5py.Group) -> list[h5py.Group]:
+    """The groups of the sets, in their order."""
+    return [file["sets"][name] for name in sorted(file["sets"], key=int)]
+
+
+def read_outline(file: h5py.Group, path: str) -> Campaign:
+    """The campaign in an open group without its sets."""
     return Campaign(
-        machine=machine,
+        machine=parse_machine(file["machine"].asstr()[()], f"{path}, machine"),
         stations=_read_stations(file["stations"]),
-        sets=tuple(_read_set(group, machine, f"{path}, {group.name}") for group in groups),
         title=file.attrs["title"],
         conditions=json.loads(file.attrs["conditions"]),
         warnings=tuple(json.loads(file.attrs["warnings"])),
@@ -121,9 +129,10 @@ def _read_stations(group: h5py.Group) -> tuple[Station, ...]:
     return tuple(Station(*values) for values in zip(names, bodies, places, known, frames, strict=True))
 
 
-def _read_set(group: h5py.Group, machine: Machine, where: str) -> ObservationSet:
+def read_set(group: h5py.Group, machine: Machine, where: str, rows: slice = slice(None)) -> ObservationSet:
+    """The set in an open group, or consecutive `rows` of it. Raises `InputError` when an array has a wrong shape."""
     kind = find_kind(group.attrs["kind"], where)
-    arrays = {name: group[name][()].astype(float) for name in ("positions", "directions", "tool", "readings", "u")}
+    arrays = {name: group[name][rows].astype(float) for name in ("positions", "directions", "tool", "readings", "u")}
     m = len(arrays["positions"])
     expected = {"positions": len(machine.axes), "directions": len(machine.axes), "tool": 3}
     for name, array in arrays.items():
@@ -133,12 +142,12 @@ def _read_set(group: h5py.Group, machine: Machine, where: str) -> ObservationSet
     return ObservationSet(
         name=group.attrs["name"],
         kind=kind.name,
-        labels={name: read_text(group["labels"][name]) for name in kind.labels},
-        time=group["time"][()] if "time" in group else None,
-        temperature=group["temperature"][()] if "temperature" in group else None,
+        labels={name: read_text(group["labels"][name], rows) for name in kind.labels},
+        time=group["time"][rows] if "time" in group else None,
+        temperature=group["temperature"][rows] if "temperature" in group else None,
         options=json.loads(group.attrs["options"]),
         effects=tuple(Effect(**effect) for effect in json.loads(group.attrs["effects"])),
         source=group.attrs["source"],
-        rows=group["rows"][()] if "rows" in group else None,
+        rows=group["rows"][rows] if "rows" in group else None,
         **arrays,
     )

@@ -72,9 +72,9 @@ def write_text(group: h5py.Group, name: str, values: Any) -> None:
     group.create_dataset(name, data=encoded.astype(dtype), **_filter(encoded))
 
 
-def read_text(dataset: h5py.Dataset) -> np.ndarray:
-    """Texts written by `write_text`, shape (m,)."""
-    return np.char.decode(dataset[()].astype(bytes), "utf-8")
+def read_text(dataset: h5py.Dataset, rows: slice = slice(None)) -> np.ndarray:
+    """Texts written by `write_text`, shape (m,), or some `rows` of them."""
+    return np.char.decode(dataset[rows].astype(bytes), "utf-8")
 
 
 def write_array(group: h5py.Group, name: str, values: Any, dtype: Any = float, unit: str = "") -> h5py.Dataset:

@@ -21,6 +21,7 @@ import numpy as np
 from volid.fitting.equations import normal_equations
 from volid.fitting.prediction import gradient_matrix
 from volid.fitting.solution import Solution
+from volid.fitting.streamed import check_not_streamed
 from volid.observations import KINDS
 from volid.uncertainty.outputs import Outputs
 from volid.uncertainty.refit import Refitter
@@ -124,6 +125,7 @@ def budget_lines(found: Budget, rows: Rows) -> Iterator[Line]:
 
 def budget(solution: Solution) -> Budget:
     """The budget of a solution: one source per set of readings, per effect, per calibrated length, and the earlier solution."""
+    check_not_streamed(solution, "the budget")
     refitter = Refitter(solution)
     frozen, covariance = refitter.frozen, np.asarray(solution.covariance)
     basis = np.asarray(frozen.basis)

@@ -22,6 +22,7 @@ from volid.exceptions import InputError
 from volid.fitting.problem import random_effects
 from volid.fitting.solution import Solution
 from volid.fitting.starts import find_starts
+from volid.fitting.streamed import check_not_streamed
 from volid.observations.effects import effect_samples
 from volid.uncertainty.coverage import coverage_intervals, numerical_tolerance
 from volid.uncertainty.draws import Pseudo, point_scatter, pseudo_of, trial_noise
@@ -91,6 +92,7 @@ def monte_carlo(
         )
     if digits is not None and not 1 <= digits <= 4:
         raise InputError(f"Monte Carlo: {digits} significant digits; expected 1 to 4")
+    check_not_streamed(solution, "Monte Carlo")
     if seed < 0:
         raise InputError(f"seed is {seed}; expected a whole number >= 0")
     progress("preparing the refits")

@@ -15,6 +15,7 @@ solver. Robust fits repeat the search for outliers.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cached_property
 from math import gcd
 from typing import Any, NamedTuple
 
@@ -235,10 +236,6 @@ class Refitter:
         )
         self.n_readings = self.campaign.n_readings
         self.n_prior = len(prior)
-        small = hessian_bytes(self.frozen.system) <= LARGEST
-        self.curvature = curvatures(self.frozen.system, self.frozen.z, numbers) if small else None
-        self.single = self._rounding() <= 0.5 * TOLERANCE
-        self.shrinking = self._measure_shrinking() if self.curvature is not None else 0.0
         self._robust = bool(solution.options.get("robust", False))
         self._redundancy: np.ndarray | None = None
 
@@ -313,7 +310,15 @@ class Refitter:
                 break
         return np.asarray(start)[:b], error, chi
 
-    def _measure_shrinking(self) -> float:
+    @cached_property
+    def curvature(self) -> list[Curvature] | None:
+        """Second derivatives of all readings at the solution; None where there are too many to keep."""
+        if hessian_bytes(self.frozen.system) > LARGEST:
+            return None
+        return curvatures(self.frozen.system, self.frozen.z, self.frozen.numbers)
+
+    @cached_property
+    def shrinking(self) -> float:
         """The share by which a correction shrinks from one pass to the next, largest over some trials of plain noise.
 
         JᵀJ at the solution stands for the Hessian of every trial; what it lacks, Σ r ∇²r, decides.
@@ -330,8 +335,9 @@ class Refitter:
             x = new
         return float(np.max(sizes[1] / np.maximum(sizes[0], 1e-300), initial=0.0))
 
-    def _rounding(self) -> float:
-        """Largest error of a linear refit in standard uncertainties when its products are formed in single precision.
+    @cached_property
+    def single(self) -> bool:
+        """Whether single precision is enough for the products of a linear refit.
 
         Their rounding is noise on the gradient with variances ε² diag(H): sd ≤ ε sqrt(largest eigenvalue of D C D), D² = diag(H).
         """
@@ -340,7 +346,8 @@ class Refitter:
         diagonal = np.einsum("ij,ij->j", basis, full @ basis) + np.sum(prior**2, axis=0)
         d = np.sqrt(np.maximum(diagonal, 0.0))
         largest = np.linalg.eigvalsh(d[:, None] * np.asarray(self.frozen.covariance) * d)[-1]
-        return float(np.finfo(np.float32).eps / 2.0 * np.sqrt(max(largest, 0.0)))
+        rounding = float(np.finfo(np.float32).eps / 2.0 * np.sqrt(max(largest, 0.0)))
+        return rounding <= 0.5 * TOLERANCE
 
     def _size(self, step: Any) -> np.ndarray:
         """Largest change of a parameter in standard uncertainties, per trial."""

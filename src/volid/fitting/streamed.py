@@ -1,0 +1,211 @@
+"""`fit_streamed`: campaigns larger than memory, one part of the readings after the other.
+
+A sample of the campaign goes through the whole of `fit`: it places the stations, decides what is determined, chooses the spline
+resolution and gives a solution to begin with. Then all readings, part by part: normal equations at the start (in single
+precision), gradients until the minimum is reached, normal equations there for the covariance, and residuals for the verdict.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any, NamedTuple, Protocol
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from volid.campaign import Campaign
+from volid.exceptions import InputError
+from volid.fitting.adequacy import Tally
+from volid.fitting.equations import normal_equations, predict_all, quadratic_forms, slope
+from volid.fitting.fit import Progress, Stages, breakdown_named
+from volid.fitting.interpreted import interpreted, is_small
+from volid.fitting.problem import Problem, build_problem, pad_rows, scatter, with_random_effects
+from volid.fitting.projection import FreeDirections
+from volid.fitting.solution import Solution
+from volid.fitting.solver import Objective, solve
+from volid.fitting.system import Normal
+from volid.machine import Datum
+from volid.observations.base import NuisanceTable
+
+SAMPLE = 10_000  # rows that stations, rank and resolution are decided on
+STREAMED = "streamed"  # option of a solution: number of readings that it was made of
+
+
+class Stream(Protocol):
+    """Where the readings come from: `io.campaign_stream.CampaignStream`, or anything like it."""
+
+    rows: int
+    n_readings: int
+
+    def parts(self) -> Iterator[Campaign]:
+        """All readings, in campaigns that fit into memory."""
+        ...
+
+    def sample(self, rows: int) -> Campaign:
+        """About so many rows, some of every station and segment among them."""
+        ...
+
+
+class _Part(NamedTuple):
+    campaign: Campaign
+    problem: Problem
+
+
+class _Parts:
+    """The parts of a stream as problems that share the unknowns of one whole problem."""
+
+    def __init__(self, stream: Stream, whole: Problem, table: NuisanceTable, progress: Progress) -> None:
+        self.stream, self.whole, self.table, self.progress = stream, whole, table, progress
+
+    def __call__(self, what: str) -> Iterator[_Part]:
+        system, done = self.whole.system, 0
+        nothing = (np.zeros_like(system.prior_mean), np.zeros((0, system.size)))
+        for raw in self.stream.parts():
+            campaign = with_random_effects(raw, dict(self.table.starts))
+            known = len(self.table.entries)
+            problem = build_problem(campaign, self.whole.model, table=self.table)
+            if len(self.table.entries) > known:
+                name = self.table.entries[known].name
+                raise InputError(
+                    f"{campaign.source}: the sample has no reading with '{name}'; expected some of every label"
+                )
+            bare = replace(
+                problem.system, tiles=(None,) * len(problem.places), prior_mean=nothing[0], prior_root=nothing[1]
+            )
+            yield _Part(campaign, problem._replace(system=bare))
+            done += sum(len(s) for s in campaign.sets)
+            self.progress(f"{what}: {done:,} of {self.stream.rows:,} rows ({100 * done // self.stream.rows} %)")
+
+
+class _StreamObjective(Objective):
+    """Cost, gradient and JᵀJ summed over the parts."""
+
+    def __init__(self, parts: _Parts, free: np.ndarray) -> None:
+        self.parts, self.free = parts, FreeDirections(free)
+        self.passes = 0
+
+    def _prior(self, z: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+        system = self.parts.whole.system
+        root = np.asarray(system.prior_root)
+        offset = root @ (z - np.asarray(system.prior_mean))
+        return 0.5 * float(offset @ offset), root.T @ offset, root.T @ root
+
+    def _next(self) -> str:
+        self.passes += 1
+        return f"pass {self.passes}"
+
+    def normal(self, z: np.ndarray, rough: bool = False) -> Normal:
+        cost, gradient, matrix = self._prior(z)
+        for part in self.parts(self._next()):
+            own = normal_equations(_on_device(part.problem.system), z, rough)
+            cost, gradient, matrix = cost + float(own.cost), gradient + own.gradient, matrix + own.matrix
+        reduced = self.free.project(np.asarray(matrix))
+        unused = np.flatnonzero(np.diagonal(reduced) == 0.0)
+        reduced[unused, unused] = 1.0
+        return Normal(cost, self.free.pull(np.asarray(gradient)), reduced)
+
+    def slope(self, z: np.ndarray) -> tuple[float, np.ndarray]:
+        cost, gradient, _ = self._prior(z)
+        for part in self.parts(self._next()):
+            own_cost, own = slope(_on_device(part.problem.system), z)
+            cost, gradient = cost + float(own_cost), gradient + np.asarray(own)
+        return cost, self.free.pull(gradient)
+
+
+def _on_device(system: Any) -> Any:
+    return jax.tree.map(jnp.asarray, system)
+
+
+@breakdown_named()
+def fit_streamed(
+    stream: Stream,
+    *,
+    datum: Datum | None = None,
+    prior: Solution | None = None,
+    sample: int = SAMPLE,
+    progress: Progress | None = None,
+) -> Solution:
+    """Identify a machine's error model from a campaign that need not fit into memory.
+
+    The minimum, its covariance, chi-square and all group tests are those of all readings. Decided on a `sample` of that many rows
+    are start values, what is determined, and the spline resolution. The solution holds the sample's readings alone; Monte Carlo
+    and budgets, which repeat the fit, refuse it. `datum`, `prior`, `progress`: as in `fit`.
+
+    Raises `InputError` as `fit` does, and for drift effects, whose scopes span all parts.
+    """
+    progress = progress or (lambda message: None)
+    progress("reading a sample")
+    few = stream.sample(sample)
+    _check_effects(few)
+    stages = Stages.begin(few, prior, progress)
+    with interpreted(is_small(few)):
+        fitter = stages.solved()
+    table = NuisanceTable(stages.task.starts)
+    whole = build_problem(stages.task.campaign, fitter.problem.model, prior=stages.prior_of(fitter), table=table)
+    assert [e.name for e in table.entries] == [e.name for e in fitter.problem.nuisance]
+    parts = _Parts(stream, whole, table, progress)
+    assert fitter.optimum is not None
+    with interpreted(False):
+        objective = _StreamObjective(parts, fitter.free)
+        fitter.optimum = solve(whole, fitter.optimum.z, fitter.free, objective)
+        tally, squares = _residuals(parts, fitter, few, stream.n_readings)
+    with interpreted(is_small(few)):
+        solution = stages.solution(fitter)
+    pseudo = np.asarray(whole.system.prior_root) @ (fitter.optimum.z - np.asarray(whole.system.prior_mean))
+    dof = stream.n_readings + len(pseudo) - fitter.free.shape[1]
+    solution = replace(
+        solution,
+        adequacy=tally.adequacy(dof, float(pseudo @ pseudo)),
+        statistics=solution.statistics._replace(
+            n_readings=stream.n_readings, residual_rms={k: float(np.sqrt(s / n)) for k, (s, n) in squares.items()}
+        ),
+        options={**solution.options, STREAMED: stream.n_readings},
+        notes=(
+            *solution.notes,
+            f"{stream.n_readings:,} readings were read part by part; resolution and rank were decided on {few.n_readings:,} of "
+            "them, which are the readings this solution holds",
+        ),
+    )
+    return solution if datum in (None, solution.datum) else solution.in_datum(datum)
+
+
+def _check_effects(campaign: Campaign) -> None:
+    for s in campaign.sets:
+        for effect in s.effects:
+            if effect.type == "drift":
+                raise InputError(
+                    f"set '{s.name}', effect '{effect.name}': drift spans all parts of the campaign and cannot be fitted part by "
+                    "part; fit the campaign in memory, or thin it out"
+                )
+
+
+def _residuals(
+    parts: _Parts, fitter: Any, few: Campaign, n_readings: int
+) -> tuple[Tally, dict[str, tuple[float, int]]]:
+    """Group sums of all readings at the minimum, and per set the sum of squared residuals and their number."""
+    tally = Tally(few, n_readings)
+    squares: dict[str, tuple[float, int]] = {}
+    z, factor = fitter.optimum.z, pad_rows(fitter.root().T)
+    for part in parts("residuals"):
+        system, campaign = _on_device(part.problem.system), part.campaign
+        values = scatter(part.problem, campaign, predict_all(system, z))
+        leverages = scatter(part.problem, campaign, quadratic_forms(system, z, factor))
+        residuals = [s.readings - v for s, v in zip(campaign.sets, values, strict=True)]
+        whitened = [r / s.u for r, s in zip(residuals, campaign.sets, strict=True)]
+        tally.add(campaign, whitened, leverages, [np.ones(r.shape, dtype=bool) for r in residuals])
+        for s, r in zip(campaign.sets, residuals, strict=True):
+            total, n = squares.get(s.name, (0.0, 0))
+            squares[s.name] = total + float(np.sum(r**2)), n + r.size
+    return tally, squares
+
+
+def check_not_streamed(solution: Solution, what: str) -> None:
+    """Raises `InputError` when a solution does not hold all readings that it was made of."""
+    if STREAMED in solution.options:
+        raise InputError(
+            f"{what} repeats the fit, but this solution holds {solution.campaign.n_readings:,} of its "
+            f"{solution.options[STREAMED]:,} readings (they were read part by part); fit the campaign in memory, or use u and U "
+            "from propagation, which comprise all readings"
+        )
