@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", str(os.cpu_count()))  # peers get every processor; volid itself takes one
 
 import argparse
 import json
@@ -21,8 +21,9 @@ from pathlib import Path
 from typing import Any
 
 NAMES = (
-    "process", "fit-S", "fit-M", "fit-L", "fit-L-lines", "fit-five-axis", "fit-mixed", "whole-S", "whole-M", "whole-five-axis",
-    "monte-carlo-S", "monte-carlo-M", "monte-carlo-bundled", "grid", "dask",
+    "process", "fit-S", "fit-M", "fit-L", "fit-L-lines", "fit-L-streamed", "fit-five-axis", "fit-mixed",
+    "whole-S", "whole-M", "whole-five-axis",
+    "monte-carlo-S", "monte-carlo-M", "monte-carlo-bundled", "grid", "bands", "dask",
 )  # fmt: skip
 SLOWER = 1.3  # below this ratio two runs are no different
 BASELINE = Path(__file__).parent / "baseline.json"
@@ -45,6 +46,10 @@ def _rows(name: str, quick: bool) -> Any:
         return process.process_rows(quick)
     if name == "grid":
         return [grids.grid_row(quick)]
+    if name == "bands":
+        return [grids.bands_row(quick)]
+    if name == "fit-L-streamed":
+        return [fits.streamed_row(quick)]
     if name == "dask":
         return [cluster.cluster_row(quick)]
     if name.startswith("monte-carlo-"):

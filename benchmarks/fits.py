@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import shutil
+import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -149,6 +152,42 @@ def large_row(name: str, quick: bool) -> Row:
     result = row(f"fit {name} ({m:,} × {n})", times, "one dense JᵀJ")
     best = solve(case.problem)
     result.notes.append(f"{best.iterations} steps; memory includes the campaign and setting it up")
+    return result
+
+
+STREAM = """
+import re, sys, time
+from volid.cli.main import main
+began = time.perf_counter()
+status = main(["fit", "--stream", sys.argv[1], "-o", sys.argv[2], "--force", "--json"])
+peak = re.search(r"VmHWM:\\s+(\\d+)", open("/proc/self/status").read()).group(1)
+print(f"\\nseconds {time.perf_counter() - began} peak {peak} status {status}")
+"""
+
+
+def streamed_row(quick: bool) -> Row:
+    """Case L through `volid fit --stream`, a process of its own: time and the peak memory of that process."""
+    case = cases.three_axis("M" if quick else "L lines")
+    m, n = case.campaign.n_readings, case.problem.free.shape[1]
+    folder = Path(tempfile.mkdtemp(prefix="volid-stream-"))
+    volid.save_campaign(case.campaign, folder / "campaign.h5")
+    limit = product_limit(m, n)
+    limit()
+    command = [sys.executable, "-c", STREAM, str(folder / "campaign.h5"), str(folder / "solution.h5")]
+    spent, bound = [], []
+    for _ in range(1 if quick else 2):
+        found = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()[-1].split()
+        spent.append(float(found[1]))
+        began = time.perf_counter()
+        limit()
+        bound.append(time.perf_counter() - began)
+    result = Row(f"volid fit --stream ({m:,} × {n})", float(np.median(spent)), limit=float(np.median(bound)))
+    result.limit_of, result.memory_mb = "one dense JᵀJ", float(found[3]) / 1024.0
+    result.notes.append(
+        "whole command in a process of its own, reading included: " + ", ".join(f"{s:.1f} s" for s in spent)
+    )
+    result.notes.append(f"exit status {found[5]}; the file has {(folder / 'campaign.h5').stat().st_size / 1e6:.0f} MB")
+    shutil.rmtree(folder)
     return result
 
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 import numpy as np
 
 import volid
 from benchmarks import cases
-from benchmarks.measure import REPEATS, Row, interleaved, row
+from benchmarks.measure import REPEATS, Row, interleaved, peak_memory, row
+from volid.compensation.grid_intervals import with_intervals
 from volid.fitting.prediction import deviation_values
 
 POINTS = (100, 60, 50)
@@ -29,6 +31,24 @@ def grid_row(quick: bool) -> Row:
     result = row(f"grid {len(positions):,} × 6 with u", times, "values alone")
     share = times["volid"] / times["values alone"]
     result.notes.append(f"{np.median(share):.1f} ({share.min():.1f} … {share.max():.1f}) times the bare values")
+    return result
+
+
+BANDS = (50, 30, 20)
+
+
+def bands_row(quick: bool) -> Row:
+    """Coverage intervals of 30,000 points x 6 from 10,000 samples; memory is the question."""
+    solution = volid.fit(cases.three_axis("S").campaign).monte_carlo(1_000 if quick else 10_000)
+    nodes = {a: np.linspace(*solution.machine.axis(a).travel, n) for a, n in zip("XYZ", BANDS, strict=True)}
+    grid = volid.linear_grid(solution, tool=TOOL, nodes=nodes)
+    before = peak_memory()
+    began = time.perf_counter()
+    found = with_intervals(solution, grid)
+    spent = time.perf_counter() - began
+    result = Row(f"bands of {len(found.positions):,} × 6 values from {solution.samples.trials:,} samples", spent)
+    result.memory_mb = peak_memory()
+    result.notes.append(f"peak before the bands {before:.0f} MB (fit and refits)")
     return result
 
 

@@ -48,7 +48,7 @@ def monte_carlo_row(name: str, quick: bool) -> Row:
     }
     result = Row(
         f"Monte Carlo {trials:,} refits, {name}", float(np.median(own)), {w: float(np.median(t)) for w, t in seconds.items()},
-        ratios, float(np.median(limit)), "JᵀE and random numbers", peak_memory(), start_up,
+        ratios, float(np.median(limit)), "three products and random numbers", peak_memory(), start_up,
     )  # fmt: skip
     result.accuracy = {"volid": loops.distance(min(8, loop))}
     result.notes += [*loops.notes, f"loops: {loop // rounds * rounds} trials really run, scaled to {trials:,}"]
@@ -147,7 +147,11 @@ def _round(solution: Any, loops: _Loops, trials: int, loop: int, number: int) ->
 
 
 def _limit(solution: Any, trials: int) -> float:
-    """Seconds of the random numbers of all readings on two threads, and of one product of (n x m) by (m x trials)."""
+    """Seconds of the random numbers of all readings on two threads, and of the products that an exact refit needs.
+
+    JᵀE with J (m x n), and for one gradient the error values of all readings from the coefficients and back: three products in
+    double precision.
+    """
     m = solution.campaign.n_readings
     n = len(solution.parameters) + len(solution.nuisance_table)
     width = 256
@@ -164,4 +168,5 @@ def _limit(solution: Any, trials: int) -> float:
     began = time.perf_counter()
     multiply(g, e).block_until_ready()
     once = time.perf_counter() - began
-    return (drawing + once) * trials / width
+    curves = solution.model.layout.n_coefficients
+    return (drawing + once * (1.0 + 2.0 * curves / n)) * trials / width
