@@ -7,14 +7,22 @@ from rtest_campaigns import LAYOUTS, exact_machine, rtest
 from test_problem import everything
 from virtual_campaigns import VERTICAL, fixed, simulated
 
-from volid.error_model import coefficient_rows
+from volid.error_model import coefficient_rows, error_values, evaluate_bases
 from volid.fitting import interpreted as interpreted_module
 from volid.fitting import prediction
-from volid.fitting.equations import jacobian, normal_equations, predict_all, quadratic_forms, slope
+from volid.fitting.equations import (
+    jacobian,
+    normal_equations,
+    nuisance_equations,
+    predict_all,
+    quadratic_forms,
+    slope,
+)
 from volid.fitting.fit import fit
 from volid.fitting.holdout import _projected
 from volid.fitting.interpreted import interpreted
 from volid.fitting.problem import build_problem
+from volid.observations.effects import predict_readings
 from volid.reverse import Recorded, gradients
 
 
@@ -51,6 +59,60 @@ def both(function):
         first = function()
     with interpreted(False):
         return first, function()
+
+
+def test_nuisance_parameters_alone_are_a_part_of_the_whole(case):
+    """In both paths: the corner of the normal equations."""
+    problem, z = case
+    n = problem.system.layout.n_coefficients
+    whole = both(lambda: normal_equations(problem.system, z))[0]
+    for found in both(lambda: nuisance_equations(problem.system, z)):
+        close(found, (whole.cost, np.asarray(whole.gradient)[n:], np.asarray(whole.matrix)[n:, n:]))
+
+
+def test_rough_normal_equations_have_the_exact_gradient(case):
+    """Single precision stands in JᵀJ alone: to 1e-5 of its diagonal, and not closer, or it would not be single."""
+    problem, z = case
+    whole = both(lambda: normal_equations(problem.system, z))[0]
+    scale = np.sqrt(np.diagonal(np.asarray(whole.matrix)))
+    scale = np.where(scale > 0, scale, 1.0)
+    for found in both(lambda: normal_equations(problem.system, z, rough=True)):
+        close(found[:2], whole[:2])
+        away = np.abs((np.asarray(found.matrix) - whole.matrix) / np.outer(scale, scale)).max()
+        assert 1e-10 < away < 1e-5
+
+
+def test_second_derivatives_bend_the_predictions(case):
+    """p(w + δ) + p(w - δ) - 2 p(w) = δᵀH δ for tenths of a millimetre and of a milliradian in all values at once."""
+    problem, z = case
+    system, n = problem.system, problem.system.layout.n_coefficients
+    rows = tuple(sorted({t.row for t in system.layout.terms}))
+    rng = np.random.default_rng(0)
+    for block in system.blocks:
+        chunk = next(interpreted_module.chunks_of(block))
+        units = [problem.nuisance[i].unit for i in np.asarray(block.slots)[0, :, 0]]
+        steps = np.array([1.0 if r % 6 < 3 else 1e-3 for r in rows] + [1.0 if u == "mm" else 1e-3 for u in units])
+        found = interpreted_module.second_derivatives(system, block.form, chunk, z, rows, steps).astype(float)
+        errors = error_values(system.layout, z[:n], evaluate_bases(system.layout, chunk.q, chunk.direction))
+        places, whole = (
+            [*rows, *range(len(errors), len(errors) + len(chunk.slots))],
+            np.vstack([errors, z[n + chunk.slots]]),
+        )
+        delta = np.zeros_like(whole)
+        delta[places] = 0.1 * steps[:, None] * rng.standard_normal((len(places), chunk.m))
+
+        def whitened(w, form=block.form, chunk=chunk, split=6 * (problem.system.layout.n_axes + 1)):
+            tool, constants = tuple(chunk.tool), tuple(chunk.constants)
+            return chunk.weight * predict_readings(system.machine, form, chunk.q, tool, w[:split], w[split:], constants)
+
+        up, down, middle = whitened(whole + delta), whitened(whole - delta), whitened(whole)
+        d = delta[places].T
+        bent = np.einsum("mi,kmij,mj->km", d, found[:, :, :-1], d)
+        along = np.einsum("kmj,mj->km", found[:, :, -1], d)
+        np.testing.assert_allclose(up - down, 2.0 * along, atol=2e-4 * np.abs(along).max())
+        np.testing.assert_allclose(
+            up + down - 2.0 * middle, bent, atol=2e-3 * np.abs(bent).max() + 1e-9 * np.abs(middle).max()
+        )
 
 
 def test_normal_equations_slope_predictions_jacobian_and_leverages_agree(case):

@@ -15,6 +15,7 @@ from volid.fitting.fit import fit
 from volid.fitting.robust import critical_value
 from volid.io.solution_hdf5 import read_solution, write_solution
 from volid.observations.effects import effect_samples
+from volid.uncertainty import refit as refit_module
 from volid.uncertainty.budget import budget
 from volid.uncertainty.draws import pseudo_of, trial_noise
 from volid.uncertainty.monte_carlo import BATCH, STAGE, _stage, fingerprint, monte_carlo, run_of, run_trials
@@ -85,6 +86,37 @@ def test_the_full_solver_agrees(run):
     seen = refitter.u > 0
     np.testing.assert_allclose(((x - found.x[0]) / np.where(seen, refitter.u, 1.0))[seen], 0.0, atol=1e-5)
     assert chi_square == pytest.approx(found.chi_square[0], rel=1e-8)
+
+
+def test_the_stated_distance_to_the_minimum_holds(run):
+    """Refits to second order against steps with the exact gradient that go on until nothing moves."""
+    refitter, b = run.refitter, 300
+    noise, prior = trial_noise(7, 0, b, refitter.n_readings, refitter.n_prior, run.pseudo)
+    found = refitter.refit(noise, prior)
+    x, seen = found.x - refitter.centre, refitter.u > 0
+    for _ in range(2):
+        x, _, chi_square = refitter._exact(x, noise, prior)
+    away = np.abs((found.x - refitter.centre - x)[:, seen] / refitter.u[seen]).max(axis=1)
+    assert np.all(away <= found.error + 1e-8) and found.error.max() <= TOLERANCE
+    np.testing.assert_allclose(found.chi_square, chi_square, rtol=1e-8)
+    linear = np.asarray(refit_module._linear(refitter.frozen, noise.T, prior)[0])
+    bent = np.abs((linear - x)[:, seen] / refitter.u[seen]).max(axis=1)
+    assert np.median(bent) > 100 * np.median(away), "the correction is what brings the trials there"
+
+
+def test_trials_far_away_go_on_with_the_exact_gradient(run, monkeypatch):
+    """Twenty times the noise: the third order is no longer small, and the answer is still the minimum."""
+    refitter = run.refitter
+    noise, prior = (20.0 * a for a in trial_noise(7, 0, 4, refitter.n_readings, refitter.n_prior, run.pseudo))
+    calls = []
+    exact = Refitter._exact
+    monkeypatch.setattr(Refitter, "_exact", lambda self, *a: calls.append(len(a[0])) or exact(self, *a))
+    found = refitter.refit(noise, prior)
+    assert calls and calls[0] > 0
+    seen = refitter.u > 0
+    for i in range(4):
+        x, _ = refitter.solve_fully(noise[i], prior[i], refitter.factors)
+        np.testing.assert_allclose(((x - found.x[i])[seen]) / refitter.u[seen], 0.0, atol=2e-5)
 
 
 def test_trials_that_do_not_converge_are_solved_anew(run, monkeypatch):

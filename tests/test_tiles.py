@@ -76,3 +76,14 @@ def test_the_minimum_is_the_same(tiled):
         expected = solve(problem)
     assert found.converged and expected.converged
     assert found.cost == pytest.approx(expected.cost, rel=1e-9)
+
+
+def test_rough_tiles_have_the_exact_gradient(tiled):
+    """Single precision stands in JᵀJ alone."""
+    problem, _, z = tiled
+    exact, rough = normal_equations(problem.system, z), normal_equations(problem.system, z, rough=True)
+    scale = np.sqrt(np.diagonal(np.asarray(exact.matrix)))
+    scale = np.where(scale > 0, scale, 1.0)
+    assert float(rough.cost) == pytest.approx(float(exact.cost), rel=1e-13)
+    assert np.abs((rough.gradient - exact.gradient) / scale).max() < 1e-12 * np.sqrt(float(exact.cost))
+    assert 1e-10 < np.abs((rough.matrix - exact.matrix) / np.outer(scale, scale)).max() < 1e-5

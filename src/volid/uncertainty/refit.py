@@ -27,7 +27,7 @@ import numpy as np
 from volid.campaign import Campaign
 from volid.error_model import ROWS as ROWS_PER_BODY
 from volid.error_model import Layout, evaluate_bases
-from volid.fitting.equations import normal_equations, predict_all, quadratic_forms, residual_rows
+from volid.fitting.equations import predict_all, quadratic_forms, residual_rows
 from volid.fitting.problem import Problem, build_problem, pad_rows, reweight, with_random_effects
 from volid.fitting.robust import Weighted, critical_value, down_weight, name_outliers, set_aside
 from volid.fitting.solution import Solution
@@ -39,8 +39,8 @@ from volid.uncertainty.second_order import LARGEST, Curvature, curvatures, hessi
 from volid.uncertainty.second_order import TRIALS as SECOND_ORDER_TRIALS
 
 TOLERANCE = 1e-6  # standard uncertainties
+WIDTH = 1024  # trials of one linear step
 STEPS = 6  # steps at most, before a trial is solved anew
-SAMPLE = 64  # trials in which the shrinking of the steps is measured
 _SINGULAR = 1e-12  # of the largest eigenvalue of the correlation matrix: below, rounding
 ROWS, TRIALS = 256, 64  # of one tile: its intermediate values stay in the processor's cache
 
@@ -82,8 +82,11 @@ def _tiles(block: Block, numbers: np.ndarray) -> tuple[Block, Any]:
 
 
 @eqx.filter_jit
-def _linear(frozen: _Frozen, noise: Any, prior_noise: Any) -> Any:
-    """C (Jᵀε + Wᵀε_p), shape (b, p); `noise` (N, b), in whose precision the products are formed, `prior_noise` (b, r)."""
+def _linear(frozen: _Frozen, noise: Any, prior_noise: Any) -> tuple[Any, Any]:
+    """C g with g = Jᵀε + Wᵀε_p, shape (b, p), and gᵀC g, by which it lowers chi-square, (b,).
+
+    `noise` (N, b), in whose precision the products are formed, `prior_noise` (b, r).
+    """
     total = jnp.zeros((frozen.system.size, noise.shape[1]))
     for block, numbers in zip(frozen.system.blocks, frozen.numbers, strict=True):
 
@@ -93,15 +96,17 @@ def _linear(frozen: _Frozen, noise: Any, prior_noise: Any) -> Any:
             return total + (rows.astype(noise.dtype) @ noise[own.reshape(-1)]).astype(total.dtype), None
 
         total, _ = jax.lax.scan(add, total, (block, numbers))
-    return (frozen.covariance @ (frozen.basis.T @ total + frozen.prior.T @ prior_noise.T)).T
+    gradient = frozen.basis.T @ total + frozen.prior.T @ prior_noise.T
+    step = frozen.covariance @ gradient
+    return step.T, jnp.sum(gradient * step, axis=0)
 
 
 @eqx.filter_jit
-def _corrected(frozen: _Frozen, curvature: list[Curvature], first: Any, x: Any, noise: Any, prior: Any) -> Any:
-    """first - C g(x), with g the second-order part of the gradient at x, (b, p); and chi-square at x, (b,)."""
+def _corrected(frozen: _Frozen, curvature: list[Curvature] | None, first: Any, x: Any, noise: Any) -> Any:
+    """first - C g(x), with g the second-order part of the gradient at x, (b, p); and that part of chi-square, (b,)."""
+    assert curvature is not None
     gradient, square = second_order(frozen.system, curvature, x @ frozen.basis.T, noise)
-    offset = x @ frozen.prior.T - prior
-    return first - (gradient @ frozen.basis) @ frozen.covariance, square + jnp.sum(offset**2, axis=1)
+    return first - (gradient @ frozen.basis) @ frozen.covariance, square
 
 
 def _tile_gradient(system: System, chunk: Block, exact: Any, noise: Any, z: Any) -> tuple[Any, Any]:
@@ -236,6 +241,8 @@ class Refitter:
         )
         self.n_readings = self.campaign.n_readings
         self.n_prior = len(prior)
+        self._shrinking: float | None = None
+        self._used = np.concatenate([(f > 0.0).ravel() for f in factors]).astype(float)  # 0: set aside
         self._robust = bool(solution.options.get("robust", False))
         self._redundancy: np.ndarray | None = None
 
@@ -266,28 +273,35 @@ class Refitter:
 
     def _bent(self, noise: np.ndarray, prior_noise: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """x - x₀ of every trial to second order, its estimated error, and chi-square; no claim where there is no curvature."""
-        b, trials = len(noise), min(SECOND_ORDER_TRIALS, max(len(noise), 1))
-        width = -(-b // trials) * trials
-        kind = np.float32 if self.single else np.float64
-        turned = np.zeros((noise.shape[1], width), dtype=kind)
+        b = len(noise)
+        width = SECOND_ORDER_TRIALS if b <= SECOND_ORDER_TRIALS else -(-b // WIDTH) * WIDTH
+        turned = np.zeros((noise.shape[1], width), dtype=np.float32 if self.single else np.float64)
         turned[:, :b] = noise.T
         eps, prior = jnp.asarray(turned), jnp.asarray(np.pad(prior_noise, ((0, width - b), (0, 0))))
-        first = x = _linear(self.frozen, eps, prior)
-        error, chi = np.full(b, np.inf), np.full(b, np.nan)
+        first, fall = (np.asarray(a) for a in _linear(self.frozen, eps, prior))
         if self.curvature is None:
-            return np.asarray(x)[:b], error, chi
-        shift, eps = self._size(first)[:b], eps.astype(jnp.float32)
-        for number in range(STEPS):
-            new, chi_square = _corrected(self.frozen, self.curvature, first, x, eps, prior)
-            last = self._size(new - x)[:b]
-            x, chi = new, np.asarray(chi_square)[:b]
-            if not number:
+            return first[:b], np.full(b, np.inf), np.full(b, np.nan)
+        self._measure_shrinking(width)
+        parts = [slice(i, i + SECOND_ORDER_TRIALS) for i in range(0, b, SECOND_ORDER_TRIALS)]
+        found = [self._corrected(first[p], eps[:, p].astype(jnp.float32)) for p in parts]
+        x, error, chi = (np.concatenate([f[i] for f in found])[:b] for i in range(3))
+        linear = np.einsum("bn,bn,n->b", noise, noise, self._used) + np.sum(prior_noise**2, axis=1) - fall[:b]
+        return x, np.where(np.isfinite(error), error, np.inf), linear + chi
+
+    def _corrected(self, first: np.ndarray, eps: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Passes of the second-order correction until the estimated error of all trials is small, or of third order."""
+        x, shift, third, shrinking = first, self._size(first), None, self._shrinking or 0.0
+        error, chi = np.full(len(first), np.inf), np.full(len(first), np.nan)
+        for _ in range(STEPS):
+            new, chi = (np.asarray(a) for a in _corrected(self.frozen, self.curvature, first, x, eps))
+            last, x = self._size(new - x), new
+            if third is None:
                 with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
                     third = last * last / np.maximum(shift, 1e-300)
-            error = np.fmax(self.shrinking * last, third)
+            error = np.fmax(shrinking * last, third)
             if np.all((error <= TOLERANCE) | (third > TOLERANCE) | ~np.isfinite(error)):
                 break
-        return np.asarray(x)[:b], np.where(np.isfinite(error), error, np.inf), chi
+        return x, error, chi
 
     def _exact(
         self, x: np.ndarray, noise: np.ndarray, prior_noise: np.ndarray
@@ -303,7 +317,7 @@ class Refitter:
             start, chi = new, np.asarray(chi_square)[:b]
             with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
                 ratio = np.where(np.isfinite(first), last / np.maximum(first, 1e-300), 1.0)
-                error = np.where(ratio < 1.0, last * np.fmax(ratio, self.shrinking), np.inf)
+                error = np.where(ratio < 1.0, last * np.fmax(ratio, self._shrinking or 0.0), np.inf)
                 error = np.where(last <= TOLERANCE, np.fmin(error, last), error)
             first = last
             if np.all(error <= TOLERANCE):
@@ -315,25 +329,30 @@ class Refitter:
         """Second derivatives of all readings at the solution; None where there are too many to keep."""
         if hessian_bytes(self.frozen.system) > LARGEST:
             return None
-        return curvatures(self.frozen.system, self.frozen.z, self.frozen.numbers)
+        units = [entry.unit for entry in self.solution.nuisance_table]
+        return curvatures(self.frozen.system, self.frozen.z, self.frozen.numbers, units)
 
-    @cached_property
-    def shrinking(self) -> float:
+    def _measure_shrinking(self, width: int) -> float:
         """The share by which a correction shrinks from one pass to the next, largest over some trials of plain noise.
 
-        JᵀJ at the solution stands for the Hessian of every trial; what it lacks, Σ r ∇²r, decides.
+        JᵀJ at the solution stands for the Hessian of every trial; what it lacks, Σ r ∇²r, decides. `width`: of the noise arrays,
+        for which the program of the linear step is there.
         """
-        rng = np.random.default_rng(0)
-        eps = jnp.asarray(rng.standard_normal((self.n_readings, SAMPLE)).astype(np.float32))
-        prior = jnp.asarray(rng.standard_normal((SAMPLE, self.n_prior)))
-        assert self.curvature is not None
-        first = x = _linear(self.frozen, eps, prior)
-        sizes = []
-        for _ in range(2):
-            new, _ = _corrected(self.frozen, self.curvature, first, x, eps, prior)
-            sizes.append(self._size(new - x))
-            x = new
-        return float(np.max(sizes[1] / np.maximum(sizes[0], 1e-300), initial=0.0))
+        if self._shrinking is None:
+            rng = np.random.default_rng(0)
+            noise = np.zeros((self.n_readings, width), dtype=np.float32 if self.single else np.float64)
+            noise[:, :SECOND_ORDER_TRIALS] = rng.standard_normal((self.n_readings, SECOND_ORDER_TRIALS))
+            prior = np.zeros((width, self.n_prior))
+            prior[:SECOND_ORDER_TRIALS] = rng.standard_normal((SECOND_ORDER_TRIALS, self.n_prior))
+            few = slice(0, SECOND_ORDER_TRIALS)
+            first = x = np.asarray(_linear(self.frozen, jnp.asarray(noise), jnp.asarray(prior))[0])[few]
+            eps, sizes = jnp.asarray(noise[:, few], dtype=jnp.float32), []
+            for _ in range(2):
+                new = np.asarray(_corrected(self.frozen, self.curvature, first, x, eps)[0])
+                sizes.append(self._size(new - x))
+                x = new
+            self._shrinking = float(np.max(sizes[1] / np.maximum(sizes[0], 1e-300), initial=0.0))
+        return self._shrinking
 
     @cached_property
     def single(self) -> bool:
@@ -341,10 +360,8 @@ class Refitter:
 
         Their rounding is noise on the gradient with variances ε² diag(H): sd ≤ ε sqrt(largest eigenvalue of D C D), D² = diag(H).
         """
-        full = np.asarray(normal_equations(self.frozen.system, self.frozen.z).matrix)
-        basis, prior = np.asarray(self.frozen.basis), np.asarray(self.frozen.prior)
-        diagonal = np.einsum("ij,ij->j", basis, full @ basis) + np.sum(prior**2, axis=0)
-        d = np.sqrt(np.maximum(diagonal, 0.0))
+        inverse = np.linalg.pinv(self._whitened_directions())  # H = inverseᵀ · inverse on what is determined
+        d = np.sqrt(np.sum(inverse**2, axis=0))
         largest = np.linalg.eigvalsh(d[:, None] * np.asarray(self.frozen.covariance) * d)[-1]
         rounding = float(np.finfo(np.float32).eps / 2.0 * np.sqrt(max(largest, 0.0)))
         return rounding <= 0.5 * TOLERANCE

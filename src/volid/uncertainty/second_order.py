@@ -22,14 +22,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from volid.elementary import in_rows
-from volid.error_model import Layout, error_rows, evaluate_bases
+from volid.error_model import ROWS as ROWS_PER_BODY
+from volid.error_model import Layout, evaluate_bases
+from volid.fitting import interpreted
 from volid.fitting.system import Block, System
-from volid.observations.effects import predict_readings
 
 LARGEST = 512 * 2**20  # bytes of Hessians that are kept
-ROWS, TRIALS = 64, 256  # of one tile: its values stay in the processor's cache
+SLICE = 4096  # rows whose second derivatives are formed at once
+ROWS, TRIALS = 128, 128  # of one tile: its values stay in the processor's cache
 SINGLE = jnp.float32
+STEP = {"mm": 1.0, "rad": 1e-3}  # of the differences; everything else is as small as an angle
 
 
 class Curvature(eqx.Module):
@@ -58,68 +60,48 @@ def _rows(layout: Layout) -> tuple[int, ...]:
     return tuple(sorted({t.row for t in layout.terms}))
 
 
-def curvatures(system: System, z: Any, numbers: list[Any]) -> list[Curvature]:
-    """Curvature of every block at z; `numbers` (chunks, k, rows) of the readings."""
-    return [_cut(_curvature(system, block, z), own) for block, own in zip(system.blocks, numbers, strict=True)]
+def curvatures(system: System, z: np.ndarray, numbers: list[Any], units: list[str]) -> list[Curvature]:
+    """Curvature of every block at z; `numbers` (chunks, k, rows) of the readings, `units` of the nuisance parameters."""
+    z = np.asarray(z)
+    return [_curvature(system, block, z, np.asarray(n), units) for block, n in zip(system.blocks, numbers, strict=True)]
 
 
-@eqx.filter_jit
-def _curvature(system: System, block: Block, z: Any) -> Curvature:
-    layout, n, m = system.layout, system.layout.n_coefficients, block.q.shape[2]
-    rows = _rows(layout)
+def _curvature(system: System, block: Block, z: np.ndarray, numbers: np.ndarray, units: list[str]) -> Curvature:
+    rows = _rows(system.layout)
+    steps = [STEP["mm"] if row % ROWS_PER_BODY < 3 else STEP["rad"] for row in rows]
+    steps += [STEP.get(units[number], STEP["rad"]) for number in np.asarray(block.slots)[0, :, 0].tolist()]
+    whole = jax.tree.map(_joined, block)
+    bases, second = [], []
+    for start in range(0, whole.q.shape[2], SLICE):
+        part = jax.tree.map(lambda a, start=start: a[:, :, start : start + SLICE], whole)
+        (chunk,) = interpreted.chunks_of(part)
+        bases.append([b.T.astype(np.float32) for b in evaluate_bases(system.layout, chunk.q, chunk.direction)])
+        second.append(interpreted.second_derivatives(system, block.form, chunk, z, rows, np.array(steps)))
+    length = block.q.shape[2]
+    each = next(r for r in range(min(ROWS, length), 0, -1) if length % r == 0)
+    used = (np.asarray(whole.weight[0]) > 0.0).astype(np.float32)
+    kept = used.reshape(len(used), -1, each).any(axis=(0, 2))
 
-    def of_chunk(chunk: Block) -> Any:
-        bases = evaluate_bases(layout, chunk.q, chunk.direction)
-        errors = error_rows(layout, z[:n], bases, m)
-        start = (*(errors[r] for r in rows), *z[n + chunk.slots])
-        split, d = len(rows), len(rows) + chunk.slots.shape[0]
+    def tiles(values: np.ndarray, axis: int) -> Any:
+        """Tiles of `each` rows, which stand along `axis`; those of padding alone left out."""
+        cut = values.reshape(*values.shape[:axis], -1, each, *values.shape[axis + 1 :])
+        return jnp.asarray(np.moveaxis(cut, axis, 0)[kept])
 
-        def whitened(w: tuple[Any, ...], k: int) -> Any:
-            whole = list(errors)
-            for r, value in zip(rows, w, strict=False):
-                whole[r] = value
-            parts = predict_readings(
-                system.machine, block.form, chunk.q, tuple(chunk.tool), whole, w[split:], chunk.constants
-            )
-            return parts[k] * chunk.weight[k]
-
-        def slope(w: tuple[Any, ...], k: int) -> Any:
-            value, pull_back = jax.vjp(lambda w: whitened(w, k), w)
-            return in_rows(pull_back(jnp.ones_like(value))[0], (m,))
-
-        def column(j: Any, k: int) -> Any:
-            direction = tuple(jnp.full(m, i == j, dtype=start[0].dtype) for i in range(d))
-            return jax.jvp(lambda w: slope(w, k), (start,), (direction,))[1].astype(SINGLE)
-
-        second = []
-        for k in range(block.form.n_readings):
-            hessian = jax.lax.map(lambda j, k=k: column(j, k), jnp.arange(d)).transpose(2, 0, 1)
-            second.append(jnp.concatenate([hessian, slope(start, k).T.astype(SINGLE)[:, None]], axis=1))
-        return [b.T.astype(SINGLE) for b in bases], jnp.stack(second)
-
-    bases, second = jax.lax.map(of_chunk, block)
-    used = (block.weight > 0.0).astype(SINGLE)
-    return Curvature(rows, bases, second, block.slots, used, jnp.zeros(0))
-
-
-def _cut(whole: Curvature, numbers: Any) -> Curvature:
-    """Tiles of at most `ROWS` rows; those of padding alone left out."""
-    rows = whole.slots.shape[2]
-    each = next(r for r in range(min(ROWS, rows), 0, -1) if rows % r == 0)
-
-    def tiles(a: Any, axis: int) -> np.ndarray:
-        a = np.asarray(a)
-        cut = a.reshape(*a.shape[:axis], rows // each, each, *a.shape[axis + 1 :])
-        cut = np.moveaxis(cut, axis, 1)
-        return cut.reshape(-1, *cut.shape[2:])
-
-    used = tiles(whole.used, 2)
-    kept = used.any(axis=(1, 2))
-    arrays = {name: jnp.asarray(tiles(getattr(whole, name), 2)[kept]) for name in ("second", "slots")}
-    bases = [jnp.asarray(tiles(b, 1)[kept]) for b in whole.bases]
     return Curvature(
-        whole.rows, bases, used=jnp.asarray(used[kept]), numbers=jnp.asarray(tiles(numbers, 2)[kept]), **arrays
+        rows,
+        [tiles(np.concatenate([b[i] for b in bases]), 0) for i in range(len(bases[0]))],
+        second=tiles(np.concatenate(second, axis=1), 1),
+        slots=tiles(whole.slots[0], 1),
+        used=tiles(used, 1),
+        numbers=tiles(_joined(numbers)[0], 1),
     )
+
+
+def _joined(values: Any) -> np.ndarray:
+    """(chunks, width, rows) as one chunk."""
+    values = np.asarray(values)
+    chunks, width, rows = values.shape
+    return values.transpose(1, 0, 2).reshape(1, width, chunks * rows)
 
 
 def _values(layout: Layout, tile: Curvature, dz: Any, n: int) -> Any:
@@ -155,36 +137,28 @@ def _pulled(system: System, tile: Curvature, slopes: Any) -> Any:
     return jnp.concatenate([*blocks, extra])
 
 
-@eqx.filter_jit
 def second_order(system: System, blocks: list[Curvature], dz: Any, noise: Any) -> tuple[Any, Any]:
-    """Second-order part of Jᵀr, (b, size), and |r|² of the readings, (b,).
+    """Second-order part of Jᵀr, (b, size), and of |r|², (b,).
 
-    `dz` (b, size): linear step of every trial, b a multiple of the trials of a tile or less; `noise` (N, b), single precision.
+    `dz` (b, size): step of every trial from z; `noise` (N, b), single precision. Values of b trials must fit into the cache.
     """
     n, b = system.layout.n_coefficients, dz.shape[0]
-    trials = min(TRIALS, b)
-    parts = dz.T.astype(SINGLE).reshape(system.size, -1, trials).transpose(1, 0, 2)
+    own = dz.T.astype(SINGLE)
+    total = jnp.zeros((system.size, b)), jnp.zeros(b)
+    for block in blocks:
 
-    def of_trials(part: Any) -> tuple[Any, Any]:
-        own, number = part
-        total = jnp.zeros((system.size, trials)), jnp.zeros(trials)
-        eps = jax.lax.dynamic_slice_in_dim(noise, number * trials, trials, axis=1)
-        for block in blocks:
+        def add(total: Any, tile: Curvature) -> tuple[Any, None]:
+            w = _values(system.layout, tile, own, n)
+            slopes, square = jnp.zeros_like(w), jnp.zeros(b)
+            for k in range(tile.used.shape[0]):
+                found = tile.second[k] @ w  # Hessian and, as its last row, gradient
+                bent, along = found[:, :-1], found[:, -1]
+                quadratic = 0.5 * jnp.sum(bent * w, axis=1)
+                linear = (along - noise[tile.numbers[k]]) * tile.used[k][:, None]
+                residual = linear + quadratic
+                slopes = slopes + tile.second[k][:, -1, :, None] * quadratic[:, None] + bent * residual[:, None]
+                square = square + jnp.sum((linear + residual) * quadratic, axis=0)
+            return (total[0] + _pulled(system, tile, slopes), total[1] + square), None
 
-            def add(total: Any, tile: Curvature) -> tuple[Any, None]:
-                w = _values(system.layout, tile, own, n)
-                slopes, square = jnp.zeros_like(w), jnp.zeros(trials)
-                for k in range(tile.used.shape[0]):
-                    found = tile.second[k] @ w  # Hessian and, as its last row, gradient
-                    bent, along = found[:, :-1], found[:, -1]
-                    quadratic = 0.5 * jnp.sum(bent * w, axis=1)
-                    residual = (along - eps[tile.numbers[k]]) * tile.used[k][:, None] + quadratic
-                    slopes = slopes + tile.second[k][:, -1, :, None] * quadratic[:, None] + bent * residual[:, None]
-                    square = square + jnp.sum(residual**2, axis=0)
-                return (total[0] + _pulled(system, tile, slopes), total[1] + square), None
-
-            total, _ = jax.lax.scan(add, total, block)
-        return total
-
-    gradient, square = jax.lax.map(of_trials, (parts, jnp.arange(b // trials)))
-    return gradient.transpose(0, 2, 1).reshape(b, -1), square.reshape(-1)
+        total, _ = jax.lax.scan(add, total, block)
+    return total[0].T, total[1]
