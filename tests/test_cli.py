@@ -229,7 +229,7 @@ def test_a_closed_folder_is_named(virtual, run, tmp_path):
 
 
 def test_an_interrupted_fit_leaves_nothing(tmp_path):
-    manifest = make_campaign(tmp_path / "c", model="", n_per_station=400).manifest
+    manifest = make_campaign(tmp_path / "c", model="", n_per_station=3000).manifest
     environment = os.environ | {"PYTHONPATH": str(SOURCE), "PYTHONUNBUFFERED": "1"}
     command = [sys.executable, "-m", "volid", "fit", str(manifest), "-o", str(tmp_path / "s.h5")]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment)

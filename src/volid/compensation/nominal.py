@@ -7,7 +7,6 @@ Positions are (m, n_axes), machine axis order [mm, °]. CONVENTIONS 2, 3, 5.
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from volid.error_model import ROWS
 from volid.iso230 import LINEAR_AXES
@@ -15,6 +14,8 @@ from volid.machine import Axis, Machine
 
 
 def _turn(axis: Axis, degrees: np.ndarray) -> np.ndarray:
+    from scipy.spatial.transform import Rotation  # slow to import, and few need it
+
     return Rotation.from_rotvec(np.deg2rad(degrees)[:, None] * np.asarray(axis.unit_vector)).as_matrix()
 
 

@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from volid.compensation.nominal import axis_directions, side_rotation
 from volid.compensation.parts import full_positions
@@ -74,6 +73,8 @@ def orientation_between(machine: Machine, commanded: np.ndarray, altered: np.nda
         [side_rotation(machine, q, primed) for q in (commanded, altered)] for primed in (True, False)
     )  # of both positions
     before, after = table[0] @ head[0], table[1] @ head[1]
+    from scipy.spatial.transform import Rotation  # slow to import, and few need it
+
     turn = Rotation.from_matrix(after @ before.transpose(0, 2, 1)).as_rotvec()
     return np.asarray(np.einsum("mji,mj->mi", table[0], turn))
 

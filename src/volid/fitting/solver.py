@@ -8,6 +8,9 @@ does not descend. Nocedal and Wright, Numerical Optimization, 10.3; Kelley, Iter
 
 from __future__ import annotations
 
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -20,7 +23,7 @@ from volid.fitting.equations import normal_equations, nuisance_equations, slope
 from volid.fitting.interpreted import interpreting
 from volid.fitting.problem import Problem
 from volid.fitting.projection import FreeDirections
-from volid.fitting.system import Normal, System, thinned
+from volid.fitting.system import Normal, System, halves, thinned
 
 TOLERANCE = 1e-7  # estimated distance to the minimum, in units of each parameter's conditional standard uncertainty
 SHRINK = (
@@ -53,19 +56,40 @@ class Objective:
     """Cost, gradient and JᵀJ in the free directions of a problem; large arrays are put where JAX computes, once."""
 
     def __init__(self, system: System, free: np.ndarray) -> None:
-        self.system = system if interpreting() else jax.tree.map(jnp.asarray, system)
+        self.system = system
         self.free = FreeDirections(free)
+        self._parts = [system] if interpreting() else [jax.tree.map(jnp.asarray, s) for s in _shared_out(system)]
+
+    def _sums(self, function: Callable[..., Any], *arguments: Any) -> list[np.ndarray]:
+        """The parts of what `function` gives for the system, summed over its halves, each on a thread of its own."""
+
+        def of(part: System) -> list[np.ndarray]:
+            return [np.asarray(a) for a in function(part, *arguments)]
+
+        if len(self._parts) == 1:
+            return of(self._parts[0])
+        first, second = _THREADS.map(of, self._parts)
+        return [a + b for a, b in zip(first, second, strict=True)]
 
     def normal(self, z: np.ndarray, rough: bool = False) -> Normal:
-        cost, gradient, matrix = normal_equations(self.system, z, rough)
-        gradient, matrix = self.free.pull(np.asarray(gradient)), self.free.project(np.asarray(matrix))
+        cost, gradient, matrix = self._sums(normal_equations, z, rough)
+        gradient, matrix = self.free.pull(gradient), self.free.project(matrix)
         unused = np.flatnonzero(np.diagonal(matrix) == 0.0)
         matrix[unused, unused] = 1.0
         return Normal(float(cost), gradient, matrix)
 
     def slope(self, z: np.ndarray) -> tuple[float, np.ndarray]:
-        cost, gradient = slope(self.system, z)
-        return float(cost), self.free.pull(np.asarray(gradient))
+        cost, gradient = self._sums(slope, z)
+        return float(cost), self.free.pull(gradient)
+
+
+_THREADS = ThreadPoolExecutor(2, thread_name_prefix="volid-solver")
+
+
+def _shared_out(system: System) -> list[System]:
+    """Halves of a system where two processors share the work and no accelerator does it."""
+    alone = (os.cpu_count() or 1) < 2 or jax.default_backend() != "cpu"
+    return [system] if alone else halves(system)
 
 
 def _placed(system: System, z: np.ndarray, free: np.ndarray) -> np.ndarray:

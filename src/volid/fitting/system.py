@@ -17,6 +17,8 @@ from volid.fitting.tiles import Tiles
 from volid.machine import Machine
 from volid.observations.effects import Form
 
+WORTH_HALVING = 8  # chunks of a block from which two threads pay
+
 
 class Block(eqx.Module):
     """Readings of one form, padded with zero weight to whole chunks: every array is (n_chunks, width, chunk).
@@ -65,6 +67,27 @@ def thinned(system: System, rows: int) -> System:
             block = jax.tree.map(lambda a, c=chunk, p=place: np.asarray(a)[c, :, p].T[None], block)
         blocks.append(block)
     return replace(system, blocks=tuple(blocks), tiles=(None,) * len(blocks))
+
+
+def halves(system: System) -> list[System]:
+    """The system in two parts of equal shapes, whose sums are those of the whole; itself where a block is small or odd."""
+
+    def parts(tree: Any, n: int) -> list[Any]:
+        return [jax.tree.map(lambda a, p=p: a[p], tree) for p in (slice(0, n // 2), slice(n // 2, n))]
+
+    found = []
+    for block, tiles in zip(system.blocks, system.tiles, strict=True):
+        n_chunks, n_tiles = block.q.shape[0], 0 if tiles is None else tiles.numbers.shape[0]
+        if n_chunks < WORTH_HALVING or n_chunks % 2 or n_tiles % 2:
+            return [system]
+        found.append([*zip(parts(block, n_chunks), parts(tiles, n_tiles), strict=True)])
+    if not found:
+        return [system]
+    result = [
+        replace(system, blocks=tuple(f[i][0] for f in found), tiles=tuple(f[i][1] for f in found)) for i in range(2)
+    ]
+    result[1] = replace(result[1], prior_root=np.zeros_like(system.prior_root))
+    return result
 
 
 class Normal(NamedTuple):
