@@ -35,7 +35,9 @@ class Row:
         return asdict(self) | {"share_of_limit": None if self.limit is None else self.limit / self.volid}
 
 
-def interleaved(contestants: dict[str, Callable[[], Any]], repeats: int = REPEATS) -> dict[str, np.ndarray]:
+def interleaved(
+    contestants: dict[str, Callable[[], Any]], repeats: int = REPEATS, patience: float = PATIENCE
+) -> dict[str, np.ndarray]:
     """Seconds of every contestant in every round, after one round that warms up; very slow ones in the first round alone."""
     times: dict[str, list[float]] = {name: [] for name in contestants}
     slow: set[str] = set()
@@ -48,7 +50,7 @@ def interleaved(contestants: dict[str, Callable[[], Any]], repeats: int = REPEAT
             spent = time.perf_counter() - began
             if number:  # the first round compiles
                 times[name].append(spent)
-                if spent > PATIENCE:
+                if spent > patience:
                     slow.add(name)
     return {name: np.array(t) for name, t in times.items()}
 

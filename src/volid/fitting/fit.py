@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
@@ -283,11 +283,11 @@ def _solution(
     residuals = tuple(r * s.u for r, s in zip(whitened, campaign.sets, strict=True))
     held = _held(fitter)
     return Solution(
-        parameters=jnp.asarray(theta),
-        nuisance=jnp.asarray(optimum.z[n:]),
-        covariance=jnp.asarray(reduced @ reduced.T),
-        null_space=jnp.asarray(fitter.found.null_space),
-        held_directions=jnp.asarray(fitter.found.tool_rotation),
+        parameters=jax.device_put(theta),
+        nuisance=jax.device_put(optimum.z[n:]),
+        covariance=jax.device_put(reduced @ reduced.T),
+        null_space=jax.device_put(fitter.found.null_space),
+        held_directions=jax.device_put(fitter.found.tool_rotation),
         model=problem.model,
         campaign=campaign,
         nuisance_table=problem.nuisance,
@@ -314,7 +314,7 @@ def _solution(
         undetermined=fitter.found.undetermined,
         notes=(*campaign.warnings, *warnings, *_notes(fitter, chosen, held, optimum)),
         options=options,
-        prior_root=jnp.asarray(_theta_prior(problem)) if options["prior"] else None,
+        prior_root=jax.device_put(_theta_prior(problem)) if options["prior"] else None,
     )
 
 

@@ -106,16 +106,27 @@ def _chunks(
     """`function` over all points (m, …), slice by slice; points last. Few points are interpreted; many in chunks of one length,
     so that one program is compiled."""
     m, chain = len(points.q), chain_of(model.machine)
-    compiled = m > INTERPRETED
-    for start in range(0, m, CHUNK):
-        part = slice(start, min(start + CHUNK, m))
-        if compiled:
-            rows = np.minimum(np.arange(start, start + CHUNK), m - 1)  # the last chunk repeats its last point
-            chunk = _Points(*(np.asarray(v[rows].T, dtype=float) for v in points))
-            yield part, np.asarray(function(chain, model.layout, coefficients, chunk))[..., : part.stop - start]
-        else:
+    if m <= INTERPRETED:
+        for part in _slices(m):
             chunk = _Points(*(np.ascontiguousarray(v[part].T, dtype=float) for v in points))
             yield part, _INTERPRETED[function](chain, model.layout, coefficients, chunk)
+        return
+    ahead: list[tuple[slice, Any]] = []
+    for part in _slices(m):
+        rows = np.minimum(np.arange(part.start, part.start + CHUNK), m - 1)  # the last chunk repeats its last point
+        chunk = _Points(*(np.asarray(v[rows].T, dtype=float) for v in points))
+        ahead.append((part, function(chain, model.layout, coefficients, chunk)))
+        if len(ahead) > 1:  # computed while the one before is used
+            yield _whole(*ahead.pop(0))
+    yield from (_whole(*pending) for pending in ahead)
+
+
+def _slices(m: int) -> Iterator[slice]:
+    return (slice(start, min(start + CHUNK, m)) for start in range(0, m, CHUNK))
+
+
+def _whole(part: slice, values: Any) -> tuple[slice, np.ndarray]:
+    return part, np.asarray(values)[..., : part.stop - part.start]
 
 
 def _by_chunks(

@@ -220,7 +220,7 @@ class Solution(eqx.Module):
         i = self.model.by_name[name, "location"].parameters.start
         held = name in self.held_tool_rotation
         lost = bool(self.is_lost(np.eye(self.model.n_parameters)[i : i + 1])[0]) or held
-        value, u = float(self.parameters[i]), float(np.sqrt(self.covariance[i, i]))
+        value, u = float(np.asarray(self.parameters)[i]), float(np.sqrt(np.asarray(self.covariance)[i, i]))
         value, u = (np.nan, np.nan) if lost else (value, u)
         return FunctionValue(name, parse(name).axis, np.nan, 0, value, u)
 
