@@ -17,7 +17,8 @@ CAMPAIGN = "datasets/vertical_multilateration/campaign.toml"
 
 
 def _run(command: list[str], **environment: str) -> None:
-    subprocess.run(command, env=os.environ | environment, check=False, capture_output=True)
+    own = {k: v for k, v in os.environ.items() if k != "OPENBLAS_NUM_THREADS"}  # as users have it
+    subprocess.run(command, env=own | environment, check=False, capture_output=True)
 
 
 def process_rows(quick: bool) -> list[Row]:
