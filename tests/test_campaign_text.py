@@ -1,11 +1,11 @@
 """Campaigns as text: what a good one gives, and what each bad one is told."""
 
-import time
 from dataclasses import asdict
 
 import numpy as np
 import pytest
 from campaign_files import MACHINE, MANIFEST, STATIONS, csv_text, edited, grid, level_rows, volume_rows, write_files
+from work import calls
 
 from volid.campaign import Station
 from volid.exceptions import InputError, OutputError
@@ -106,12 +106,11 @@ def test_a_plan_lacks_readings(tmp_path):
     assert np.isfinite(levels.readings).all() and "u" not in levels.options
 
 
-def test_hundred_thousand_rows_in_seconds(tmp_path):
+def test_a_hundred_thousand_rows_are_not_read_number_by_number(tmp_path):
     positions = np.random.default_rng(1).uniform((0, 0, -500), (1000, 600, 0), (50_000, 3))
     path = write_files(tmp_path, volume=csv_text(volume_rows(positions)))
-    start = time.perf_counter()
     assert len(read_manifest(path).sets[0]) == 100_000
-    assert time.perf_counter() - start < 4.0  # 0.35 s on the developers' machine; a loop over rows takes far longer
+    assert calls(lambda: read_manifest(path)) < 500_000  # less than five a row of ten columns
 
 
 def test_written_campaign_reads_back_with_all_digits(tmp_path):

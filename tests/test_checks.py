@@ -1,11 +1,11 @@
 """Checks before a fit: mistakes are named, legitimate campaigns of any shape pass, repeated readings are compared."""
 
-import time
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from campaign_files import MACHINE, csv_text, grid, level_rows, volume_rows, write_files
+from work import calls
 
 from volid.campaign import Campaign, ObservationSet, Station
 from volid.checks import check_campaign, closures
@@ -332,12 +332,13 @@ def test_drift_follows_the_time_where_there_is_one(tmp_path):
     assert closures(with_repeats(tmp_path / "c", [4], distance=d, time=["", *times[1:]]))[0].max == pytest.approx(0.001)
 
 
-def test_large_campaigns_are_checked_quickly():
+def test_large_campaigns_are_not_checked_row_by_row():
     q = np.random.default_rng(5).uniform((0, 0, -500), (1000, 600, 0), (100_000, 3))
     campaign = distances(q)
-    start = time.perf_counter()
     assert check_campaign(campaign) == () and closures(campaign) == ()
-    assert time.perf_counter() - start < 3.0  # 0.15 s on the developers' machine; comparing all pairs takes minutes
+    assert (
+        calls(lambda: (check_campaign(campaign), closures(campaign))) < 100_000
+    )  # not row by row, let alone pair by pair
 
 
 def test_grid_helper_covers_the_travels():

@@ -179,7 +179,8 @@ def test_a_wrong_prior_is_refused(virtual, solution_file, run, tmp_path):
 # ------------------------------------------------------------------------------------------------------- wrong places
 
 
-def test_output_is_refused_before_the_work(virtual, run, tmp_path, capsys):
+def test_output_is_refused_before_the_work(virtual, run, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("volid.io.load_campaign", lambda *paths: pytest.fail("the campaign is read already"))
     existing, missing = tmp_path / "s.h5", tmp_path / "no" / "s.h5"
     existing.write_text("mine")
     for arguments, message in (
@@ -188,14 +189,12 @@ def test_output_is_refused_before_the_work(virtual, run, tmp_path, capsys):
         (["-o", tmp_path], "is a folder; name a file"),
         (["-o", virtual.manifest, "--force"], "manifest.toml is an input of this command"),
     ):
-        start = time.monotonic()
         status, text, err = run("fit", virtual.manifest, *arguments)
         assert status == 2
         assert message in err
         assert "Traceback" not in err
         assert text == ""
         assert "solving" not in err
-        assert time.monotonic() - start < 2.0  # s: the fit has not begun
     assert existing.read_text() == "mine"
     assert list(tmp_path.iterdir()) == [existing]
 
