@@ -10,7 +10,9 @@ On a grid the products T_a T_bᵀ are made once per pair of positions. Exact: th
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,6 +21,7 @@ from volid.error_model import ROWS, Layout, Term
 from volid.splines import Basis, evaluate
 
 CHUNK = 1024
+THREADS = 2
 WORTH_A_TABLE = 4  # pairs of positions per point up to which their products are made beforehand
 
 
@@ -79,17 +82,25 @@ def squares(groups: list[Tables], partials: Iterator[tuple[slice, np.ndarray]], 
     n_rows = ROWS * (n_axes + 1)
     pairs = sum(len(a.table) * len(b.table) for i, a in enumerate(groups) for b in groups[i:])
     products = _products(groups) if pairs <= WORTH_A_TABLE * m else None
-    parts = []
-    for points, p in partials:
+
+    def of(points: slice, p: np.ndarray) -> np.ndarray:
         weights = np.ascontiguousarray(p.transpose(2, 0, 1))
         if products is None:
             spread = np.zeros((len(weights), n_rows, groups[0].table.shape[2] if groups else 0))
             for g in groups:
                 spread[:, g.rows] += g.table[g.number[points]]
-            parts.append(np.sum((weights @ spread) ** 2, axis=2).T)
-        else:
-            covariance = _gather(groups, products, points, n_rows)
-            parts.append(np.sum((weights @ covariance) * weights, axis=2).T)
+            return np.asarray(np.sum((weights @ spread) ** 2, axis=2).T)
+        covariance = _gather(groups, products, points, n_rows)
+        return np.asarray(np.sum((weights @ covariance) * weights, axis=2).T)
+
+    parts: list[np.ndarray] = []
+    with ThreadPoolExecutor(THREADS) as pool:  # NumPy lets other threads work meanwhile
+        waiting: deque[Future[np.ndarray]] = deque()
+        for points, p in partials:
+            waiting.append(pool.submit(of, points, p))
+            if len(waiting) > 2 * THREADS:
+                parts.append(waiting.popleft().result())
+        parts += [f.result() for f in waiting]
     return np.concatenate(parts, axis=1)
 
 
