@@ -230,9 +230,12 @@ def test_a_closed_folder_is_named(virtual, run, tmp_path):
 def test_an_interrupted_fit_leaves_nothing(tmp_path):
     manifest = make_campaign(tmp_path / "c", model="", n_per_station=3000).manifest
     environment = os.environ | {"PYTHONPATH": str(SOURCE), "PYTHONUNBUFFERED": "1"}
-    command = [sys.executable, "-m", "volid", "fit", str(manifest), "-o", str(tmp_path / "s.h5")]
-    heard = lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)  # noqa: E731  # whoever runs the tests may ignore it
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment, preexec_fn=heard)
+    script = (  # whoever runs the tests may ignore interrupts, which programs inherit
+        "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); from volid.cli import main; "
+        "sys.exit(main(sys.argv[1:]))"
+    )
+    command = [sys.executable, "-c", script, "fit", str(manifest), "-o", str(tmp_path / "s.h5")]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment)
     assert process.stderr is not None
     assert process.stderr.readline().startswith("volid: ")  # after a second: at work
     process.send_signal(signal.SIGINT)
