@@ -15,12 +15,12 @@ from volid.fitting.fit import fit
 from volid.fitting.robust import critical_value
 from volid.io.solution_hdf5 import read_solution, write_solution
 from volid.observations.effects import effect_samples
-from volid.uncertainty import refit as refit_module
 from volid.uncertainty.budget import budget
 from volid.uncertainty.draws import pseudo_of, trial_noise
 from volid.uncertainty.monte_carlo import BATCH, STAGE, _stage, fingerprint, monte_carlo, run_of, run_trials
 from volid.uncertainty.outputs import headline_outputs
 from volid.uncertainty.refit import TOLERANCE, Refitter
+from volid.uncertainty.refit_steps import linear_step
 from volid.uncertainty.samples import TrialFolder
 from volid.uncertainty.statement import statement
 
@@ -99,7 +99,7 @@ def test_the_stated_distance_to_the_minimum_holds(run):
     away = np.abs((found.x - refitter.centre - x)[:, seen] / refitter.u[seen]).max(axis=1)
     assert np.all(away <= found.error + 1e-8) and found.error.max() <= TOLERANCE
     np.testing.assert_allclose(found.chi_square, chi_square, rtol=1e-8)
-    linear = np.asarray(refit_module._linear(refitter.frozen, noise.T, prior)[0])
+    linear = np.asarray(linear_step(refitter.frozen, noise.T, prior)[0])
     bent = np.abs((linear - x)[:, seen] / refitter.u[seen]).max(axis=1)
     assert np.median(bent) > 100 * np.median(away), "the correction is what brings the trials there"
 

@@ -10,6 +10,17 @@ import numpy as np
 
 from volid.machine import WORKPIECE, Machine
 
+ROW_ARRAYS = (
+    "positions",
+    "directions",
+    "tool",
+    "readings",
+    "u",
+    "time",
+    "temperature",
+    "rows",
+)  # of a set, one entry a row
+
 
 @dataclass(frozen=True)
 class Station:
@@ -67,8 +78,7 @@ class ObservationSet:
 
     def rows_of(self, numbers: np.ndarray) -> ObservationSet:
         """The set with some of its rows, in the order of `numbers`."""
-        arrays = ("positions", "directions", "tool", "readings", "u", "time", "temperature", "rows")
-        given = {name: getattr(self, name) for name in arrays}
+        given = {name: getattr(self, name) for name in ROW_ARRAYS}
         cut: dict[str, Any] = {name: None if values is None else values[numbers] for name, values in given.items()}
         return replace(self, labels={name: values[numbers] for name, values in self.labels.items()}, **cut)
 

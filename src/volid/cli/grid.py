@@ -44,8 +44,9 @@ _EPILOG = """\
 Every type of ISO/TR 16907 but R-POS has a grid; default L-VOL, repeat --type to combine types.
 Compensation values are minus the error values (actual - nominal); --errors writes the error
 values. The grid spans the measured part of the travels, or --range, both ends included, the first
-axis varying fastest; translations in mm, rotations in degrees. Lines that begin with # state type, sign, tool vector or reference
-point, frame, datum, source and command. OUT is CSV, or HDF5 when it ends in .h5.
+axis varying fastest; translations in mm, rotations in degrees. Lines that begin with # state type,
+sign, tool vector or reference point, frame, datum, source and command. OUT is CSV, or HDF5 when it
+ends in .h5.
 
 A linear grid holds for one tool vector; with rotary axes, for a rotated one and the linear axes'
 errors only. A rotary grid (ISO/TR 16907 Table 3) holds at a reference point; the lever arm from it

@@ -61,9 +61,9 @@ def compensate(
     """Tables and grids of several types, each in its first form, or in the `form` asked for where it has it.
 
     `tables`, `grids`: their sampling; `points`: per axis of a grid; `uncertainty`: of grids; `ranges`: lowest and highest
-    position of tables and grids by axis letter [mm or °], default the travel; `zero`: where tables and the translations of linear
-    grids are 0, by axis letter. Raises `InputError` for types that do not go
-    together or that the machine cannot have, or an L-SPEC or R-SPEC without `base.functions` or `rule`; `NotDeterminedError`.
+    position of tables and grids by axis letter [mm or °], default the travel; `zero`: where tables and the translations of
+    linear grids are 0, by axis letter. Raises `InputError` for types that do not go together or that the machine cannot have, or
+    an L-SPEC or R-SPEC without `base.functions` or `rule`; `NotDeterminedError`.
     """
     types = in_full(select(names, solution.machine))
     for t in types:

@@ -37,8 +37,7 @@ def _chain(system: System, form: Form, chunk: Block, z: Any) -> tuple[Any, Any, 
     n, m = system.layout.n_coefficients, chunk.q.shape[1]
     bases = evaluate_bases(system.layout, chunk.q, chunk.direction)
     errors = error_rows(system.layout, z[:n], bases, m)
-    predict = partial(predict_readings, system.machine, form, chunk.q, tuple(chunk.tool))
-    prediction, pull = jax.vjp(lambda e, s: predict(e, s, chunk.constants), errors, list(z[n + chunk.slots]))
+    prediction, pull = jax.vjp(partial(_predict_chunk, system, form, chunk), errors, list(z[n + chunk.slots]))
 
     def pull_back(cotangent: Any) -> tuple[Any, Any]:
         d_errors, d_slots = pull(cotangent)
@@ -90,8 +89,7 @@ def predicted(system: System, form: Form, chunk: Block, z: Any) -> Any:
     """Predicted readings of one chunk, shape (k, m)."""
     n, m = system.layout.n_coefficients, chunk.q.shape[1]
     errors = error_rows(system.layout, z[:n], evaluate_bases(system.layout, chunk.q, chunk.direction), m)
-    slots = list(z[n + chunk.slots])
-    return predict_readings(system.machine, form, chunk.q, tuple(chunk.tool), errors, slots, chunk.constants)
+    return _predict_chunk(system, form, chunk, errors, list(z[n + chunk.slots]))
 
 
 def _predict_chunk(system: System, form: Form, chunk: Block, errors: Any, slots: Any) -> Any:

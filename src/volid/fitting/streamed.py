@@ -7,7 +7,7 @@ precision), gradients until the minimum is reached, normal equations there for t
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any, NamedTuple, Protocol
 
@@ -18,14 +18,13 @@ import numpy as np
 from volid.campaign import Campaign
 from volid.exceptions import InputError
 from volid.fitting.adequacy import Tally
-from volid.fitting.equations import normal_equations, predict_all, quadratic_forms, slope
+from volid.fitting.equations import predict_all, quadratic_forms
 from volid.fitting.fit import Progress, Stages, breakdown_named
 from volid.fitting.interpreted import interpreted, is_small
 from volid.fitting.problem import Problem, build_problem, pad_rows, scatter, with_random_effects
 from volid.fitting.projection import FreeDirections
 from volid.fitting.solution import Solution
 from volid.fitting.solver import Objective, solve
-from volid.fitting.system import Normal
 from volid.machine import Datum
 from volid.observations.base import NuisanceTable
 
@@ -58,6 +57,7 @@ class _Parts:
 
     def __init__(self, stream: Stream, whole: Problem, table: NuisanceTable, progress: Progress) -> None:
         self.stream, self.whole, self.table, self.progress = stream, whole, table, progress
+        self.prior = replace(whole.system, blocks=(), tiles=())  # what is known beforehand, without any reading
 
     def __call__(self, what: str) -> Iterator[_Part]:
         system, done = self.whole.system, 0
@@ -80,38 +80,18 @@ class _Parts:
 
 
 class _StreamObjective(Objective):
-    """Cost, gradient and JᵀJ summed over the parts."""
+    """Cost, gradient and JᵀJ summed over the parts; prior knowledge counts once, as a part without readings."""
 
     def __init__(self, parts: _Parts, free: np.ndarray) -> None:
-        self.parts, self.free = parts, FreeDirections(free)
-        self.passes = 0
+        self.free, self._stream, self._passes = FreeDirections(free), parts, 0
 
-    def _prior(self, z: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-        system = self.parts.whole.system
-        root = np.asarray(system.prior_root)
-        offset = root @ (z - np.asarray(system.prior_mean))
-        return 0.5 * float(offset @ offset), root.T @ offset, root.T @ root
-
-    def _next(self) -> str:
-        self.passes += 1
-        return f"pass {self.passes}"
-
-    def normal(self, z: np.ndarray, rough: bool = False) -> Normal:
-        cost, gradient, matrix = self._prior(z)
-        for part in self.parts(self._next()):
-            own = normal_equations(_on_device(part.problem.system), z, rough)
-            cost, gradient, matrix = cost + float(own.cost), gradient + own.gradient, matrix + own.matrix
-        reduced = self.free.project(np.asarray(matrix))
-        unused = np.flatnonzero(np.diagonal(reduced) == 0.0)
-        reduced[unused, unused] = 1.0
-        return Normal(cost, self.free.pull(np.asarray(gradient)), reduced)
-
-    def slope(self, z: np.ndarray) -> tuple[float, np.ndarray]:
-        cost, gradient, _ = self._prior(z)
-        for part in self.parts(self._next()):
-            own_cost, own = slope(_on_device(part.problem.system), z)
-            cost, gradient = cost + float(own_cost), gradient + np.asarray(own)
-        return cost, self.free.pull(gradient)
+    def _sums(self, function: Callable[..., Any], *arguments: Any) -> list[np.ndarray]:
+        self._passes += 1
+        total = [np.asarray(a) for a in function(_on_device(self._stream.prior), *arguments)]
+        for part in self._stream(f"pass {self._passes}"):
+            own = function(_on_device(part.problem.system), *arguments)
+            total = [a + np.asarray(b) for a, b in zip(total, own, strict=True)]
+        return total
 
 
 def _on_device(system: Any) -> Any:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from volid.campaign import Campaign, ObservationSet
+from volid.campaign import ROW_ARRAYS, Campaign, ObservationSet
 from volid.exceptions import InputError
 from volid.io.campaign_hdf5 import read_outline, read_set, set_groups
 from volid.io.campaign_rules import FORMAT, check_whole
@@ -94,10 +94,9 @@ def _want_all_labels(readings: ObservationSet, wanted: np.ndarray, seen: dict[tu
 
 def _joined(parts: list[ObservationSet]) -> ObservationSet:
     first = parts[0]
-    arrays = ("positions", "directions", "tool", "readings", "u", "time", "temperature", "rows")
     joined: dict[str, Any] = {
         name: np.concatenate([getattr(p, name) for p in parts])
-        for name in arrays
+        for name in ROW_ARRAYS
         if all(getattr(p, name) is not None for p in parts)
     }
     labels = {name: np.concatenate([p.labels[name] for p in parts]) for name in first.labels}

@@ -16,33 +16,28 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cached_property
-from math import gcd
 from typing import Any, NamedTuple
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 
 from volid.campaign import Campaign
-from volid.error_model import ROWS as ROWS_PER_BODY
-from volid.error_model import Layout, evaluate_bases
-from volid.fitting.equations import predict_all, quadratic_forms, residual_rows
+from volid.fitting.equations import predict_all, quadratic_forms
 from volid.fitting.problem import Problem, build_problem, pad_rows, reweight, with_random_effects
 from volid.fitting.robust import Weighted, critical_value, down_weight, name_outliers, set_aside
 from volid.fitting.solution import Solution
 from volid.fitting.solver import solve
 from volid.fitting.starts import find_starts
-from volid.fitting.system import Block, System
-from volid.observations.effects import predict_readings
-from volid.uncertainty.second_order import LARGEST, Curvature, curvatures, hessian_bytes, second_order
+from volid.fitting.system import System
+from volid.uncertainty.refit_steps import TRIALS, Frozen, corrected, exact_step, linear_step, tiles_of
+from volid.uncertainty.second_order import LARGEST, Curvature, curvatures, hessian_bytes
 from volid.uncertainty.second_order import TRIALS as SECOND_ORDER_TRIALS
 
 TOLERANCE = 1e-6  # standard uncertainties
 WIDTH = 1024  # trials of one linear step
 STEPS = 6  # steps at most, before a trial is solved anew
 _SINGULAR = 1e-12  # of the largest eigenvalue of the correlation matrix: below, rounding
-ROWS, TRIALS = 256, 64  # of one tile: its intermediate values stay in the processor's cache
 
 
 class Refits(NamedTuple):
@@ -54,143 +49,6 @@ class Refits(NamedTuple):
     chi_square: np.ndarray
     solved: np.ndarray
     outliers: np.ndarray
-
-
-class _Frozen(eqx.Module):
-    """What all trials share: system, z at the solution, T with z = T x, C, prior rows in x, predictions, reading numbers."""
-
-    system: System
-    z: Any
-    basis: Any
-    covariance: Any
-    prior: Any
-    predictions: list[Any]
-    numbers: list[Any]
-
-
-def _tiles(block: Block, numbers: np.ndarray) -> tuple[Block, Any]:
-    """A block and its reading numbers cut into equal chunks of at most `ROWS` rows, those of padding alone left out."""
-    each = gcd(block.q.shape[2], ROWS)
-
-    def cut(a: np.ndarray) -> np.ndarray:
-        n, width, rows = a.shape
-        parts = a.reshape(n, width, rows // each, each).transpose(0, 2, 1, 3)
-        return parts.reshape(n * (rows // each), width, each)
-
-    used = cut(np.asarray(block.weight)).any(axis=(1, 2))
-    return jax.tree.map(lambda a: jnp.asarray(cut(np.asarray(a))[used]), (block, numbers))
-
-
-@eqx.filter_jit
-def _linear(frozen: _Frozen, noise: Any, prior_noise: Any) -> tuple[Any, Any]:
-    """C g with g = Jᵀε + Wᵀε_p, shape (b, p), and gᵀC g, by which it lowers chi-square, (b,).
-
-    `noise` (N, b), in whose precision the products are formed, `prior_noise` (b, r).
-    """
-    total = jnp.zeros((frozen.system.size, noise.shape[1]))
-    for block, numbers in zip(frozen.system.blocks, frozen.numbers, strict=True):
-
-        def add(total: Any, parts: Any, block: Block = block) -> tuple[Any, None]:
-            chunk, own = parts
-            _, rows = residual_rows(frozen.system, block.form, chunk, frozen.z)
-            return total + (rows.astype(noise.dtype) @ noise[own.reshape(-1)]).astype(total.dtype), None
-
-        total, _ = jax.lax.scan(add, total, (block, numbers))
-    gradient = frozen.basis.T @ total + frozen.prior.T @ prior_noise.T
-    step = frozen.covariance @ gradient
-    return step.T, jnp.sum(gradient * step, axis=0)
-
-
-@eqx.filter_jit
-def _corrected(frozen: _Frozen, curvature: list[Curvature] | None, first: Any, x: Any, noise: Any) -> Any:
-    """first - C g(x), with g the second-order part of the gradient at x, (b, p); and that part of chi-square, (b,)."""
-    assert curvature is not None
-    gradient, square = second_order(frozen.system, curvature, x @ frozen.basis.T, noise)
-    return first - (gradient @ frozen.basis) @ frozen.covariance, square
-
-
-def _tile_gradient(system: System, chunk: Block, exact: Any, noise: Any, z: Any) -> tuple[Any, Any]:
-    """Gradient (trials, size) and chi-square (trials,) of one tile; `noise` (trials, k, rows), `z` (trials, size).
-
-    Error values and nuisance values stand as one (trials, rows) array each, not as one large array: the reverse pass of indexing
-    into that would add up as many padded arrays as it has rows.
-    """
-    layout, form, n = system.layout, chunk.form, system.layout.n_coefficients
-    shape = (len(z), chunk.q.shape[1])
-    bases = jax.lax.optimization_barrier(evaluate_bases(layout, chunk.q, chunk.direction))
-    errors = jax.lax.optimization_barrier(_error_rows(layout, z[:, :n], bases, shape))
-    slots = tuple(z[:, n:][:, number] for number in chunk.slots)
-
-    def over_trials(values: Any) -> tuple[Any, ...]:
-        return tuple(jnp.broadcast_to(v[None], shape) for v in values)
-
-    q, tool, constants = (over_trials(v) for v in (chunk.q, chunk.tool, chunk.constants))
-
-    def prediction(e: Any, s: Any) -> Any:
-        return predict_readings(system.machine, form, q, tool, e, s, constants)
-
-    value, pull_back = jax.vjp(prediction, errors, slots)
-    weight = chunk.weight[:, None]
-    residual = (value - exact[:, None]) * weight - jnp.where(weight > 0.0, noise.transpose(1, 0, 2), 0.0)
-    residual, pull_back = jax.lax.optimization_barrier((residual, pull_back))
-    d_errors, d_slots = jax.lax.optimization_barrier(pull_back(residual * weight))
-    chi_square = jnp.sum(residual**2, axis=(0, 2))
-    curves = _pull_to_coefficients(layout, d_errors, bases, len(z))
-    if not system.n_nuisance:
-        return curves, chi_square
-    hot = (chunk.slots.reshape(-1)[:, None] == jnp.arange(system.n_nuisance)).astype(float)
-    return jnp.concatenate([curves, jnp.concatenate(d_slots, axis=1) @ hot], axis=1), chi_square
-
-
-def _error_rows(layout: Layout, coefficients: Any, bases: Any, shape: tuple[int, int]) -> tuple[Any, ...]:
-    """Error values of every row of the layout as (trials, rows) arrays, from coefficients (trials, n)."""
-    rows: list[Any] = [jnp.zeros(shape)] * (ROWS_PER_BODY * (layout.n_axes + 1))
-    values = dict(zip(layout.bases, bases, strict=True))
-    for run in layout.runs:
-        last = run[-1].start + run[-1].basis.size
-        own = coefficients[:, run[0].start : last].reshape(shape[0], len(run), -1).transpose(1, 0, 2)
-        curves = own.reshape(len(run) * shape[0], -1) @ values[run[0].basis]
-        for i, term in enumerate(run):
-            rows[term.row] = rows[term.row] + term.sign * curves[i * shape[0] : (i + 1) * shape[0]]
-    return tuple(rows)
-
-
-def _pull_to_coefficients(layout: Layout, partials: Any, bases: Any, trials: int) -> Any:
-    """Chain rule from error rows to coefficients, summed over the tile's rows: (trials, n_coefficients)."""
-    values = dict(zip(layout.bases, bases, strict=True))
-    blocks = [jnp.zeros((trials, 0))]
-    for run in layout.runs:
-        stacked = jnp.concatenate([term.sign * partials[term.row] for term in run])
-        own = (stacked @ values[run[0].basis].T).reshape(len(run), trials, -1)
-        blocks.append(own.transpose(1, 0, 2).reshape(trials, -1))
-    return jnp.concatenate(blocks, axis=1)
-
-
-@eqx.filter_jit
-def _step(frozen: _Frozen, x: Any, noise: Any, prior_noise: Any) -> tuple[Any, Any]:
-    """One exact-gradient step of every trial: (new x - x₀ (b, p), chi-square before the step (b,)); `x` relative to x₀."""
-    system = frozen.system
-    trials = min(TRIALS, x.shape[0])
-
-    def of_trials(parts: Any) -> tuple[Any, Any]:
-        own, eps = parts
-        z = frozen.z + own @ frozen.basis.T
-        gradient, chi = jnp.zeros_like(z), jnp.zeros(len(own))
-        for block, exact, numbers in zip(system.blocks, frozen.predictions, frozen.numbers, strict=True):
-
-            def add(total: Any, tile: Any) -> tuple[Any, None]:
-                chunk, predictions, number = tile
-                g, c = _tile_gradient(system, chunk, predictions, eps[:, number], z)
-                return (total[0] + g, total[1] + c), None
-
-            (gradient, chi), _ = jax.lax.scan(add, (gradient, chi), (block, exact, numbers))
-        return gradient, chi
-
-    shape = (x.shape[0] // trials, trials, -1)
-    gradient, chi = jax.lax.map(of_trials, (x.reshape(shape), noise.reshape(shape)))
-    offset = x @ frozen.prior.T - prior_noise
-    gradient = gradient.reshape(x.shape[0], -1) @ frozen.basis + offset @ frozen.prior
-    return x - gradient @ frozen.covariance, chi.reshape(-1) + jnp.sum(offset**2, axis=1)
 
 
 class Refitter:
@@ -210,7 +68,7 @@ class Refitter:
         self.factors = factors
         problem = reweight(build_problem(self.campaign, solution.model, starts), self.campaign, factors)
         cut = [
-            _tiles(b, n) for b, n in zip(problem.system.blocks, _reading_numbers(problem, self.campaign), strict=True)
+            tiles_of(b, n) for b, n in zip(problem.system.blocks, _reading_numbers(problem, self.campaign), strict=True)
         ]
         self.problem: Problem = problem._replace(
             system=replace(problem.system, blocks=tuple(block for block, _ in cut), tiles=(None,) * len(cut))
@@ -230,7 +88,7 @@ class Refitter:
         prior = np.vstack([self.nuisance_prior, np.pad(solution.prior_rows, ((0, 0), (0, k)))])
         self.u = np.sqrt(np.maximum(np.diagonal(np.asarray(solution.covariance)), 0.0))
         z = jnp.asarray(basis @ self.centre)
-        self.frozen = _Frozen(
+        self.frozen = Frozen(
             system=self.problem.system,
             z=z,
             basis=jnp.asarray(basis),
@@ -249,15 +107,23 @@ class Refitter:
     def noise_of(self, readings: list[np.ndarray]) -> np.ndarray:
         """Whitened noise (b, N) of given readings, one array (b, m, k) per set: (reading - prediction at the solution)/u."""
         exact = self._flat_predictions()
-        u = np.concatenate([s.u.ravel() for s in self.campaign.sets])
         flat = np.concatenate([np.asarray(r).reshape(len(r), -1) for r in readings], axis=1)
-        return np.asarray((flat - exact) / u)
+        return np.asarray((flat - exact) / self._u)
 
     def _flat_predictions(self) -> np.ndarray:
+        return self._flat(self.frozen.predictions)
+
+    def _flat(self, blocks: list[Any]) -> np.ndarray:
+        """Values that stand in blocks as (N,), in the order of the readings."""
         values = np.zeros(self.n_readings)
-        for exact, numbers in zip(self.frozen.predictions, self.frozen.numbers, strict=True):
-            values[np.asarray(numbers).ravel()] = np.asarray(exact).ravel()
+        for own, numbers in zip(blocks, self.frozen.numbers, strict=True):
+            values[np.asarray(numbers).ravel()] = np.asarray(own).ravel()
         return values
+
+    @cached_property
+    def _u(self) -> np.ndarray:
+        """Standard uncertainties of the readings, (N,)."""
+        return np.concatenate([s.u.ravel() for s in self.campaign.sets])
 
     def refit(self, noise: np.ndarray, prior_noise: np.ndarray | None = None) -> Refits:
         """Minimum of every trial; `noise` (b, N) and `prior_noise` (b, r), whitened."""
@@ -278,22 +144,22 @@ class Refitter:
         turned = np.zeros((noise.shape[1], width), dtype=np.float32 if self.single else np.float64)
         turned[:, :b] = noise.T
         eps, prior = jnp.asarray(turned), jnp.asarray(np.pad(prior_noise, ((0, width - b), (0, 0))))
-        first, fall = (np.asarray(a) for a in _linear(self.frozen, eps, prior))
+        first, fall = (np.asarray(a) for a in linear_step(self.frozen, eps, prior))
         if self.curvature is None:
             return first[:b], np.full(b, np.inf), np.full(b, np.nan)
         self._measure_shrinking(width)
         parts = [slice(i, i + SECOND_ORDER_TRIALS) for i in range(0, b, SECOND_ORDER_TRIALS)]
-        found = [self._corrected(first[p], eps[:, p].astype(jnp.float32)) for p in parts]
+        found = [self._passes(first[p], eps[:, p].astype(jnp.float32)) for p in parts]
         x, error, chi = (np.concatenate([f[i] for f in found])[:b] for i in range(3))
         linear = np.einsum("bn,bn,n->b", noise, noise, self._used) + np.sum(prior_noise**2, axis=1) - fall[:b]
         return x, np.where(np.isfinite(error), error, np.inf), linear + chi
 
-    def _corrected(self, first: np.ndarray, eps: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _passes(self, first: np.ndarray, eps: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Passes of the second-order correction until the estimated error of all trials is small, or of third order."""
         x, shift, third, shrinking = first, self._size(first), None, self._shrinking or 0.0
         error, chi = np.full(len(first), np.inf), np.full(len(first), np.nan)
         for _ in range(STEPS):
-            new, chi = (np.asarray(a) for a in _corrected(self.frozen, self.curvature, first, x, eps))
+            new, chi = (np.asarray(a) for a in corrected(self.frozen, self.curvature, first, x, eps))
             last, x = self._size(new - x), new
             if third is None:
                 with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
@@ -312,7 +178,7 @@ class Refitter:
         start, eps, prior = (jnp.asarray(np.pad(a, ((0, width - b), (0, 0)))) for a in (x, noise, prior_noise))
         first, error, chi = np.full(b, np.inf), np.full(b, np.inf), np.full(b, np.nan)
         for _ in range(STEPS):
-            new, chi_square = _step(self.frozen, start, eps, prior)
+            new, chi_square = exact_step(self.frozen, start, eps, prior)
             last = self._size(new - start)[:b]
             start, chi = new, np.asarray(chi_square)[:b]
             with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
@@ -345,10 +211,10 @@ class Refitter:
             prior = np.zeros((width, self.n_prior))
             prior[:SECOND_ORDER_TRIALS] = rng.standard_normal((SECOND_ORDER_TRIALS, self.n_prior))
             few = slice(0, SECOND_ORDER_TRIALS)
-            first = x = np.asarray(_linear(self.frozen, jnp.asarray(noise), jnp.asarray(prior))[0])[few]
+            first = x = np.asarray(linear_step(self.frozen, jnp.asarray(noise), jnp.asarray(prior))[0])[few]
             eps, sizes = jnp.asarray(noise[:, few], dtype=jnp.float32), []
             for _ in range(2):
-                new = np.asarray(_corrected(self.frozen, self.curvature, first, x, eps)[0])
+                new = np.asarray(corrected(self.frozen, self.curvature, first, x, eps)[0])
                 sizes.append(self._size(new - x))
                 x = new
             self._shrinking = float(np.max(sizes[1] / np.maximum(sizes[0], 1e-300), initial=0.0))
@@ -385,8 +251,7 @@ class Refitter:
     ) -> tuple[np.ndarray, float]:
         """One trial by the solver of the fit itself, from the solution: x and chi-square; NaN when it diverges."""
         exact = self._flat_predictions()
-        u = np.concatenate([s.u.ravel() for s in self.campaign.sets])
-        system = self._with_readings(self._by_set(exact + noise * u), factors)
+        system = self._with_readings(self._by_set(exact + noise * self._u), factors)
         root = np.asarray(self.frozen.prior) @ np.linalg.pinv(np.asarray(self.frozen.basis))
         mean = (
             np.asarray(self.frozen.z) + np.linalg.pinv(root) @ prior_noise if len(root) else np.asarray(self.frozen.z)
@@ -422,11 +287,8 @@ class Refitter:
         """1 - h of every reading at the solution, shape (N,)."""
         if self._redundancy is None:
             root = np.asarray(self.frozen.basis) @ self._whitened_directions()
-            h = quadratic_forms(self.frozen.system, self.frozen.z, pad_rows(root.T))
-            flat = np.zeros(self.n_readings)
-            for own, numbers in zip(h, self.frozen.numbers, strict=True):
-                flat[np.asarray(numbers).ravel()] = np.asarray(own).ravel()
-            self._redundancy = np.maximum(1.0 - flat, 1e-6)
+            leverages = self._flat(quadratic_forms(self.frozen.system, self.frozen.z, pad_rows(root.T)))
+            self._redundancy = np.maximum(1.0 - leverages, 1e-6)
         return self._redundancy
 
     def _search_outliers(self, result: Refits, noise: np.ndarray, prior_noise: np.ndarray) -> None:
@@ -461,12 +323,8 @@ class Refitter:
 
     def _residuals(self, x: np.ndarray, noise: np.ndarray) -> np.ndarray:
         """Whitened residuals (N,), reading - prediction, of one trial."""
-        blocks = predict_all(self.frozen.system, self.frozen.basis @ jnp.asarray(x))
-        u = np.concatenate([s.u.ravel() for s in self.campaign.sets])
-        values = np.zeros(self.n_readings)
-        for own, numbers in zip(blocks, self.frozen.numbers, strict=True):
-            values[np.asarray(numbers).ravel()] = np.asarray(own).ravel()
-        return np.asarray(noise - (values - self._flat_predictions()) / u)
+        values = self._flat(predict_all(self.frozen.system, self.frozen.basis @ jnp.asarray(x)))
+        return np.asarray(noise - (values - self._flat_predictions()) / self._u)
 
 
 def _known_nuisance(solution: Solution) -> np.ndarray:

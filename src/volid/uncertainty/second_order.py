@@ -23,7 +23,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from volid.error_model import ROWS as ROWS_PER_BODY
-from volid.error_model import Layout, evaluate_bases
+from volid.error_model import Layout, add_curves, evaluate_bases
 from volid.fitting import interpreted
 from volid.fitting.system import Block, System
 
@@ -106,18 +106,16 @@ def _joined(values: Any) -> np.ndarray:
 
 def _values(layout: Layout, tile: Curvature, dz: Any, n: int) -> Any:
     """δw (R, d, T) from δz (size, T), single precision."""
-    trials, shape = dz.shape[1], tile.slots.shape[1]
-    found = dict.fromkeys(tile.rows)
+    trials, m = dz.shape[1], tile.slots.shape[1]
+    found: list[Any] = [None] * (ROWS_PER_BODY * (layout.n_axes + 1))
     bases = dict(zip(layout.bases, tile.bases, strict=True))
     for run in layout.runs:
         size = run[0].basis.size
         own = dz[run[0].start : run[0].start + len(run) * size].reshape(len(run), size, trials)
         curves = bases[run[0].basis] @ own.transpose(1, 0, 2).reshape(size, -1)  # (R, terms * T)
-        for i, term in enumerate(run):
-            curve = term.sign * curves[:, i * trials : (i + 1) * trials]
-            found[term.row] = curve if found[term.row] is None else found[term.row] + curve
+        add_curves(found, run, [curves[:, i * trials : (i + 1) * trials] for i in range(len(run))])
     rows = [*(found[r] for r in tile.rows), *(dz[n + slot] for slot in tile.slots)]
-    return jnp.stack(rows, axis=1) if rows else jnp.zeros((shape, 0, trials), SINGLE)
+    return jnp.stack(rows, axis=1) if rows else jnp.zeros((m, 0, trials), SINGLE)
 
 
 def _pulled(system: System, tile: Curvature, slopes: Any) -> Any:
