@@ -137,11 +137,14 @@ def forecast_figure(found: Forecast, machine_name: str) -> Figure:
             left.errorbar(x + shift, value, yerr=span, fmt="o" if i == 0 else "s", color=colour, alpha=1 / (1 + 0.5 * i),
                           capsize=3, label=label)  # fmt: skip
     left.set_yscale("log")
+    left.tick_params(axis="y", which="both", labelsize=8)
+    left.yaxis.set_major_formatter("{x:g}")
+    left.yaxis.set_minor_formatter("{x:g}")
     left.set_ylabel("remaining deviation / µm")
     left.legend(fontsize=8, frameon=False)
     for k, colour in zip(range(len(LENGTHS), len(QUANTITIES)), ("#0b5fa5", "#d1495b", "#2e8b57", "black"), strict=True):
         value = 1e6 * np.array([c.predictions[0].value[k] for c in found.columns])
-        right.plot(x, value, "o-", color=colour, lw=0.8, label=QUANTITIES[k])
+        right.plot(x, value, "o", color=colour, label=QUANTITIES[k])
     right.set_ylabel("largest orientation error / µrad")
     right.legend(fontsize=8, frameon=False)
     for panel in (left, right):
