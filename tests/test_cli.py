@@ -1,5 +1,6 @@
 """The command line: light help, right exit status, one clear message, outputs whole or not at all."""
 
+import contextlib
 import csv
 import importlib
 import json
@@ -19,6 +20,8 @@ import volid
 from volid.cli import VERBS, main
 from volid.cli.common import input_files
 from volid.cli.environment import cache_folder
+from volid.cli.interrupts import Interrupts
+from volid.io import load_campaign
 from volid.io.grid_files import read_grid
 from volid.io.provenance import sha256
 from volid.io.solution_hdf5 import read_solution, write_solution
@@ -39,6 +42,14 @@ def run(capsys):
         return status, *capsys.readouterr()
 
     return run
+
+
+@pytest.fixture
+def interruptible():
+    """Interrupts as at a terminal, even where whoever runs the tests ignores them."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
 
 
 def python(code, **options):
@@ -244,6 +255,33 @@ def test_an_interrupted_fit_leaves_nothing(tmp_path):
     assert "interrupted" in err
     assert "Traceback" not in err
     assert [path.name for path in tmp_path.iterdir()] == ["c"]
+
+
+def test_an_interrupt_that_python_drops_is_heard_at_the_next_stage(interruptible, capsys):
+    class Finalised:
+        def __del__(self):  # an exception here is printed and dropped, as in a callback of the garbage collector
+            signal.raise_signal(signal.SIGINT)
+
+    with Interrupts() as interrupts:
+        Finalised()
+        with pytest.raises(KeyboardInterrupt):
+            interrupts.check()
+    interrupts.check()  # heard once
+    assert capsys.readouterr().err == ""
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_a_stage_begins_only_when_no_interrupt_was_dropped(interruptible, monkeypatch, run, virtual, tmp_path):
+    def load(*paths):
+        with contextlib.suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        return load_campaign(*paths)
+
+    monkeypatch.setattr("volid.io.load_campaign", load)
+    status, text, err = run("fit", virtual.manifest, "-o", tmp_path / "s.h5")
+    assert (status, text) == (130, "")
+    assert err.endswith("volid fit: interrupted\n")
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_closed_pipe_is_no_error(solution_file):

@@ -15,6 +15,7 @@ import sys
 from collections.abc import Sequence
 
 from volid.cli.environment import prepare, version
+from volid.cli.interrupts import INTERRUPTS
 from volid.exceptions import NotDeterminedError, VolidError
 
 # verb: (module, one line of help, the same as the module's HELP)
@@ -113,8 +114,9 @@ def _join_negative(arguments: Sequence[str]) -> list[str]:
 
 def _run(verb: str, args: argparse.Namespace) -> int:
     try:
-        status: int = importlib.import_module(f"volid.cli.{VERBS[verb][0]}").run(args)
-        sys.stdout.flush()
+        with INTERRUPTS:
+            status: int = importlib.import_module(f"volid.cli.{VERBS[verb][0]}").run(args)
+            sys.stdout.flush()
         return status
     except VolidError as error:
         print(f"volid {verb}: {str(error).removeprefix(f'{verb}: ')}", file=sys.stderr)

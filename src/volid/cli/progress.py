@@ -6,6 +6,8 @@ import sys
 import threading
 from types import TracebackType
 
+from volid.cli.interrupts import INTERRUPTS
+
 PATIENCE = 1.0  # s
 
 
@@ -33,7 +35,8 @@ class Progress:
         self._timer.cancel()
 
     def __call__(self, stage: str) -> None:
-        """The next stage begins."""
+        """The next stage begins. Raises KeyboardInterrupt when an interrupt has arrived and was dropped."""
+        INTERRUPTS.check()
         with self._lock:
             self._current = stage
             if self._awake:

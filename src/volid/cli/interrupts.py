@@ -1,0 +1,63 @@
+"""An interrupt (Ctrl-C) is heard, even one that arrives where Python drops exceptions.
+
+Python raises KeyboardInterrupt wherever the program happens to be. In a finaliser, or in a callback of the garbage collector
+such as JAX's, an exception is printed and dropped, and the program would go on as if nothing had been said.
+"""
+
+from __future__ import annotations
+
+import signal
+import sys
+from types import FrameType, TracebackType
+
+
+class Interrupts:
+    """While entered, remembers an interrupt; `check`, called between stages, raises one that was dropped.
+
+    Leaves signals alone where somebody else handles them, or outside the main thread.
+
+    >>> with Interrupts() as interrupts:
+    ...     interrupts.check()
+    """
+
+    def __init__(self) -> None:
+        self._heard = False
+        self._installed = False
+        self._hook = sys.unraisablehook
+
+    def __enter__(self) -> Interrupts:
+        self._heard = False
+        if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+            try:
+                signal.signal(signal.SIGINT, self._hear)
+            except ValueError:  # not the main thread
+                return self
+            self._installed = True
+            self._hook, sys.unraisablehook = sys.unraisablehook, self._dropped
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._installed:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+            sys.unraisablehook = self._hook
+            self._installed = False
+        self._heard = False
+
+    def check(self) -> None:
+        """Raises KeyboardInterrupt when an interrupt has arrived."""
+        if self._heard:
+            raise KeyboardInterrupt
+
+    def _hear(self, number: int, frame: FrameType | None) -> None:
+        self._heard = True
+        raise KeyboardInterrupt
+
+    def _dropped(self, unraisable: sys.UnraisableHookArgs) -> None:
+        if unraisable.exc_type is not KeyboardInterrupt:  # which the next check will raise
+            self._hook(unraisable)
+
+
+INTERRUPTS = Interrupts()
+"""Those of this process."""
