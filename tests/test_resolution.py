@@ -135,10 +135,14 @@ def test_scores_are_those_of_refitting_without_the_fold():
     )
     (folds,) = resolution._folds(campaign, np.random.default_rng(0))
     options = resolution.candidates((4,))
+    for name, option in (("EXX", (2,)), ("ECY", (1,)), ("EXX", (1,))):  # in the midst of a search
+        search.chosen[name] = option
+        search.equations.put(name, search._part(name))
     scores = search.scores("EBX", options)
     assert scores.shape == (3, resolution.N_FOLDS)
     for option, ours in zip(options, scores, strict=True):
-        parts = [(search.columns["EBX"], search.block("EBX", option)), *search._others("EBX")]
+        others = [part for name, part in search.equations.parts.items() if name != "EBX"]
+        parts = [(search.columns["EBX"], search.block("EBX", option)), *others]
         columns = np.hstack([np.zeros((problem.system.size, block.shape[1])) for _, block in parts])
         edges = np.cumsum([0, *(block.shape[1] for _, block in parts)])
         for (rows, block), start, stop in zip(parts, edges[:-1], edges[1:], strict=True):

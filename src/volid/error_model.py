@@ -46,19 +46,30 @@ class Term(NamedTuple):
     sign: float
 
 
-class Layout(NamedTuple):
+@dataclass(frozen=True)
+class Layout:
     """Static structure of a model, hashable: one compiled program serves every model with the same layout."""
 
     n_axes: int
     n_coefficients: int
     terms: tuple[Term, ...]
 
-    @property
+    def __hash__(self) -> int:
+        return self._hash
+
+    def __reduce__(self) -> tuple[Any, ...]:  # without what is cached: hashes of strings differ between processes
+        return Layout, (self.n_axes, self.n_coefficients, self.terms)
+
+    @cached_property
+    def _hash(self) -> int:  # asked for at every call of a compiled program
+        return hash((self.n_axes, self.n_coefficients, self.terms))
+
+    @cached_property
     def bases(self) -> tuple[Basis, ...]:
         """The distinct bases, each evaluated once per reading."""
         return tuple(dict.fromkeys(term.basis for term in self.terms))
 
-    @property
+    @cached_property
     def runs(self) -> list[list[Term]]:
         """Consecutive terms with one basis: their coefficients form a matrix, which keeps the compiled program small."""
         return [list(run) for _, run in groupby(self.terms, key=lambda term: term.basis)]

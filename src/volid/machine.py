@@ -6,18 +6,21 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-import equinox as eqx
 import numpy as np
+from jax.tree_util import register_dataclass
 
 from volid.exceptions import InputError
 from volid.iso230 import LINEAR_AXES, ROTARY_AXES
+from volid.trees import STATIC
 
 BED = "bed"
 WORKPIECE = "workpiece"
 TOOL = "tool"
 
 
-class Axis(eqx.Module):
+@register_dataclass
+@dataclass(frozen=True)
+class Axis:
     """One numerically controlled axis.
 
     `letter`: X, Y, Z (mm) or A, B, C (degrees). `primed`: it carries the workpiece. `travel`: commanded end positions.
@@ -28,18 +31,18 @@ class Axis(eqx.Module):
     the letter's own direction lies along `direction`, False for the machine frame.
     """
 
-    letter: str = eqx.field(static=True)
-    primed: bool = eqx.field(static=True)
-    travel: tuple[float, float] = eqx.field(static=True)
-    reference: float = eqx.field(static=True)
-    error_point: tuple[float, float, float] = eqx.field(static=True, default=None)  # type: ignore[assignment]
-    point: tuple[float, float, float] = eqx.field(static=True, default=(0.0, 0.0, 0.0))
-    direction: tuple[float, float, float] = eqx.field(static=True, default=(0.0, 0.0, 0.0))
-    axis_frame: bool = eqx.field(static=True, default=False)
+    letter: str = field(metadata=STATIC)
+    primed: bool = field(metadata=STATIC)
+    travel: tuple[float, float] = field(metadata=STATIC)
+    reference: float = field(metadata=STATIC)
+    error_point: tuple[float, float, float] = field(metadata=STATIC, default=None)  # type: ignore[assignment]
+    point: tuple[float, float, float] = field(metadata=STATIC, default=(0.0, 0.0, 0.0))
+    direction: tuple[float, float, float] = field(metadata=STATIC, default=(0.0, 0.0, 0.0))
+    axis_frame: bool = field(metadata=STATIC, default=False)
 
     def __post_init__(self) -> None:
         if self.error_point is None:
-            self.error_point = (0.0, 0.0, 0.0) if self.is_linear else self.point
+            object.__setattr__(self, "error_point", (0.0, 0.0, 0.0) if self.is_linear else self.point)
 
     @property
     def is_linear(self) -> bool:
@@ -127,18 +130,20 @@ class ModelSettings:
     functions: Mapping[str, FunctionSettings] = field(default_factory=dict, hash=False)
 
 
-class Machine(eqx.Module):
+@register_dataclass
+@dataclass(frozen=True)
+class Machine:
     """A machine tool's kinematic chain, its datum and the settings of its error model.
 
     `axes` run from the workpiece to the tool, as in `structure`; arrays of axis positions follow this order.
     """
 
-    name: str = eqx.field(static=True)
-    structure: str = eqx.field(static=True)
+    name: str = field(metadata=STATIC)
+    structure: str = field(metadata=STATIC)
     axes: tuple[Axis, ...]
-    datum: Datum = eqx.field(static=True, default=Datum())
-    model: ModelSettings = eqx.field(static=True, default=ModelSettings())
-    text: str = eqx.field(static=True, default="", repr=False)
+    datum: Datum = field(metadata=STATIC, default=Datum())
+    model: ModelSettings = field(metadata=STATIC, default=ModelSettings())
+    text: str = field(metadata=STATIC, default="", repr=False)
 
     @property
     def letters(self) -> tuple[str, ...]:

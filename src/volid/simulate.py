@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
-import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -173,7 +174,7 @@ def _true_value(
     return entry.start + float(rng.uniform(-entry.spread, entry.spread))
 
 
-@eqx.filter_jit
+@partial(jax.jit, static_argnames=("form",))
 def _prediction(form: Form, machine: Machine, *numbers: Any) -> Any:
     q, tool, errors, slots, constants = numbers
     return predict_readings(machine, form, q, tuple(tool), errors, slots, constants)

@@ -9,7 +9,6 @@ from __future__ import annotations
 from functools import partial
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -161,7 +160,7 @@ def _nuisance_of_chunk(system: System, form: Form, chunk: Block, z: Any) -> Norm
     return Normal(0.5 * jnp.sum(residual**2), whole @ residual.reshape(-1), whole @ whole.T)
 
 
-@eqx.filter_jit
+@jax.jit
 def _nuisance_equations(system: System, z: Any) -> Normal:
     n = system.layout.n_coefficients
     offset, root = system.prior_root @ (z - system.prior_mean), system.prior_root[:, n:]
@@ -183,12 +182,12 @@ def nuisance_equations(system: System, z: Any) -> Normal:
     return _nuisance_equations(system, z)
 
 
-@eqx.filter_jit
+@partial(jax.jit, static_argnames=("rough",))
 def _normal_equations(system: System, z: Any, rough: bool) -> Normal:
     return assemble(system, z, rough)
 
 
-@eqx.filter_jit
+@jax.jit
 def _slope(system: System, z: Any) -> tuple[Any, Any]:
     root = system.prior_root
     offset = root @ (z - system.prior_mean)
@@ -203,14 +202,14 @@ def _slope(system: System, z: Any) -> tuple[Any, Any]:
     return total
 
 
-@eqx.filter_jit
+@jax.jit
 def _predict_all(system: System, z: Any) -> list[Any]:
     return [
         jax.lax.map(lambda chunk, form=block.form: predicted(system, form, chunk, z), block) for block in system.blocks
     ]
 
 
-@eqx.filter_jit
+@jax.jit
 def _quadratic_forms(system: System, z: Any, factor: Any) -> list[Any]:
     def of_chunk(form: Form, chunk: Block) -> Any:
         _, rows = residual_rows(system, form, chunk, z)
@@ -219,7 +218,7 @@ def _quadratic_forms(system: System, z: Any, factor: Any) -> list[Any]:
     return [jax.lax.map(partial(of_chunk, block.form), block) for block in system.blocks]
 
 
-@eqx.filter_jit
+@jax.jit
 def _jacobian(system: System, z: Any) -> list[Any]:
     return [
         jax.lax.map(lambda chunk, form=block.form: residual_rows(system, form, chunk, z)[1], block)

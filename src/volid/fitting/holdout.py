@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-import equinox as eqx
 import jax
 import numpy as np
 
@@ -31,7 +30,7 @@ BINS = 6
 LISTED = 8  # distinct positions that are listed one by one
 
 
-@eqx.filter_jit
+@jax.jit
 def _compiled(system: System, z: Any, factor: Any) -> list[Any]:
     def of_chunk(form: Any, chunk: Block) -> Any:
         return factor @ residual_rows(system, form, chunk, z)[1]

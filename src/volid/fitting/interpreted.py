@@ -21,6 +21,7 @@ from volid.reverse import Recorded, gradients
 
 LARGEST = 12_000  # readings: up to here the whole fit takes less than tracing its programs, let alone compiling them
 REMEMBERED = 64  # chunks whose bases are kept
+FEW = 0.5  # share of rows with a weight below which they are taken out of a chunk
 
 _interpreting: ContextVar[bool] = ContextVar("interpreting", default=False)
 _bases: OrderedDict[Any, tuple[Any, Any, list[np.ndarray]]] = OrderedDict()
@@ -47,18 +48,18 @@ def interpreted(wanted: bool = True) -> Iterator[None]:
 
 
 def chunks_of(block: Any, used_only: bool = False) -> Iterator[Any]:
-    """The chunks of a block as NumPy arrays; with `used_only` without the rows after the last one that has a weight."""
+    """The chunks of a block as NumPy arrays; with `used_only` without the rows after the last one that has a weight, or, where
+    few have one, without all others."""
     for i in range(block.q.shape[0]):
         arrays = {name: np.asarray(getattr(block, name))[i] for name in _ARRAYS}
-        key = (id(block.q), id(block.direction), i)
-        m = arrays["q"].shape[1]
-        if used_only:
-            seen = np.flatnonzero(arrays["weight"].any(axis=0))
-            m = int(seen[-1]) + 1 if seen.size else 0
-        if m:
-            yield _Chunk(
-                {k: a[:, :m] for k, a in arrays.items()}, key, (block.q, block.direction), arrays["q"].shape[1]
-            )
+        whole = _Chunk(arrays, (id(block.q), id(block.direction), i), (block.q, block.direction))
+        if not used_only:
+            yield whole
+            continue
+        seen = np.flatnonzero(arrays["weight"].any(axis=0))
+        if seen.size:
+            last = int(seen[-1]) + 1
+            yield _Some(whole, seen) if seen.size < FEW * last else whole.rows(last)
 
 
 _ARRAYS = ("q", "direction", "tool", "reading", "weight", "slots", "constants")
@@ -67,12 +68,16 @@ _ARRAYS = ("q", "direction", "tool", "reading", "weight", "slots", "constants")
 class _Chunk:
     """Arrays of one chunk, each (width, m), and what its bases are remembered by."""
 
-    def __init__(self, arrays: dict[str, np.ndarray], key: Any, owners: Any, whole: int) -> None:
-        self.key, self.owners, self.whole = key, owners, whole
+    def __init__(self, arrays: dict[str, np.ndarray], key: Any, owners: Any) -> None:
+        self.key, self.owners, self.arrays = key, owners, arrays
         self.m = arrays["q"].shape[1]
         self.q, self.direction, self.tool = arrays["q"], arrays["direction"], arrays["tool"]
         self.reading, self.weight = arrays["reading"], arrays["weight"]
         self.slots, self.constants = arrays["slots"], arrays["constants"]
+
+    def rows(self, first: int) -> _Chunk:
+        """The first rows of this chunk."""
+        return _Chunk({k: a[:, :first] for k, a in self.arrays.items()}, self.key, self.owners)
 
     def bases(self, layout: Layout) -> list[np.ndarray]:
         """Basis values, each (size, m): they depend on the positions alone, so the last ones are kept."""
@@ -82,6 +87,18 @@ class _Chunk:
             if len(_bases) > REMEMBERED:
                 _bases.popitem(last=False)
         return _bases[key][2]
+
+
+class _Some(_Chunk):
+    """Some rows of a chunk, anywhere in it."""
+
+    def __init__(self, whole: _Chunk, rows: np.ndarray) -> None:
+        super().__init__({k: a[:, rows] for k, a in whole.arrays.items()}, whole.key, whole.owners)
+        self._whole, self._rows = whole, rows
+
+    def bases(self, layout: Layout) -> list[np.ndarray]:
+        """Those of the whole chunk, which other rows of it ask for, too."""
+        return [b[:, self._rows] for b in self._whole.bases(layout)]
 
 
 def _predict(system: Any, form: Form, chunk: _Chunk, errors: Any, slots: Any) -> Any:

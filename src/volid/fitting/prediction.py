@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -42,14 +42,14 @@ class _Points(NamedTuple):
     direction: Any
 
 
-@eqx.filter_jit
+@partial(jax.jit, static_argnames=("layout",))
 def _values(machine: Machine, layout: Layout, coefficients: Any, chunk: _Points) -> Any:
     bases = evaluate_bases(layout, chunk.q, chunk.direction)
     errors = error_rows(layout, coefficients, bases, chunk.q.shape[1])
     return deviation(machine, chunk.q, tuple(chunk.tool), errors)
 
 
-@eqx.filter_jit
+@partial(jax.jit, static_argnames=("layout",))
 def _partials(machine: Machine, layout: Layout, coefficients: Any, chunk: _Points) -> Any:
     """∂(deviation)/∂(error values), shape (6, error values, chunk)."""
     m, tool = chunk.q.shape[1], tuple(chunk.tool)
@@ -66,7 +66,7 @@ def _partials(machine: Machine, layout: Layout, coefficients: Any, chunk: _Point
     return in_rows(rows, rows[0].shape)
 
 
-@eqx.filter_jit
+@partial(jax.jit, static_argnames=("layout",))
 def _gradients(machine: Machine, layout: Layout, coefficients: Any, chunk: _Points) -> Any:
     return gradient_rows(machine, layout, coefficients, *chunk)
 
@@ -97,7 +97,11 @@ def _interpreted_gradients(machine: Machine, layout: Layout, coefficients: Any, 
     return np.stack([coefficient_rows(layout, p, bases) for p in partials])
 
 
-_INTERPRETED = {_values: _interpreted_values, _partials: _interpreted_partials, _gradients: _interpreted_gradients}
+_INTERPRETED: dict[Callable[..., Any], Callable[..., np.ndarray]] = {
+    _values: _interpreted_values,
+    _partials: _interpreted_partials,
+    _gradients: _interpreted_gradients,
+}
 
 
 def _chunks(

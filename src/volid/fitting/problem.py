@@ -8,7 +8,6 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import numpy as np
 from scipy.linalg import block_diag
 
@@ -177,7 +176,7 @@ def reweight(problem: Problem, campaign: Campaign, factors: list[np.ndarray]) ->
     for block, old, (number, rows) in zip(problem.system.blocks, problem.system.tiles, problem.places, strict=True):
         weights = (factors[number] / campaign.sets[number].u)[rows].T
         padded = _pad(weights, block.weight.shape[0], block.weight.shape[2], edge=False)
-        blocks.append(eqx.tree_at(lambda b: b.weight, block, padded))
+        blocks.append(replace(block, weight=padded))
         tiles.append(reweighted(old, weights))
     system = replace(problem.system, blocks=tuple(blocks), tiles=tuple(tiles))
     return problem._replace(system=system)

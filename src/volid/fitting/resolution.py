@@ -33,6 +33,7 @@ FIRST = 8  # segments at which the search starts, and that a function keeps with
 NEAR = 3.0  # standard errors of the paired difference that count as evidence
 
 Segments = dict[str, tuple[int, ...]]
+_REST = "rest"  # the part of what is no error motion
 
 
 @dataclass(frozen=True)
@@ -161,9 +162,46 @@ def _fold_equations(problem: Problem, campaign: Campaign, z: np.ndarray, factors
     return result
 
 
-_Sparse = list[
-    tuple[np.ndarray | slice, np.ndarray]
-]  # columns in full unknowns: (rows that are not zero, their values)
+class _Part(NamedTuple):
+    """Free columns of some unknowns: the rows of the full unknowns in which they are not zero, and their values there."""
+
+    rows: np.ndarray | slice
+    block: np.ndarray
+
+
+class _Projected:
+    """Equations (k, N, N) and (k, N) of the folds, and of the prior as the last, in the free columns B of several parts.
+
+    `left` Bᵀ M, shape (k, n, N); `both` Bᵀ M B, shape (k, n, n); `right` Bᵀ v, shape (k, n). Taking one part out, or exchanging
+    it, is a small part of the work of the whole.
+    """
+
+    def __init__(self, matrices: np.ndarray, vectors: np.ndarray) -> None:
+        k, n = vectors.shape
+        self.matrices, self.vectors = matrices, vectors
+        self.parts: dict[str, _Part] = {}
+        self.left, self.both, self.right = np.zeros((k, 0, n)), np.zeros((k, 0, 0)), np.zeros((k, 0))
+
+    def put(self, name: str, part: _Part) -> None:
+        """Adds a part, in place of what had its name."""
+        if name in self.parts:
+            self.left, self.both, self.right = self.without(name)
+            del self.parts[name]
+        own = part.block.T @ self.matrices[:, part.rows]
+        cross = self.left[:, :, part.rows] @ part.block
+        corner = own[:, :, part.rows] @ part.block
+        self.left = np.concatenate([self.left, own], axis=1)
+        self.both = np.block([[self.both, cross], [cross.transpose(0, 2, 1), corner]])
+        self.right = np.concatenate([self.right, self.vectors[:, part.rows] @ part.block], axis=1)
+        self.parts[name] = part
+
+    def without(self, name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """`left`, `both` and `right` of all other parts."""
+        widths = [part.block.shape[1] for part in self.parts.values()]
+        i = list(self.parts).index(name)
+        own = slice(sum(widths[:i]), sum(widths[: i + 1]))
+        both = np.delete(np.delete(self.both, own, axis=1), own, axis=2)
+        return np.delete(self.left, own, axis=1), both, np.delete(self.right, own, axis=1)
 
 
 class _Search:
@@ -184,11 +222,15 @@ class _Search:
         self.columns = {n: self._columns(problem, group) for n, group in self.groups.items()}
         root = np.asarray(problem.system.prior_root)
         mean = np.asarray(problem.system.prior_mean) * (np.arange(root.shape[1]) < problem.model.layout.n_coefficients)
-        self.prior = root.T @ root
-        self.prior_vector = self.prior @ mean
-        self.rest = self._rest(problem)
+        prior = root.T @ root
         self.blocks: dict[tuple[str, tuple[int, ...]], np.ndarray] = {}
-        self.parts = {n: self.block(n, chosen[n]) for n in self.groups}
+        self.unchanged = 0  # functions in a row that kept their resolution
+        self.equations = _Projected(
+            np.stack([*(f.matrix for f in folds), prior]), np.stack([*(f.vector for f in folds), prior @ mean])
+        )
+        self.equations.put(_REST, _Part(slice(None), self._rest(problem)))
+        for name in self.groups:
+            self.equations.put(name, self._part(name))
 
     def _rest(self, problem: Problem) -> np.ndarray:
         """Free columns of what is no error motion: location errors and nuisance parameters, scaled."""
@@ -214,14 +256,21 @@ class _Search:
             self.blocks[name, option] = unit * block_diag(*(b.free for b in parts))
         return self.blocks[name, option]
 
+    def _part(self, name: str) -> _Part:
+        return _Part(self.columns[name], self.block(name, self.chosen[name]))
+
     def sweep(self) -> bool:
-        """One pass over the automatic functions; True when something changed."""
+        """One pass over the automatic functions, up to where nothing can change any more; True when something changed."""
         changed = False
         for name in self.names:
+            if self.unchanged == len(self.names):
+                break
             best = self.best(name)
-            changed |= best != self.chosen[name]
-            self.chosen.update(dict.fromkeys(self.groups[name], best))
-            self.parts[name] = self.block(name, best)
+            self.unchanged += 1
+            if best != self.chosen[name]:
+                changed, self.unchanged = True, 1
+                self.chosen.update(dict.fromkeys(self.groups[name], best))
+                self.equations.put(name, self._part(name))
         return changed
 
     def best(self, name: str) -> tuple[int, ...]:
@@ -241,9 +290,7 @@ class _Search:
 
     def expected(self) -> float:
         """Expectation of the held-out chi-square when the model is true: Σ_k (n_k + tr(H_k C_k)), C_k from the other folds."""
-        every: _Sparse = [*((self.columns[n], self.parts[n]) for n in self.groups), (slice(None), self.rest)]
-        matrices = [_project(f.matrix, every) for f in self.folds]
-        known = _project(self.prior, every)
+        *matrices, known = self.equations.both
         known = known + WEAKEST**2 * np.eye(len(known))
         total = 0.0
         for fold, own in zip(self.folds, matrices, strict=True):
@@ -251,16 +298,14 @@ class _Search:
             total += fold.n_readings + float(np.trace(cho_solve(training, own)))
         return total
 
-    def _others(self, name: str) -> _Sparse:
-        """Scaled free columns of everything but one error motion."""
-        return [*((self.columns[n], self.parts[n]) for n in self.groups if n != name), (slice(None), self.rest)]
-
     def scores(self, name: str, options: list[tuple[int, ...]]) -> np.ndarray:
         """Held-out chi-square, shape (options, folds), with `name` at each resolution in turn."""
-        others, own = self._others(name), self.columns[name]
-        reduced = [_reduce(f.matrix, f.vector, others, own) for f in self.folds]
-        prior = _reduce(self.prior, self.prior_vector, others, own)
+        equations, own = self.equations, self.columns[name]
+        left, both, right = equations.without(name)
+        corner = equations.matrices[:, own[:, None], own]
+        *reduced, prior = map(_Reduced, both, left[:, :, own], corner, right, equations.vectors[:, own])
         total = _Reduced(*(prior[i] + sum(r[i] for r in reduced) for i in range(5)))
+        total.oo.flat[:: len(total.oo) + 1] += WEAKEST**2
         blocks = [self.block(name, option) for option in options]
         result = np.empty((len(options), len(self.folds)))
         for k, (fold, held) in enumerate(zip(self.folds, reduced, strict=True)):
@@ -279,39 +324,21 @@ class _Reduced(NamedTuple):
     vf: np.ndarray
 
 
-def _project(matrix: np.ndarray, columns: _Sparse) -> np.ndarray:
-    """Bᵀ matrix B for columns B."""
-    left = _onto(matrix, columns)
-    return np.hstack([left[:, rows] @ block for rows, block in columns])
-
-
-def _onto(matrix: np.ndarray, columns: _Sparse) -> np.ndarray:
-    """Bᵀ matrix."""
-    return np.vstack([block.T @ matrix[rows] for rows, block in columns])
-
-
-def _reduce(matrix: np.ndarray, vector: np.ndarray, others: _Sparse, own: np.ndarray) -> _Reduced:
-    left = _onto(matrix, others)
-    both = np.hstack([left[:, rows] @ block for rows, block in others])
-    right = np.concatenate([block.T @ vector[rows] for rows, block in others])
-    return _Reduced(both, left[:, own], matrix[np.ix_(own, own)], right, vector[own])
-
-
 def _held_out(training: _Reduced, held: _Reduced, square: float, blocks: list[np.ndarray]) -> np.ndarray:
     """Chi-square of the held-out fold for each candidate block: others eliminated, then a small quadratic form."""
-    ridge = WEAKEST**2
-    factor = cho_factor(training.oo + ridge * np.eye(len(training.oo)))
-    solved = cho_solve(factor, np.column_stack([training.vo, training.of]))
+    factor = cho_factor(training.oo, check_finite=False)
+    solved = cho_solve(factor, np.column_stack([training.vo, training.of]), check_finite=False)
     a, slope = solved[:, 0], solved[:, 1:]
     schur = training.ff - training.of.T @ slope
     vector = training.vf - training.of.T @ a
-    constant = square - 2.0 * held.vo @ a + a @ held.oo @ a
-    linear = held.of.T @ a - slope.T @ (held.oo @ a) - held.vf + slope.T @ held.vo
+    onto = held.oo @ solved
+    constant = square - 2.0 * held.vo @ a + a @ onto[:, 0]
+    linear = held.of.T @ a - slope.T @ (onto[:, 0] - held.vo) - held.vf
     cross = slope.T @ held.of
-    quadratic = held.ff - cross - cross.T + slope.T @ held.oo @ slope
+    quadratic = held.ff - cross - cross.T + slope.T @ onto[:, 1:]
     result = []
     for block in blocks:
-        inner = block.T @ schur @ block + ridge * np.eye(block.shape[1])
+        inner = block.T @ schur @ block + WEAKEST**2 * np.eye(block.shape[1])
         w = block @ np.linalg.solve(inner, block.T @ vector)
         result.append(constant + 2.0 * linear @ w + w @ quadratic @ w)
     return np.array(result)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+from jax.tree_util import register_dataclass
 
 from volid.campaign import Campaign
 from volid.error_functions import reference_of
@@ -23,6 +23,7 @@ from volid.kinematics import deviation
 from volid.machine import Datum, Machine
 from volid.observations.base import Nuisance
 from volid.splines import design_matrix
+from volid.trees import STATIC
 
 
 class Deviations(NamedTuple):
@@ -79,7 +80,9 @@ class Residuals:
     held_out: tuple[np.ndarray, ...] = ()
 
 
-class Solution(eqx.Module):
+@register_dataclass
+@dataclass(frozen=True, eq=False)
+class Solution:
     """Result of `fit`: a JAX pytree whose leaves are parameters and covariance.
 
     `parameters`: θ, shape (n,), error functions in `model`'s order. `nuisance`: ν, shape (k,): stations, dead paths.
@@ -95,19 +98,19 @@ class Solution(eqx.Module):
     covariance: Any
     null_space: Any
     held_directions: Any
-    model: ErrorModel = eqx.field(static=True)
-    campaign: Campaign = eqx.field(static=True)
-    nuisance_table: tuple[Nuisance, ...] = eqx.field(static=True)
-    adequacy: Adequacy = eqx.field(static=True)
-    statistics: Statistics = eqx.field(static=True)
-    readings: Residuals = eqx.field(static=True)
-    statements: tuple[str, ...] = eqx.field(static=True, default=())
-    undetermined: Mapping[str, float] = eqx.field(static=True, default_factory=dict)
-    notes: tuple[str, ...] = eqx.field(static=True, default=())
-    options: Mapping[str, Any] = eqx.field(static=True, default_factory=dict)
-    provenance: Mapping[str, str] = eqx.field(static=True, default_factory=dict)
+    model: ErrorModel = field(metadata=STATIC)
+    campaign: Campaign = field(metadata=STATIC)
+    nuisance_table: tuple[Nuisance, ...] = field(metadata=STATIC)
+    adequacy: Adequacy = field(metadata=STATIC)
+    statistics: Statistics = field(metadata=STATIC)
+    readings: Residuals = field(metadata=STATIC)
+    statements: tuple[str, ...] = field(metadata=STATIC, default=())
+    undetermined: Mapping[str, float] = field(metadata=STATIC, default_factory=dict)
+    notes: tuple[str, ...] = field(metadata=STATIC, default=())
+    options: Mapping[str, Any] = field(metadata=STATIC, default_factory=dict)
+    provenance: Mapping[str, str] = field(metadata=STATIC, default_factory=dict)
     prior_root: Any = None
-    samples: Any = eqx.field(static=True, default=None)
+    samples: Any = field(metadata=STATIC, default=None)
 
     @property
     def machine(self) -> Machine:

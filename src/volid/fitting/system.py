@@ -5,28 +5,31 @@ Unknowns z = [c, ν]: coefficients of the error functions, then nuisance paramet
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import numpy as np
+from jax.tree_util import register_dataclass
 
 from volid.error_model import Layout
 from volid.fitting.tiles import Tiles
 from volid.machine import Machine
 from volid.observations.effects import Form
+from volid.trees import STATIC
 
 WORTH_HALVING = 8  # chunks of a block from which two threads pay
 
 
-class Block(eqx.Module):
+@register_dataclass
+@dataclass(frozen=True, eq=False)
+class Block:
     """Readings of one form, padded with zero weight to whole chunks: every array is (n_chunks, width, chunk).
 
     `weight`: 1/u, times the square root of a robust weight, 0 for padding.
     """
 
-    form: Form = eqx.field(static=True)
+    form: Form = field(metadata=STATIC)
     q: Any
     direction: Any
     tool: Any
@@ -36,16 +39,18 @@ class Block(eqx.Module):
     constants: Any
 
 
-class System(eqx.Module):
+@register_dataclass
+@dataclass(frozen=True, eq=False)
+class System:
     """Everything a residual needs: kinematic chain, coefficient layout, blocks, and prior knowledge of z.
 
     `prior_root` W, shape (r, size), and `prior_mean`: pseudo-readings W (z - mean) with unit variance, from calibrated
     artefacts and from an earlier solution. `tiles`: the readings of large blocks again, by cells of the working volume.
     """
 
-    machine: Machine = eqx.field(static=True)
-    layout: Layout = eqx.field(static=True)
-    n_nuisance: int = eqx.field(static=True)
+    machine: Machine = field(metadata=STATIC)
+    layout: Layout = field(metadata=STATIC)
+    n_nuisance: int = field(metadata=STATIC)
     blocks: tuple[Block, ...]
     tiles: tuple[Tiles | None, ...]
     prior_mean: Any

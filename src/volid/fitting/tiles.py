@@ -10,31 +10,35 @@ Equal to the dense sum but for rounding.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
 from itertools import pairwise, product
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.tree_util import register_dataclass
 
 from volid.elementary import in_rows
 from volid.error_model import ROWS, Layout, Term, add_curves, signed_rows
 from volid.splines import Spline, evaluate, spline_interval, spline_values
+from volid.trees import STATIC
 
 LEAST = 8192  # rows of a block from which tiles pay
 MOST_WHOLE = 192  # columns kept whole up to which tiles pay
 LENGTHS = (128, 256, 512, 1024)
 
 
-class Tiles(eqx.Module):
+@register_dataclass
+@dataclass(frozen=True, eq=False)
+class Tiles:
     """Readings of one block by tiles: `chunk`, a block whose chunks are the tiles; `starts` (n_tiles, windows); `numbers`
     (n_tiles, rows), where each reading stands in the block, one past its end for padding; `widths` of the windows."""
 
     chunk: Any
     starts: Any
     numbers: Any
-    widths: tuple[int, ...] = eqx.field(static=True)
+    widths: tuple[int, ...] = field(metadata=STATIC)
 
 
 class _Split(NamedTuple):
@@ -162,7 +166,7 @@ def reweighted(tiles: Tiles | None, weights: np.ndarray) -> Tiles | None:
         return None
     padded = np.pad(weights, ((0, 0), (0, 1)))
     new = np.ascontiguousarray(padded[:, np.asarray(tiles.numbers)].transpose(1, 0, 2))
-    return eqx.tree_at(lambda t: t.chunk.weight, tiles, new)
+    return replace(tiles, chunk=replace(tiles.chunk, weight=new))
 
 
 class _Local(NamedTuple):

@@ -6,9 +6,9 @@ Not modelled: correlation between the components of one reading, or between read
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -19,7 +19,7 @@ from volid.observations.distributions import NORMAL
 from volid.observations.effects import COMPONENTS, Extended, Form, is_random, lengths_of, predict_readings
 
 
-@eqx.filter_jit
+@partial(jax.jit, static_argnames=("form",))
 def _sensitivities(machine: Machine, form: Form, q: Any, tool: Any, slots: Any, constants: Any) -> tuple[Any, Any]:
     """∂reading/∂q (n_axes, k, m) and ∂reading/∂tool (3, k, m) at the nominal machine."""
     errors = jnp.zeros((6 * (len(machine.axes) + 1), q.shape[1]))

@@ -11,10 +11,9 @@ root sum of squares of the members' own sensitivities.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
@@ -136,8 +135,7 @@ def budget(solution: Solution) -> Budget:
         blocks = tuple(
             b for b, number in zip(frozen.system.blocks, numbers, strict=True) if first[i] <= number < first[i + 1]
         )
-        alone = (jnp.zeros((0, frozen.system.size)), blocks)
-        system = eqx.tree_at(lambda t: (t.prior_root, t.blocks), frozen.system, alone)
+        system = replace(frozen.system, prior_root=jnp.zeros((0, frozen.system.size)), blocks=blocks)
         matrix = basis.T @ np.asarray(normal_equations(system, frozen.z).matrix) @ basis
         sources.append(f"readings of set '{s.name}'")
         stated.append(_one_u(s.u.ravel(), list(KINDS[s.kind].units) or [KINDS[s.kind].unit]))

@@ -18,7 +18,6 @@ from dataclasses import replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
@@ -256,7 +255,7 @@ class Refitter:
         mean = (
             np.asarray(self.frozen.z) + np.linalg.pinv(root) @ prior_noise if len(root) else np.asarray(self.frozen.z)
         )
-        system = eqx.tree_at(lambda s: (s.prior_root, s.prior_mean), system, (jnp.asarray(root), jnp.asarray(mean)))
+        system = replace(system, prior_root=jnp.asarray(root), prior_mean=jnp.asarray(mean))
         free = np.asarray(self.frozen.basis) @ self._whitened_directions()
         found = solve(self.problem._replace(system=system), np.asarray(self.frozen.z), free)
         if not found.converged:
@@ -279,9 +278,8 @@ class Refitter:
         for block, numbers in zip(self.frozen.system.blocks, self.frozen.numbers, strict=True):
             number = np.asarray(numbers)
             weight = np.where(np.asarray(block.weight) > 0.0, weights[number], 0.0)
-            new = (jnp.asarray(flat[number]), jnp.asarray(weight))
-            blocks.append(eqx.tree_at(lambda b: (b.reading, b.weight), block, new))
-        return eqx.tree_at(lambda s: s.blocks, self.frozen.system, tuple(blocks))
+            blocks.append(replace(block, reading=jnp.asarray(flat[number]), weight=jnp.asarray(weight)))
+        return replace(self.frozen.system, blocks=tuple(blocks))
 
     def redundancy(self) -> np.ndarray:
         """1 - h of every reading at the solution, shape (N,)."""

@@ -5,13 +5,14 @@ All of them work on x relative to the solution x₀, trials first, and on what t
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import gcd
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.tree_util import register_dataclass
 
 from volid.error_model import ROWS as ROWS_PER_BODY
 from volid.error_model import Layout, add_curves, evaluate_bases
@@ -23,7 +24,9 @@ from volid.uncertainty.second_order import Curvature, second_order
 ROWS, TRIALS = 256, 64  # of one tile: its intermediate values stay in the processor's cache
 
 
-class Frozen(eqx.Module):
+@register_dataclass
+@dataclass(frozen=True, eq=False)
+class Frozen:
     """What all trials share: system, z at the solution, T with z = T x, C, prior rows in x, predictions, reading numbers."""
 
     system: System
@@ -48,7 +51,7 @@ def tiles_of(block: Block, numbers: np.ndarray) -> tuple[Block, Any]:
     return jax.tree.map(lambda a: jnp.asarray(cut(np.asarray(a))[used]), (block, numbers))
 
 
-@eqx.filter_jit
+@jax.jit
 def linear_step(frozen: Frozen, noise: Any, prior_noise: Any) -> tuple[Any, Any]:
     """C g with g = Jᵀε + Wᵀε_p, shape (b, p), and gᵀC g, by which it lowers chi-square, (b,).
 
@@ -68,7 +71,7 @@ def linear_step(frozen: Frozen, noise: Any, prior_noise: Any) -> tuple[Any, Any]
     return step.T, jnp.sum(gradient * step, axis=0)
 
 
-@eqx.filter_jit
+@jax.jit
 def corrected(frozen: Frozen, curvature: list[Curvature] | None, first: Any, x: Any, noise: Any) -> Any:
     """first - C g(x), with g the second-order part of the gradient at x, (b, p); and that part of chi-square, (b,)."""
     assert curvature is not None
@@ -132,7 +135,7 @@ def _pull_to_coefficients(layout: Layout, partials: Any, bases: Any, trials: int
     return jnp.concatenate(blocks, axis=1)
 
 
-@eqx.filter_jit
+@jax.jit
 def exact_step(frozen: Frozen, x: Any, noise: Any, prior_noise: Any) -> tuple[Any, Any]:
     """One exact-gradient step of every trial: (new x - x₀ (b, p), chi-square before the step (b,)); `x` relative to x₀."""
     system = frozen.system

@@ -15,17 +15,19 @@ Griewank and Walther, Evaluating Derivatives, chapter 13 (derivatives of higher 
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.tree_util import register_dataclass
 
 from volid.error_model import ROWS as ROWS_PER_BODY
 from volid.error_model import Layout, add_curves, evaluate_bases
 from volid.fitting import interpreted
 from volid.fitting.system import Block, System
+from volid.trees import STATIC
 
 LARGEST = 512 * 2**20  # bytes of Hessians that are kept
 SLICE = 4096  # rows whose second derivatives are formed at once
@@ -34,7 +36,9 @@ SINGLE = jnp.float32
 STEP = {"mm": 1.0, "rad": 1e-3}  # of the differences; everything else is as small as an angle
 
 
-class Curvature(eqx.Module):
+@register_dataclass
+@dataclass(frozen=True, eq=False)
+class Curvature:
     """Readings of one block by tiles of rows; every array begins with the number of tiles.
 
     `bases`: of every run (R, size). `second` (k, R, d + 1, d): whitened Hessian and, as its last row, gradient in the d values
@@ -42,7 +46,7 @@ class Curvature(eqx.Module):
     (k, R): 0 for padding and what is set aside. `numbers` (k, R), of readings.
     """
 
-    rows: tuple[int, ...] = eqx.field(static=True)
+    rows: tuple[int, ...] = field(metadata=STATIC)
     bases: list[Any]
     second: Any
     slots: Any
