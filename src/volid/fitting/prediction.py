@@ -161,7 +161,8 @@ def gradient_matrix(
     """∂(deviation)/∂θ at m points, shape (m, 6, n_parameters). For a few thousand points."""
     coefficients = model.parametrisation @ theta
     rows = _by_chunks(_gradients, model, coefficients, _Points(positions, tool, direction))
-    return rows.transpose(2, 0, 1) @ model.parametrisation
+    whole = np.ascontiguousarray(rows.transpose(2, 0, 1)).reshape(-1, rows.shape[1]) @ model.parametrisation
+    return np.asarray(whole.reshape(-1, rows.shape[0], whole.shape[1]))
 
 
 def standard_uncertainties(

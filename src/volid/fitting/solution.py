@@ -18,6 +18,7 @@ from volid.fitting.datum import s_transformation, workpiece_rows
 from volid.fitting.determination import known_deviations
 from volid.fitting.identifiability import NAMED, parameter_units
 from volid.fitting.prediction import ESTIMABLE, chain_of
+from volid.fitting.spread import linear_uncertainty
 from volid.iso230 import describe, parse
 from volid.kinematics import deviation
 from volid.machine import Datum, Machine
@@ -251,7 +252,7 @@ class Solution:
         for direction in (1, -1) if (name, "reversal") in self.model.by_name else (0,):
             rows = self.motion_rows(name, positions, direction)
             values = rows @ np.asarray(self.parameters)
-            u = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", rows, self.parameter_covariance, rows), 0.0))
+            u = linear_uncertainty(rows, self.parameter_covariance)
             lost = self.is_lost(rows)
             for x, v, s, gone in zip(positions, values, u, lost, strict=True):
                 v, s = (np.nan, np.nan) if gone else (float(v), float(s))

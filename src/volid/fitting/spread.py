@@ -25,6 +25,11 @@ THREADS = 2
 WORTH_A_TABLE = 4  # pairs of positions per point up to which their products are made beforehand
 
 
+def linear_uncertainty(rows: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """Standard uncertainty √(r C rᵀ) of linear outputs `rows` (q, n): shape (…, q) for `covariance` C (…, n, n)."""
+    return np.asarray(np.sqrt(np.maximum(np.sum((rows @ covariance) * rows, axis=-1), 0.0)))
+
+
 class Tables(NamedTuple):
     """What the error values of one group of axes spread: `rows` of the error values, `number` (m,) of the distinct position of
     every point, `table` (distinct positions, rows, r)."""

@@ -20,6 +20,7 @@ import numpy as np
 from volid.fitting.equations import normal_equations
 from volid.fitting.prediction import gradient_matrix
 from volid.fitting.solution import Solution
+from volid.fitting.spread import linear_uncertainty
 from volid.fitting.streamed import check_not_streamed
 from volid.observations import KINDS
 from volid.uncertainty.outputs import Outputs
@@ -42,7 +43,7 @@ class Budget:
 
     def contributions(self, rows: np.ndarray) -> np.ndarray:
         """Standard uncertainty that each source brings to linear outputs `rows` (q, p): (s, q), in the outputs' units."""
-        return np.sqrt(np.maximum(np.einsum("qi,sij,qj->sq", rows, self.covariances, rows, optimize=True), 0.0))
+        return linear_uncertainty(rows, self.covariances)
 
     def root_mean_square(self, rows: np.ndarray) -> list[tuple[str, float, float]]:
         """(source, RMS contribution over the outputs `rows`, its share of the variance), largest first."""

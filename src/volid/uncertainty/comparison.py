@@ -11,6 +11,7 @@ from volid.even_points import even_points
 from volid.fitting.datum import rigid_motion_rows, tool_rotation_rows
 from volid.fitting.prediction import deviation_values, gradient_matrix
 from volid.fitting.solution import Solution
+from volid.fitting.spread import linear_uncertainty
 from volid.iso230 import SPINDLE, parse
 from volid.truth import Truth
 
@@ -108,7 +109,7 @@ def _function(solution: Solution, truth: Truth, name: str) -> tuple[np.ndarray, 
         return np.array([found.value - truth.constants.get(name, 0.0)]), np.array([found.u])
     at = np.linspace(*solution.machine.axis(error.axis).travel, POSITIONS)
     rows = solution.motion_rows(name, at, 0)
-    u = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", rows, solution.parameter_covariance, rows), 0.0))
+    u = linear_uncertainty(rows, solution.parameter_covariance)
     true = truth.functions[name](at) if name in truth.functions else np.zeros(POSITIONS)
     if name in truth.cross:
         other, function = truth.cross[name]

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from volid.fitting.solution import Solution
+from volid.fitting.spread import linear_uncertainty
 from volid.uncertainty.coverage import PROBABILITY, Intervals, coverage_intervals, gum_validity
 from volid.uncertainty.lack_of_fit import LackOfFit, lack_of_fit
 from volid.uncertainty.outputs import FIELD, Outputs, headline_outputs
@@ -57,7 +58,7 @@ def statement(solution: Solution, tool: np.ndarray | None = None, outputs: Outpu
     centre = np.concatenate([np.asarray(solution.parameters), np.asarray(solution.nuisance)])
     estimate = outputs.values(centre[None])[0]
     u = np.full(len(estimate), np.nan)
-    u[: len(outputs.rows)] = _propagated(solution, outputs.rows)
+    u[: len(outputs.rows)] = linear_uncertainty(outputs.rows, np.asarray(solution.covariance))
     found, spread, converged = _sampled(samples, outputs)
     checked = gum_validity(estimate, np.where(np.isnan(u), spread, u), found, converged)
     rows = tuple(
@@ -80,11 +81,6 @@ def _sampled(samples: Samples, outputs: Outputs) -> tuple[Intervals, np.ndarray,
         spreads.append(values.std(axis=0, ddof=1))
         converged = len(values)
     return Intervals(*(np.concatenate(ends) for ends in zip(*parts, strict=True))), np.concatenate(spreads), converged
-
-
-def _propagated(solution: Solution, rows: np.ndarray) -> np.ndarray:
-    covariance = np.asarray(solution.covariance)
-    return np.sqrt(np.maximum(np.einsum("qi,ij,qj->q", rows, covariance, rows, optimize=True), 0.0))
 
 
 def format_statement(found: Statement) -> str:
