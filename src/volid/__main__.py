@@ -2,7 +2,7 @@
 
 import sys
 
-from volid.cli import main
+from volid.cli import console
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(console())

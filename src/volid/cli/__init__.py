@@ -8,6 +8,7 @@ determine what was asked for; 2 bad input, or an output that cannot be written; 
 from __future__ import annotations
 
 import argparse
+import gc
 import importlib
 import os
 import re
@@ -60,6 +61,13 @@ example:
 'volid VERB --help' explains a verb. Exit status: 0 good; 1 the result needs attention, which is named; 2 bad input.
 """
 _OPTION_AND_NEGATIVE = re.compile(r"-\d|-\.\d")
+
+
+def console() -> int:
+    """The program `volid`: `main`, and a quick end."""
+    status = main()
+    gc.freeze()  # else Python looks through all of JAX's objects once more before it ends, for a third of a second
+    return status
 
 
 def main(argv: Sequence[str] | None = None) -> int:
