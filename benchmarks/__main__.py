@@ -23,7 +23,7 @@ from typing import Any
 NAMES = (
     "process", "fit-S", "fit-M", "fit-L", "fit-L-lines", "fit-L-streamed", "fit-five-axis", "fit-mixed",
     "whole-S", "whole-M", "whole-five-axis",
-    "monte-carlo-S", "monte-carlo-M", "monte-carlo-bundled", "grid", "bands", "dask",
+    "monte-carlo-S", "monte-carlo-M", "monte-carlo-bundled", "monte-carlo-million", "grid", "bands", "dask",
 )  # fmt: skip
 SLOWER = 1.3  # below this ratio two runs are no different
 BASELINE = Path(__file__).parent / "baseline.json"
@@ -52,6 +52,8 @@ def _rows(name: str, quick: bool) -> Any:
         return [fits.streamed_row(quick)]
     if name == "dask":
         return [cluster.cluster_row(quick)]
+    if name == "monte-carlo-million":
+        return [monte_carlo.million_row(quick)]
     if name.startswith("monte-carlo-"):
         return [monte_carlo.monte_carlo_row(name.removeprefix("monte-carlo-"), quick)]
     if kind == "whole":

@@ -34,13 +34,13 @@ def grid_row(quick: bool) -> Row:
     return result
 
 
-BANDS = (50, 30, 20)
-
-
 def bands_row(quick: bool) -> Row:
-    """Coverage intervals of 30,000 points x 6 from 10,000 samples; memory is the question."""
+    """Coverage intervals of 300,000 points x 6 from 10,000 samples; memory is the question."""
     solution = volid.fit(cases.three_axis("S").campaign).monte_carlo(1_000 if quick else 10_000)
-    nodes = {a: np.linspace(*solution.machine.axis(a).travel, n) for a, n in zip("XYZ", BANDS, strict=True)}
+    nodes = {
+        a: np.linspace(*solution.machine.axis(a).travel, n)
+        for a, n in zip("XYZ", tuple(p // 2 for p in POINTS) if quick else POINTS, strict=True)
+    }
     grid = volid.linear_grid(solution, tool=TOOL, nodes=nodes)
     before = peak_memory()
     began = time.perf_counter()

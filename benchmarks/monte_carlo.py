@@ -56,6 +56,19 @@ def monte_carlo_row(name: str, quick: bool) -> Row:
     return result
 
 
+def million_row(quick: bool) -> Row:
+    """A million refits of S (ten thousand with `quick`); memory is the question."""
+    trials = 10 * BATCH if quick else 1_000_000
+    solution = volid.fit(cases.three_axis("S").campaign)
+    monte_carlo(solution, BATCH, seed=1)
+    before = peak_memory()
+    began = time.perf_counter()
+    samples = monte_carlo(solution, trials, seed=0).samples
+    result = Row(f"Monte Carlo {samples.trials:,} refits, S", time.perf_counter() - began, memory_mb=peak_memory())
+    result.notes.append(f"peak before them {before:.0f} MB (fit and one batch); samples go to a file as they come")
+    return result
+
+
 _BUNDLED = "datasets/vertical_multilateration/campaign.toml"
 
 

@@ -99,7 +99,7 @@ def test_the_stated_distance_to_the_minimum_holds(run):
     away = np.abs((found.x - refitter.centre - x)[:, seen] / refitter.u[seen]).max(axis=1)
     assert np.all(away <= found.error + 1e-8) and found.error.max() <= TOLERANCE
     np.testing.assert_allclose(found.chi_square, chi_square, rtol=1e-8)
-    linear = np.asarray(linear_step(refitter.frozen, noise.T, prior)[0])
+    linear = np.asarray(linear_step(refitter.frozen, noise, prior)[0])
     bent = np.abs((linear - x)[:, seen] / refitter.u[seen]).max(axis=1)
     assert np.median(bent) > 100 * np.median(away), "the correction is what brings the trials there"
 

@@ -29,12 +29,20 @@ from volid.fitting.solution import Solution
 from volid.fitting.solver import solve
 from volid.fitting.starts import find_starts
 from volid.fitting.system import System
-from volid.uncertainty.refit_steps import TRIALS, Frozen, corrected, exact_step, linear_step, tiles_of
+from volid.uncertainty.refit_steps import (
+    TRIALS,
+    Frozen,
+    corrected,
+    exact_step,
+    linear_step,
+    tiles_of,
+    turned,
+    weighted_rows,
+)
 from volid.uncertainty.second_order import LARGEST, Curvature, curvatures, hessian_bytes
-from volid.uncertainty.second_order import TRIALS as SECOND_ORDER_TRIALS
+from volid.uncertainty.second_order import TRIALS as AT_ONCE
 
 TOLERANCE = 1e-6  # standard uncertainties
-WIDTH = 1024  # trials of one linear step
 STEPS = 6  # steps at most, before a trial is solved anew
 _SINGULAR = 1e-12  # of the largest eigenvalue of the correlation matrix: below, rounding
 
@@ -48,6 +56,16 @@ class Refits(NamedTuple):
     chi_square: np.ndarray
     solved: np.ndarray
     outliers: np.ndarray
+
+
+def joined(parts: list[Refits]) -> Refits:
+    """Refits one after another."""
+    return Refits(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+
+
+def _padded(values: np.ndarray, rows: int) -> np.ndarray:
+    """(b, …) with zeros below, (rows, …)."""
+    return values if len(values) == rows else np.pad(values, ((0, rows - len(values)), (0, 0)))
 
 
 class Refitter:
@@ -95,11 +113,15 @@ class Refitter:
             prior=jnp.asarray(prior),
             predictions=predict_all(self.problem.system, z),
             numbers=numbers,
+            weighted=None,
+            used=jnp.asarray(np.concatenate([(f > 0.0).ravel() for f in factors]).astype(float)),
         )
         self.n_readings = self.campaign.n_readings
         self.n_prior = len(prior)
+        if 8 * basis.shape[1] * self.n_readings <= LARGEST:
+            rows = jnp.asarray(weighted_rows(self.frozen, self.n_readings))
+            self.frozen = replace(self.frozen, weighted=rows)
         self._shrinking: float | None = None
-        self._used = np.concatenate([(f > 0.0).ravel() for f in factors]).astype(float)  # 0: set aside
         self._robust = bool(solution.options.get("robust", False))
         self._redundancy: np.ndarray | None = None
 
@@ -126,9 +148,14 @@ class Refitter:
 
     def refit(self, noise: np.ndarray, prior_noise: np.ndarray | None = None) -> Refits:
         """Minimum of every trial; `noise` (b, N) and `prior_noise` (b, r), whitened."""
-        b = len(noise)
         if prior_noise is None:
-            prior_noise = np.zeros((b, self.n_prior))
+            prior_noise = np.zeros((len(noise), self.n_prior))
+        parts = [slice(i, i + AT_ONCE) for i in range(0, len(noise), AT_ONCE)]
+        return joined([self._refit(noise[p], prior_noise[p]) for p in parts])
+
+    def _refit(self, noise: np.ndarray, prior_noise: np.ndarray) -> Refits:
+        """At most `AT_ONCE` trials."""
+        b = len(noise)
         x, error, chi = (a.copy() for a in self._bent(noise, prior_noise))
         left = np.flatnonzero(~(error <= TOLERANCE))
         if left.size:
@@ -139,19 +166,13 @@ class Refitter:
     def _bent(self, noise: np.ndarray, prior_noise: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """x - x₀ of every trial to second order, its estimated error, and chi-square; no claim where there is no curvature."""
         b = len(noise)
-        width = SECOND_ORDER_TRIALS if b <= SECOND_ORDER_TRIALS else -(-b // WIDTH) * WIDTH
-        turned = np.zeros((noise.shape[1], width), dtype=np.float32 if self.single else np.float64)
-        turned[:, :b] = noise.T
-        eps, prior = jnp.asarray(turned), jnp.asarray(np.pad(prior_noise, ((0, width - b), (0, 0))))
-        first, fall = (np.asarray(a) for a in linear_step(self.frozen, eps, prior))
+        eps, prior = (_padded(a, AT_ONCE) for a in (noise, prior_noise))
+        first, linear = (np.asarray(a) for a in linear_step(self.frozen, eps, prior))
         if self.curvature is None:
             return first[:b], np.full(b, np.inf), np.full(b, np.nan)
-        self._measure_shrinking(width)
-        parts = [slice(i, i + SECOND_ORDER_TRIALS) for i in range(0, b, SECOND_ORDER_TRIALS)]
-        found = [self._passes(first[p], eps[:, p].astype(jnp.float32)) for p in parts]
-        x, error, chi = (np.concatenate([f[i] for f in found])[:b] for i in range(3))
-        linear = np.einsum("bn,bn,n->b", noise, noise, self._used) + np.sum(prior_noise**2, axis=1) - fall[:b]
-        return x, np.where(np.isfinite(error), error, np.inf), linear + chi
+        self._measure_shrinking()
+        x, error, chi = self._passes(first, turned(eps))
+        return x[:b], np.where(np.isfinite(error), error, np.inf)[:b], (linear + chi)[:b]
 
     def _passes(self, first: np.ndarray, eps: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Passes of the second-order correction until the estimated error of all trials is small, or of third order."""
@@ -197,39 +218,23 @@ class Refitter:
         units = [entry.unit for entry in self.solution.nuisance_table]
         return curvatures(self.frozen.system, self.frozen.z, self.frozen.numbers, units)
 
-    def _measure_shrinking(self, width: int) -> float:
+    def _measure_shrinking(self) -> float:
         """The share by which a correction shrinks from one pass to the next, largest over some trials of plain noise.
 
-        JᵀJ at the solution stands for the Hessian of every trial; what it lacks, Σ r ∇²r, decides. `width`: of the noise arrays,
-        for which the program of the linear step is there.
+        JᵀJ at the solution stands for the Hessian of every trial; what it lacks, Σ r ∇²r, decides.
         """
         if self._shrinking is None:
             rng = np.random.default_rng(0)
-            noise = np.zeros((self.n_readings, width), dtype=np.float32 if self.single else np.float64)
-            noise[:, :SECOND_ORDER_TRIALS] = rng.standard_normal((self.n_readings, SECOND_ORDER_TRIALS))
-            prior = np.zeros((width, self.n_prior))
-            prior[:SECOND_ORDER_TRIALS] = rng.standard_normal((SECOND_ORDER_TRIALS, self.n_prior))
-            few = slice(0, SECOND_ORDER_TRIALS)
-            first = x = np.asarray(linear_step(self.frozen, jnp.asarray(noise), jnp.asarray(prior))[0])[few]
-            eps, sizes = jnp.asarray(noise[:, few], dtype=jnp.float32), []
+            noise = jnp.asarray(rng.standard_normal((AT_ONCE, self.n_readings)))
+            prior = jnp.asarray(rng.standard_normal((AT_ONCE, self.n_prior)))
+            first = x = np.asarray(linear_step(self.frozen, noise, prior)[0])
+            eps, sizes = turned(noise), []
             for _ in range(2):
                 new = np.asarray(corrected(self.frozen, self.curvature, first, x, eps)[0])
                 sizes.append(self._size(new - x))
                 x = new
             self._shrinking = float(np.max(sizes[1] / np.maximum(sizes[0], 1e-300), initial=0.0))
         return self._shrinking
-
-    @cached_property
-    def single(self) -> bool:
-        """Whether single precision is enough for the products of a linear refit.
-
-        Their rounding is noise on the gradient with variances ε² diag(H): sd ≤ ε sqrt(largest eigenvalue of D C D), D² = diag(H).
-        """
-        inverse = np.linalg.pinv(self._whitened_directions())  # H = inverseᵀ · inverse on what is determined
-        d = np.sqrt(np.sum(inverse**2, axis=0))
-        largest = np.linalg.eigvalsh(d[:, None] * np.asarray(self.frozen.covariance) * d)[-1]
-        rounding = float(np.finfo(np.float32).eps / 2.0 * np.sqrt(max(largest, 0.0)))
-        return rounding <= 0.5 * TOLERANCE
 
     def _size(self, step: Any) -> np.ndarray:
         """Largest change of a parameter in standard uncertainties, per trial."""

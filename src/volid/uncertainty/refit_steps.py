@@ -16,7 +16,7 @@ from jax.tree_util import register_dataclass
 
 from volid.error_model import ROWS as ROWS_PER_BODY
 from volid.error_model import Layout, add_curves, evaluate_bases
-from volid.fitting.equations import residual_rows
+from volid.fitting.equations import jacobian, residual_rows
 from volid.fitting.system import Block, System
 from volid.observations.effects import predict_readings
 from volid.uncertainty.second_order import Curvature, second_order
@@ -27,7 +27,11 @@ ROWS, TRIALS = 256, 64  # of one tile: its intermediate values stay in the proce
 @register_dataclass
 @dataclass(frozen=True, eq=False)
 class Frozen:
-    """What all trials share: system, z at the solution, T with z = T x, C, prior rows in x, predictions, reading numbers."""
+    """What all trials share: system, z at the solution, T with z = T x, C, prior rows in x, predictions, reading numbers.
+
+    `weighted` (p, N): TᵀJᵀ in the order of the readings, None where that is too large to keep; `used` (N,): 0 for what is
+    set aside.
+    """
 
     system: System
     z: Any
@@ -36,6 +40,8 @@ class Frozen:
     prior: Any
     predictions: list[Any]
     numbers: list[Any]
+    weighted: Any
+    used: Any
 
 
 def tiles_of(block: Block, numbers: np.ndarray) -> tuple[Block, Any]:
@@ -51,24 +57,48 @@ def tiles_of(block: Block, numbers: np.ndarray) -> tuple[Block, Any]:
     return jax.tree.map(lambda a: jnp.asarray(cut(np.asarray(a))[used]), (block, numbers))
 
 
+def weighted_rows(frozen: Frozen, n_readings: int) -> np.ndarray:
+    """TᵀJᵀ (p, N) in the order of the readings."""
+    basis = np.asarray(frozen.basis)
+    found = np.zeros((basis.shape[1], n_readings))
+    for block, rows, numbers in zip(
+        frozen.system.blocks, jacobian(frozen.system, frozen.z), frozen.numbers, strict=True
+    ):
+        for chunk, number, weight in zip(np.asarray(rows), np.asarray(numbers), np.asarray(block.weight), strict=True):
+            seen = weight.ravel() > 0.0
+            found[:, number.ravel()[seen]] = basis.T @ chunk[:, seen]
+    return found
+
+
 @jax.jit
 def linear_step(frozen: Frozen, noise: Any, prior_noise: Any) -> tuple[Any, Any]:
-    """C g with g = Jᵀε + Wᵀε_p, shape (b, p), and gᵀC g, by which it lowers chi-square, (b,).
+    """C g with g = TᵀJᵀε + Wᵀε_p, shape (b, p), and chi-square |ε|² + |ε_p|² - gᵀC g of a linear model, (b,).
 
-    `noise` (N, b), in whose precision the products are formed, `prior_noise` (b, r).
+    `noise` (b, N), `prior_noise` (b, r).
     """
-    total = jnp.zeros((frozen.system.size, noise.shape[1]))
-    for block, numbers in zip(frozen.system.blocks, frozen.numbers, strict=True):
+    if frozen.weighted is not None:
+        gradient = noise @ frozen.weighted.T
+    else:
+        total = jnp.zeros((noise.shape[0], frozen.system.size))
+        for block, numbers in zip(frozen.system.blocks, frozen.numbers, strict=True):
 
-        def add(total: Any, parts: Any, block: Block = block) -> tuple[Any, None]:
-            chunk, own = parts
-            _, rows = residual_rows(frozen.system, block.form, chunk, frozen.z)
-            return total + (rows.astype(noise.dtype) @ noise[own.reshape(-1)]).astype(total.dtype), None
+            def add(total: Any, parts: Any, block: Block = block) -> tuple[Any, None]:
+                chunk, own = parts
+                _, rows = residual_rows(frozen.system, block.form, chunk, frozen.z)
+                return total + noise[:, own.reshape(-1)] @ rows.T, None
 
-        total, _ = jax.lax.scan(add, total, (block, numbers))
-    gradient = frozen.basis.T @ total + frozen.prior.T @ prior_noise.T
-    step = frozen.covariance @ gradient
-    return step.T, jnp.sum(gradient * step, axis=0)
+            total, _ = jax.lax.scan(add, total, (block, numbers))
+        gradient = total @ frozen.basis
+    gradient = gradient + prior_noise @ frozen.prior
+    step = gradient @ frozen.covariance
+    square = jnp.sum(noise**2 * frozen.used, axis=1) + jnp.sum(prior_noise**2, axis=1)
+    return step, square - jnp.sum(gradient * step, axis=1)
+
+
+@jax.jit
+def turned(noise: Any) -> Any:
+    """Noise (b, N) by readings, (N, b), in single precision: enough for the second-order part."""
+    return noise.T.astype(jnp.float32)
 
 
 @jax.jit
