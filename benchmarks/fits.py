@@ -102,7 +102,7 @@ def _peers(name: str, case: cases.Case, quick: bool, start_up: dict[str, float])
             peers[f"optimistix {kind}"] = run = optimistix_fit(scaled, kind)
             found[f"optimistix {kind}"] = run()
             start_up[f"optimistix {kind}: compile and first"] = time.perf_counter() - began
-    ceres = _ceres(name, case, notes) if name in cases.SIZES else None
+    ceres = fastest_ceres(name, case, notes) if name in cases.SIZES else None
     if ceres is not None:
         peers["Ceres"] = ceres.solve
     for m in ("dogbox", "trf"):
@@ -127,7 +127,7 @@ def _ceres_distance(case: cases.Case, ceres: Ceres, best: Any) -> float:
     return _distance(case, z, best)
 
 
-def _ceres(name: str, case: cases.Case, notes: list[str]) -> Ceres | None:
+def fastest_ceres(name: str, case: cases.Case, notes: list[str]) -> Ceres | None:
     """Ceres with the linear solver that is fastest on this case."""
     program = build(Path(tempfile.mkdtemp(prefix="volid-ceres-")))
     if isinstance(program, str):

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import tempfile
 import time
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 from typing import Any
 
 import jax
@@ -14,7 +12,8 @@ import numpy as np
 
 import volid
 from benchmarks import cases
-from benchmarks.ceres_peer import Ceres, build
+from benchmarks.ceres_peer import Ceres
+from benchmarks.fits import fastest_ceres
 from benchmarks.measure import Row, peak_memory
 from benchmarks.peers import Scaled, scipy_fit
 from volid.fitting.interpreted import interpreted
@@ -85,12 +84,7 @@ class _Loops:
         self.problem = problem._replace(free=self.free)
         self.scipy = name in cases.SIZES
         if self.scipy:
-            program = build(Path(tempfile.mkdtemp(prefix="volid-ceres-")))
-            if isinstance(program, str):
-                self.notes.append(f"Ceres skipped: {program}")
-            else:
-                self.ceres = Ceres(program, cases.three_axis(name), "dense" if name == "S" else "sparse")
-                self.ceres.solve()
+            self.ceres = fastest_ceres(name, cases.three_axis(name), self.notes)
 
     def drawn(self, number: int) -> Any:
         """The problem with the readings of one trial."""

@@ -13,11 +13,11 @@ import numpy as np
 
 from volid.exceptions import InputError
 from volid.fitting.solution import Solution
-from volid.uncertainty.monte_carlo import BATCH, Progress, batches_to_do, run_of, run_trials
+from volid.uncertainty.monte_carlo import BATCH, Progress, batches_to_do, fingerprint, run_of, run_trials
 from volid.uncertainty.processes import single_threaded
 from volid.uncertainty.samples import TrialFolder
 
-_RUNS: dict[tuple[str, int], Any] = {}  # of this worker process, the last one only
+_RUNS: dict[str, Any] = {}  # of this worker process by the solution, the last one only
 
 
 @contextmanager
@@ -56,12 +56,12 @@ def _hold(value: Any) -> Any:
 
 def carry_out_on(solution: Solution, seed: int, address: str) -> Callable[[TrialFolder, int, int, Progress], None]:
     """Carries out batches of trials on a cluster."""
-    payload = pickle.dumps(replace(solution, samples=None))
+    payload, key = pickle.dumps(replace(solution, samples=None)), fingerprint(solution)
 
     def carry_out(store: TrialFolder, first: int, last: int, progress: Progress) -> None:
         waiting = batches_to_do(store, first, last)
         with cluster(address) as client:
-            tasks = [(store.fingerprint, seed, batch * BATCH, BATCH) for batch in waiting]
+            tasks = [(key, seed, batch * BATCH, BATCH) for batch in waiting]
             for done, (i, arrays) in enumerate(gather(client, _batch, tasks, payload), start=1):
                 store.save(waiting[i], arrays)
                 progress(f"{done} of {len(waiting)} batches of {BATCH} trials")
@@ -69,11 +69,10 @@ def carry_out_on(solution: Solution, seed: int, address: str) -> Callable[[Trial
     return carry_out
 
 
-def _batch(payload: bytes, fingerprint: str, seed: int, first: int, count: int) -> dict[str, np.ndarray]:
+def _batch(payload: bytes, key: str, seed: int, first: int, count: int) -> dict[str, np.ndarray]:
     """One batch, in a worker; in a fresh one JAX and NumPy take one thread, so that all workers make the same last digits."""
     os.environ.update(single_threaded())
-    key = (fingerprint, seed)
     if key not in _RUNS:
         _RUNS.clear()
         _RUNS[key] = run_of(pickle.loads(payload), seed)
-    return run_trials(_RUNS[key], first, count)
+    return run_trials(_RUNS[key]._replace(seed=seed), first, count)

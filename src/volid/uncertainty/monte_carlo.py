@@ -21,7 +21,6 @@ import numpy as np
 from volid.exceptions import InputError
 from volid.fitting.problem import random_effects
 from volid.fitting.solution import Solution
-from volid.fitting.starts import find_starts
 from volid.fitting.streamed import check_not_streamed
 from volid.observations.effects import effect_samples
 from volid.uncertainty.coverage import coverage_intervals, numerical_tolerance
@@ -50,7 +49,7 @@ def run_of(solution: Solution, seed: int) -> Run:
     """Everything the trials of a seed need."""
     refitter = Refitter(solution)
     entries = tuple(solution.nuisance_table[j] for j in refitter.known)
-    points = point_scatter(refitter.campaign, random_effects(solution.campaign, find_starts(solution.campaign)))
+    points = point_scatter(refitter.campaign, random_effects(solution.campaign, refitter.starts))
     return Run(refitter, seed, pseudo_of(entries, effect_samples(solution.campaign), points))
 
 

@@ -77,7 +77,7 @@ class Refitter:
 
     def __init__(self, solution: Solution) -> None:
         self.solution = solution
-        starts = find_starts(solution.campaign)
+        self.starts = starts = find_starts(solution.campaign)
         self.campaign = with_random_effects(solution.campaign, starts)
         factors = [np.where(o, 0.0, 1.0) for o in solution.readings.outliers]
         if not factors:
