@@ -28,14 +28,16 @@ def coverage_intervals(samples: np.ndarray, probability: float = PROBABILITY) ->
     m = len(samples)
     if m < 1.0 / (1.0 - probability):
         raise ValueError(f"{m} samples; a {probability:.0%} interval needs at least {1.0 / (1.0 - probability):.0f}")
-    ordered = np.sort(samples, axis=0)
+    ordered = np.array(samples.T, order="C")  # in one piece by quantity: several times faster to sort
+    ordered.sort(axis=1)
     inside = min(int(np.floor(probability * m + 0.5)), m - 1)
     first = int(np.floor(0.5 * (m - inside) + 0.5)) - 1
     first = min(max(first, 0), m - 1 - inside)
-    lengths = ordered[inside:] - ordered[: m - inside]
-    best = np.argmin(lengths, axis=0)
-    columns = np.arange(samples.shape[1])
-    return Intervals(ordered[first], ordered[first + inside], ordered[best, columns], ordered[best + inside, columns])
+    best = np.argmin(ordered[:, inside:] - ordered[:, : m - inside], axis=1)
+    rows = np.arange(len(ordered))
+    return Intervals(
+        ordered[:, first].copy(), ordered[:, first + inside].copy(), ordered[rows, best], ordered[rows, best + inside]
+    )
 
 
 def numerical_tolerance(u: np.ndarray, digits: int) -> np.ndarray:

@@ -44,15 +44,18 @@ class Samples:
 
     def outputs(self, values: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
         """`values`, a function from (b, p) to (b, q), for all trials that converged, shape (M', q)."""
-        return np.concatenate([np.asarray(values(x[np.isfinite(x).all(axis=1)])) for x in self.batches()])
+        return np.concatenate([np.asarray(values(x)) for x in self._converged()])
+
+    def _converged(self) -> Iterator[np.ndarray]:
+        """Batches without the trials that did not converge."""
+        return (x[np.isfinite(x).all(axis=1)] for x in self.batches())
 
     def linear(self, rows: np.ndarray) -> Iterator[tuple[slice, np.ndarray]]:
         """Linear outputs `rows` (q, p) by groups of columns small enough for memory: (slice, samples (M', columns))."""
         width = max(1, LARGEST // max(self.trials, 1))
         for start in range(0, len(rows), width):
             part = slice(start, min(start + width, len(rows)))
-            own = rows[part].T
-            yield part, self.outputs(lambda x, own=own: x @ own)  # type: ignore[misc]
+            yield part, np.concatenate([rows[part] @ x.T for x in self._converged()], axis=1).T
 
     def mapped(self, matrix: np.ndarray) -> Samples:
         """Samples of matrix · x."""
