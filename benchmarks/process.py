@@ -17,9 +17,12 @@ CAMPAIGN = "datasets/vertical_multilateration/campaign.toml"
 
 
 def _run(command: list[str], **environment: str) -> None:
+    """A process that has to succeed."""
     unusual = ("OPENBLAS_NUM_THREADS", "PYTHONDONTWRITEBYTECODE")  # users have the bytecode that pip makes
     own = {k: v for k, v in os.environ.items() if k not in unusual}
-    subprocess.run(command, env=own | environment, check=False, capture_output=True)
+    done = subprocess.run(command, env=own | environment, check=False, capture_output=True, text=True)
+    if done.returncode:
+        raise RuntimeError(f"{command}: exit status {done.returncode}: {done.stderr}")
 
 
 def process_rows(quick: bool) -> list[Row]:
@@ -38,7 +41,7 @@ def process_rows(quick: bool) -> list[Row]:
         "volid fit, first ever": first,
         "volid fit, with cache": lambda: _run(fit, XDG_CACHE_HOME=str(folder / "cache")),
     }
-    _run(fit)  # the bytecode of an editable installation
+    _run(fit, XDG_CACHE_HOME=str(folder / "cache"))  # the bytecode of an editable installation
     times = interleaved(contestants, 2 if quick else REPEATS, patience=np.inf)
     shutil.rmtree(folder, ignore_errors=True)
     rows = []

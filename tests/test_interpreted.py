@@ -1,5 +1,7 @@
 """The path without compiled programs gives what the compiled one gives, for every kind of observation and the whole fit."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from exact_chain import random_truth
@@ -68,6 +70,21 @@ def test_nuisance_parameters_alone_are_a_part_of_the_whole(case):
     whole = both(lambda: normal_equations(problem.system, z))[0]
     for found in both(lambda: nuisance_equations(problem.system, z)):
         close(found, (whole.cost, np.asarray(whole.gradient)[n:], np.asarray(whole.matrix)[n:, n:]))
+
+
+def test_a_fold_takes_its_own_readings_only(case):
+    """A third of the readings with a weight, spread over every chunk; the last rows have none."""
+    problem, z = case
+
+    def thinned(block):
+        weight = np.asarray(block.weight)
+        return replace(block, weight=np.where(np.arange(weight.shape[2]) % 3 == 1, weight, 0.0))
+
+    blocks = tuple(thinned(b) for b in problem.system.blocks)
+    system = replace(problem.system, blocks=blocks, tiles=(None,) * len(blocks))
+    assert any(isinstance(c, interpreted_module._Some) for b in blocks for c in interpreted_module.chunks_of(b, True))
+    for function in (normal_equations, slope):
+        close(*both(lambda f=function: f(system, z)))
 
 
 def test_rough_normal_equations_have_the_exact_gradient(case):

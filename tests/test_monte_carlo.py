@@ -104,6 +104,17 @@ def test_the_stated_distance_to_the_minimum_holds(run):
     assert np.median(bent) > 100 * np.median(away), "the correction is what brings the trials there"
 
 
+def test_rows_kept_and_rows_made_anew_give_the_same_step(run):
+    """What a campaign too large for the rows to be kept does."""
+    frozen = run.refitter.frozen
+    assert frozen.weighted is not None
+    noise, prior = trial_noise(3, 0, 20, run.refitter.n_readings, run.refitter.n_prior, run.pseudo)
+    kept, anew = (linear_step(f, noise, prior) for f in (frozen, replace(frozen, weighted=None)))
+    u = np.where(run.refitter.u > 0, run.refitter.u, 1.0)
+    np.testing.assert_allclose(np.asarray(kept[0]) / u, np.asarray(anew[0]) / u, atol=1e-9)
+    np.testing.assert_allclose(kept[1], anew[1], rtol=1e-10)
+
+
 def test_trials_far_away_go_on_with_the_exact_gradient(run, monkeypatch):
     """Twenty times the noise: the third order is no longer small, and the answer is still the minimum."""
     refitter = run.refitter
@@ -270,6 +281,21 @@ def test_budget_adds_up(solution):
     table = found.root_mean_square(outputs.rows)
     assert sum(share for _, _, share in table) == pytest.approx(1.0)
     assert [v for _, v, _ in table] == sorted((v for _, v, _ in table), reverse=True)
+
+
+def test_every_set_is_a_source(solution):
+    (s,) = solution.campaign.sets
+    even = np.arange(len(s.readings)) % 2 == 0
+    parts = tuple(replace(s.rows_of(rows), name=name) for name, rows in (("even", even), ("odd", ~even)))
+    two = fit(replace(solution.campaign, sets=parts))
+    found = budget(two)
+    assert {"readings of set 'even'", "readings of set 'odd'"} < set(found.sources)
+    covariance = np.asarray(two.covariance)
+    np.testing.assert_allclose(
+        found.covariances.sum(axis=0), covariance, rtol=0, atol=1e-9 * np.diagonal(covariance).max()
+    )
+    even, odd = (np.trace(found.covariances[found.sources.index(f"readings of set '{n}'")]) for n in ("even", "odd"))
+    assert 0.2 < even / odd < 5.0
 
 
 def test_a_source_contributes_what_its_scatter_does(solution, run):

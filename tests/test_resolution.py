@@ -150,6 +150,36 @@ def test_scores_are_those_of_refitting_without_the_fold():
         np.testing.assert_allclose(ours, brute_force(problem, campaign, z, folds, columns), rtol=1e-6)
 
 
+def test_a_search_that_stops_early_chooses_what_full_sweeps_choose():
+    """Full sweeps ask every function again; what they ask is then the state that a new search would begin with."""
+    campaign, _ = wavy_and_straight()
+    carrier = {n: (12,) for n in motion_names(campaign.machine)}
+    problem = build_problem(campaign, build_model(campaign.machine, carrier), find_starts(campaign))
+    z = problem.start.copy()
+    folds = resolution._fold_equations(problem, campaign, z, [np.ones(s.readings.shape) for s in campaign.sets])
+    asked: dict[bool, int] = {}
+    searches = {}
+    for full in (False, True):
+        search = searches[full] = resolution._Search(
+            problem, folds, carrier, dict.fromkeys(carrier, (6,)), set(carrier)
+        )
+        best, asked[full] = search.best, 0
+
+        def counted(name, best=best, full=full):
+            asked[full] += 1
+            return best(name)
+
+        search.best = counted
+        while search.sweep():
+            search.unchanged = -1000 if full else search.unchanged
+    assert searches[False].chosen == searches[True].chosen != dict.fromkeys(carrier, (6,))
+    assert asked[False] < asked[True]
+    anew = resolution._Search(problem, folds, carrier, searches[False].chosen, set(carrier))
+    options = resolution.candidates((12,))
+    for name in ("EXX", "EAZ"):
+        np.testing.assert_allclose(searches[False].scores(name, options), anew.scores(name, options), rtol=1e-6)
+
+
 def test_folds_are_whole_positions_of_similar_size():
     campaign = grid_campaign(4)
     (fold,) = resolution._folds(campaign, np.random.default_rng(0))

@@ -61,7 +61,7 @@ class Layout:
         return Layout, (self.n_axes, self.n_coefficients, self.terms)
 
     @cached_property
-    def _hash(self) -> int:  # asked for at every call of a compiled program
+    def _hash(self) -> int:  # programs with a layout as static argument ask for it at every call
         return hash((self.n_axes, self.n_coefficients, self.terms))
 
     @cached_property

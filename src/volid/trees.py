@@ -5,4 +5,5 @@ from __future__ import annotations
 from types import MappingProxyType
 
 STATIC = MappingProxyType({"static": True})
-"""Metadata of a field that is no array, hashable, and part of the key of a compiled program: `field(metadata=STATIC)`."""
+"""Metadata of a field that is no array: `field(metadata=STATIC)`. In trees that compiled programs take it is hashable, and
+part of their key."""

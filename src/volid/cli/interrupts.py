@@ -6,13 +6,18 @@ such as JAX's, an exception is printed and dropped, and the program would go on 
 
 from __future__ import annotations
 
+import _thread
 import signal
 import sys
+import threading
 from types import FrameType, TracebackType
+
+AGAIN = 0.01  # s
 
 
 class Interrupts:
-    """While entered, remembers an interrupt; `check`, called between stages, raises one that was dropped.
+    """While entered, delivers an interrupt that Python dropped once more, soon after; `check`, called between stages, raises one
+    that went missing in another way, as does leaving.
 
     Leaves signals alone where somebody else handles them, or outside the main thread.
 
@@ -24,6 +29,7 @@ class Interrupts:
         self._heard = False
         self._installed = False
         self._hook = sys.unraisablehook
+        self._again = threading.Timer(AGAIN, _thread.interrupt_main)
 
     def __enter__(self) -> Interrupts:
         self._heard = False
@@ -40,14 +46,18 @@ class Interrupts:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if self._installed:
+            self._again.cancel()
             signal.signal(signal.SIGINT, signal.default_int_handler)
             sys.unraisablehook = self._hook
             self._installed = False
+        if kind is None:
+            self.check()
         self._heard = False
 
     def check(self) -> None:
         """Raises KeyboardInterrupt when an interrupt has arrived."""
         if self._heard:
+            self._heard = False
             raise KeyboardInterrupt
 
     def _hear(self, number: int, frame: FrameType | None) -> None:
@@ -55,7 +65,10 @@ class Interrupts:
         raise KeyboardInterrupt
 
     def _dropped(self, unraisable: sys.UnraisableHookArgs) -> None:
-        if unraisable.exc_type is not KeyboardInterrupt:  # which the next check will raise
+        if unraisable.exc_type is KeyboardInterrupt:
+            self._again = threading.Timer(AGAIN, _thread.interrupt_main)
+            self._again.start()
+        else:
             self._hook(unraisable)
 
 

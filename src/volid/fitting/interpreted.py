@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from typing import Any
 
@@ -82,11 +82,13 @@ class _Chunk:
     def bases(self, layout: Layout) -> list[np.ndarray]:
         """Basis values, each (size, m): they depend on the positions alone, so the last ones are kept."""
         key = (*self.key, self.m, layout.bases)
-        if key not in _bases:
-            _bases[key] = (*self.owners, evaluate_bases(layout, self.q, self.direction))
+        known = _bases.get(key)  # threads share them
+        if known is None:
+            known = _bases[key] = (*self.owners, evaluate_bases(layout, self.q, self.direction))
             if len(_bases) > REMEMBERED:
-                _bases.popitem(last=False)
-        return _bases[key][2]
+                with suppress(KeyError):
+                    _bases.popitem(last=False)
+        return known[2]
 
 
 class _Some(_Chunk):

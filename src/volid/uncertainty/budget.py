@@ -136,7 +136,9 @@ def budget(solution: Solution) -> Budget:
         blocks = tuple(
             b for b, number in zip(frozen.system.blocks, numbers, strict=True) if first[i] <= number < first[i + 1]
         )
-        system = replace(frozen.system, prior_root=jnp.zeros((0, frozen.system.size)), blocks=blocks)
+        system = replace(
+            frozen.system, prior_root=jnp.zeros((0, frozen.system.size)), blocks=blocks, tiles=(None,) * len(blocks)
+        )
         matrix = basis.T @ np.asarray(normal_equations(system, frozen.z).matrix) @ basis
         sources.append(f"readings of set '{s.name}'")
         stated.append(_one_u(s.u.ravel(), list(KINDS[s.kind].units) or [KINDS[s.kind].unit]))

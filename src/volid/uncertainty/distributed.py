@@ -13,7 +13,7 @@ import numpy as np
 
 from volid.exceptions import InputError
 from volid.fitting.solution import Solution
-from volid.uncertainty.monte_carlo import BATCH, Progress, batches_to_do, fingerprint, run_of, run_trials
+from volid.uncertainty.monte_carlo import BATCH, Progress, batches_to_do, run_of, run_trials
 from volid.uncertainty.processes import single_threaded
 from volid.uncertainty.samples import TrialFolder
 
@@ -56,12 +56,12 @@ def _hold(value: Any) -> Any:
 
 def carry_out_on(solution: Solution, seed: int, address: str) -> Callable[[TrialFolder, int, int, Progress], None]:
     """Carries out batches of trials on a cluster."""
-    payload, key = pickle.dumps(replace(solution, samples=None)), fingerprint(solution)
+    payload = pickle.dumps(replace(solution, samples=None))
 
     def carry_out(store: TrialFolder, first: int, last: int, progress: Progress) -> None:
         waiting = batches_to_do(store, first, last)
         with cluster(address) as client:
-            tasks = [(key, seed, batch * BATCH, BATCH) for batch in waiting]
+            tasks = [(store.fingerprint, seed, batch * BATCH, BATCH) for batch in waiting]
             for done, (i, arrays) in enumerate(gather(client, _batch, tasks, payload), start=1):
                 store.save(waiting[i], arrays)
                 progress(f"{done} of {len(waiting)} batches of {BATCH} trials")

@@ -48,6 +48,7 @@ class Run(NamedTuple):
 def run_of(solution: Solution, seed: int) -> Run:
     """Everything the trials of a seed need."""
     refitter = Refitter(solution)
+    refitter.prepare()
     entries = tuple(solution.nuisance_table[j] for j in refitter.known)
     points = point_scatter(refitter.campaign, random_effects(solution.campaign, refitter.starts))
     return Run(refitter, seed, pseudo_of(entries, effect_samples(solution.campaign), points))

@@ -43,6 +43,7 @@ from volid.uncertainty.second_order import LARGEST, Curvature, curvatures, hessi
 from volid.uncertainty.second_order import TRIALS as AT_ONCE
 
 TOLERANCE = 1e-6  # standard uncertainties
+LARGEST_ROWS = 256 * 2**20  # bytes of TᵀJᵀ that are kept
 STEPS = 6  # steps at most, before a trial is solved anew
 _SINGULAR = 1e-12  # of the largest eigenvalue of the correlation matrix: below, rounding
 
@@ -118,12 +119,17 @@ class Refitter:
         )
         self.n_readings = self.campaign.n_readings
         self.n_prior = len(prior)
-        if 8 * basis.shape[1] * self.n_readings <= LARGEST:
+        if 8 * basis.shape[1] * self.n_readings <= LARGEST_ROWS:
             rows = jnp.asarray(weighted_rows(self.frozen, self.n_readings))
             self.frozen = replace(self.frozen, weighted=rows)
         self._shrinking: float | None = None
         self._robust = bool(solution.options.get("robust", False))
         self._redundancy: np.ndarray | None = None
+
+    def prepare(self) -> None:
+        """Everything that the first refit would make, for refits in several threads."""
+        if self.curvature is not None:
+            self._measure_shrinking()
 
     def noise_of(self, readings: list[np.ndarray]) -> np.ndarray:
         """Whitened noise (b, N) of given readings, one array (b, m, k) per set: (reading - prediction at the solution)/u."""
@@ -150,7 +156,7 @@ class Refitter:
         """Minimum of every trial; `noise` (b, N) and `prior_noise` (b, r), whitened."""
         if prior_noise is None:
             prior_noise = np.zeros((len(noise), self.n_prior))
-        parts = [slice(i, i + AT_ONCE) for i in range(0, len(noise), AT_ONCE)]
+        parts = [slice(i, i + AT_ONCE) for i in range(0, max(len(noise), 1), AT_ONCE)]
         return joined([self._refit(noise[p], prior_noise[p]) for p in parts])
 
     def _refit(self, noise: np.ndarray, prior_noise: np.ndarray) -> Refits:

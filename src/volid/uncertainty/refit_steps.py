@@ -16,7 +16,7 @@ from jax.tree_util import register_dataclass
 
 from volid.error_model import ROWS as ROWS_PER_BODY
 from volid.error_model import Layout, add_curves, evaluate_bases
-from volid.fitting.equations import jacobian, residual_rows
+from volid.fitting.equations import residual_rows
 from volid.fitting.system import Block, System
 from volid.observations.effects import predict_readings
 from volid.uncertainty.second_order import Curvature, second_order
@@ -59,15 +59,19 @@ def tiles_of(block: Block, numbers: np.ndarray) -> tuple[Block, Any]:
 
 def weighted_rows(frozen: Frozen, n_readings: int) -> np.ndarray:
     """TᵀJᵀ (p, N) in the order of the readings."""
-    basis = np.asarray(frozen.basis)
-    found = np.zeros((basis.shape[1], n_readings))
-    for block, rows, numbers in zip(
-        frozen.system.blocks, jacobian(frozen.system, frozen.z), frozen.numbers, strict=True
-    ):
-        for chunk, number, weight in zip(np.asarray(rows), np.asarray(numbers), np.asarray(block.weight), strict=True):
+    found = np.zeros((frozen.basis.shape[1], n_readings))
+    for block, numbers in zip(frozen.system.blocks, frozen.numbers, strict=True):
+        rows = np.asarray(_projected_rows(frozen.system, block, frozen.z, frozen.basis))
+        for chunk, number, weight in zip(rows, np.asarray(numbers), np.asarray(block.weight), strict=True):
             seen = weight.ravel() > 0.0
-            found[:, number.ravel()[seen]] = basis.T @ chunk[:, seen]
+            found[:, number.ravel()[seen]] = chunk[:, seen]
     return found
+
+
+@jax.jit
+def _projected_rows(system: System, block: Block, z: Any, basis: Any) -> Any:
+    """TᵀJᵀ of one block by chunks, (n_chunks, p, k·rows)."""
+    return jax.lax.map(lambda chunk: basis.T @ residual_rows(system, block.form, chunk, z)[1], block)
 
 
 @jax.jit

@@ -21,7 +21,7 @@ import numpy as np
 from volid.exceptions import InputError
 
 RECORD = "run.json"
-LARGEST = 32_000_000  # values of one group of output columns in memory: 256 MB
+LARGEST = 16_000_000  # values of one group of output columns in memory: 128 MB
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +55,11 @@ class Samples:
         width = max(1, LARGEST // max(self.trials, 1))
         for start in range(0, len(rows), width):
             part = slice(start, min(start + width, len(rows)))
-            yield part, np.concatenate([rows[part] @ x.T for x in self._converged()], axis=1).T
+            values, done = np.empty((len(rows[part]), self.trials)), 0
+            for x in self._converged():
+                np.matmul(rows[part], x.T, out=values[:, done : done + len(x)])
+                done += len(x)
+            yield part, values[:, :done].T
 
     def mapped(self, matrix: np.ndarray) -> Samples:
         """Samples of matrix · x."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -76,7 +77,9 @@ def statement(solution: Solution, tool: np.ndarray | None = None, outputs: Outpu
 def _sampled(samples: Samples, outputs: Outputs) -> tuple[Intervals, np.ndarray, int]:
     """Intervals and standard deviations of all outputs (q,), and the number of trials behind them; few outputs at a time."""
     parts, spreads, converged = [], [], 0
-    for values in (*(v for _, v in samples.linear(outputs.rows)), samples.outputs(outputs.field_values)):
+    linear = (values for _, values in samples.linear(outputs.rows))
+    field = (samples.outputs(f) for f in (outputs.field_values,))
+    for values in chain(linear, field):  # one group in memory at a time
         parts.append(coverage_intervals(values))
         spreads.append(values.std(axis=0, ddof=1))
         converged = len(values)
