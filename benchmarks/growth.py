@@ -72,15 +72,25 @@ def plot(rows: list[tuple[str, int, float, float]], path: Path) -> None:
 
     matplotlib.use("svg")
     import matplotlib.pyplot as plt
+    from matplotlib.ticker import NullFormatter, ScalarFormatter
 
     names = list(dict.fromkeys(r[0] for r in rows))
-    figure, panels = plt.subplots(1, len(names), figsize=(3.2 * len(names), 3.2), layout="constrained")
-    for panel, name in zip(panels, names, strict=True):
-        x, y = np.array([(r[1], r[2]) for r in rows if r[0] == name]).T
-        panel.loglog(x, y, "o-", label="measured")
-        panel.loglog(x, y[-1] * x / x[-1], "--", color="0.6", label="linear")
-        panel.set(xlabel=name, ylabel="s")
-        panel.legend()
+    figure, panels = plt.subplots(2, len(names), figsize=(3.4 * len(names), 5.0), layout="constrained", sharex="col")
+    for (above, below), name in zip(panels.T, names, strict=True):
+        x, seconds, memory = np.array([(r[1], r[2], r[3]) for r in rows if r[0] == name]).T
+        above.loglog(x, 1e3 * seconds, "o-", label="measured")
+        above.loglog(x, 1e3 * seconds[-1] * x / x[-1], "--", color="0.6", label="linear")
+        below.semilogx(x, memory, "o-")
+        below.set(xlabel=name, ylim=(0.0, None))
+        shown = x if len(x) < 7 else x[::3]
+        below.set_xticks(shown, [f"{n:,.0f}" for n in shown])
+        below.xaxis.set_minor_formatter(NullFormatter())
+        above.yaxis.set_major_formatter(ScalarFormatter())
+        crowded = x[-1] > 20 * x[0]
+        above.yaxis.set_minor_formatter(NullFormatter() if crowded else ScalarFormatter())
+    panels[0, 0].set_ylabel("time [ms]")
+    panels[1, 0].set_ylabel("peak memory so far [MB]")
+    panels[0, 0].legend()
     figure.savefig(path)
 
 
