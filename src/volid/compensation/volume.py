@@ -98,7 +98,8 @@ def predict_residual(
     values, vectors = np.linalg.eigh(solution.parameter_covariance)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     draws = np.random.default_rng(seed).standard_normal((SAMPLES, root.shape[1])) @ root.T
-    fields = (draws @ gradient.reshape(-1, draws.shape[1]).T).reshape(SAMPLES, POINTS, 6)[:, :, :3] + exact
+    translations = gradient[:, :3].reshape(-1, draws.shape[1])
+    fields = (draws @ translations.T).reshape(SAMPLES, POINTS, 3) + exact
     size = np.linalg.norm(without_rigid_motion(solution, positions, tool, fields), axis=2)
     largest = size.max(axis=1)
     bounds = np.quantile(largest, [0.025, 0.975])

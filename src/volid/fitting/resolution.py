@@ -195,13 +195,15 @@ class _Projected:
         self.right = np.concatenate([self.right, self.vectors[:, part.rows] @ part.block], axis=1)
         self.parts[name] = part
 
-    def without(self, name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """`left`, `both` and `right` of all other parts."""
+    def without(
+        self, name: str, columns: np.ndarray | slice = slice(None)
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """`left`, in some of its columns, `both` and `right` of all other parts."""
         widths = [part.block.shape[1] for part in self.parts.values()]
         i = list(self.parts).index(name)
         own = slice(sum(widths[:i]), sum(widths[: i + 1]))
         both = np.delete(np.delete(self.both, own, axis=1), own, axis=2)
-        return np.delete(self.left, own, axis=1), both, np.delete(self.right, own, axis=1)
+        return np.delete(self.left[:, :, columns], own, axis=1), both, np.delete(self.right, own, axis=1)
 
 
 class _Search:
@@ -301,9 +303,9 @@ class _Search:
     def scores(self, name: str, options: list[tuple[int, ...]]) -> np.ndarray:
         """Held-out chi-square, shape (options, folds), with `name` at each resolution in turn."""
         equations, own = self.equations, self.columns[name]
-        left, both, right = equations.without(name)
+        left, both, right = equations.without(name, own)
         corner = equations.matrices[:, own[:, None], own]
-        *reduced, prior = map(_Reduced, both, left[:, :, own], corner, right, equations.vectors[:, own])
+        *reduced, prior = map(_Reduced, both, left, corner, right, equations.vectors[:, own])
         total = _Reduced(*(prior[i] + sum(r[i] for r in reduced) for i in range(5)))
         total.oo.flat[:: len(total.oo) + 1] += WEAKEST**2
         blocks = [self.block(name, option) for option in options]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import chain
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -77,13 +77,18 @@ def statement(solution: Solution, tool: np.ndarray | None = None, outputs: Outpu
 def _sampled(samples: Samples, outputs: Outputs) -> tuple[Intervals, np.ndarray, int]:
     """Intervals and standard deviations of all outputs (q,), and the number of trials behind them; few outputs at a time."""
     parts, spreads, converged = [], [], 0
-    linear = (values for _, values in samples.linear(outputs.rows))
-    field = (samples.outputs(f) for f in (outputs.field_values,))
-    for values in chain(linear, field):  # one group in memory at a time
+    for values in _groups(samples, outputs):
         parts.append(coverage_intervals(values))
         spreads.append(values.std(axis=0, ddof=1))
         converged = len(values)
     return Intervals(*(np.concatenate(ends) for ends in zip(*parts, strict=True))), np.concatenate(spreads), converged
+
+
+def _groups(samples: Samples, outputs: Outputs) -> Iterator[np.ndarray]:
+    """Samples (M', q) of the linear outputs, then of the others, one group in memory at a time."""
+    for _, values in samples.linear(outputs.rows):
+        yield values
+    yield samples.outputs(outputs.field_values)
 
 
 def format_statement(found: Statement) -> str:
