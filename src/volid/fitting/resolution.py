@@ -20,6 +20,7 @@ from volid.error_functions import motion_groups, motion_names, settings_for, spl
 from volid.error_model import LOCATION, motion_blocks
 from volid.exceptions import InputError
 from volid.fitting.equations import normal_equations
+from volid.fitting.held_out_equations import Part, Projected, Reduced, held_out_chi_square
 from volid.fitting.identifiability import ROTATION_UNIT, UNIT, WEAKEST, parameter_units
 from volid.fitting.problem import Problem, reweight
 from volid.iso230 import parse
@@ -162,50 +163,6 @@ def _fold_equations(problem: Problem, campaign: Campaign, z: np.ndarray, factors
     return result
 
 
-class _Part(NamedTuple):
-    """Free columns of some unknowns: the rows of the full unknowns in which they are not zero, and their values there."""
-
-    rows: np.ndarray | slice
-    block: np.ndarray
-
-
-class _Projected:
-    """Equations (k, N, N) and (k, N) of the folds, and of the prior as the last, in the free columns B of several parts.
-
-    `left` Bᵀ M, shape (k, n, N); `both` Bᵀ M B, shape (k, n, n); `right` Bᵀ v, shape (k, n). Taking one part out, or exchanging
-    it, is a small part of the work of the whole.
-    """
-
-    def __init__(self, matrices: np.ndarray, vectors: np.ndarray) -> None:
-        k, n = vectors.shape
-        self.matrices, self.vectors = matrices, vectors
-        self.parts: dict[str, _Part] = {}
-        self.left, self.both, self.right = np.zeros((k, 0, n)), np.zeros((k, 0, 0)), np.zeros((k, 0))
-
-    def put(self, name: str, part: _Part) -> None:
-        """Adds a part, in place of what had its name."""
-        if name in self.parts:
-            self.left, self.both, self.right = self.without(name)
-            del self.parts[name]
-        own = part.block.T @ self.matrices[:, part.rows]
-        cross = self.left[:, :, part.rows] @ part.block
-        corner = own[:, :, part.rows] @ part.block
-        self.left = np.concatenate([self.left, own], axis=1)
-        self.both = np.block([[self.both, cross], [cross.transpose(0, 2, 1), corner]])
-        self.right = np.concatenate([self.right, self.vectors[:, part.rows] @ part.block], axis=1)
-        self.parts[name] = part
-
-    def without(
-        self, name: str, columns: np.ndarray | slice = slice(None)
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """`left`, in some of its columns, `both` and `right` of all other parts."""
-        widths = [part.block.shape[1] for part in self.parts.values()]
-        i = list(self.parts).index(name)
-        own = slice(sum(widths[:i]), sum(widths[: i + 1]))
-        both = np.delete(np.delete(self.both, own, axis=1), own, axis=2)
-        return np.delete(self.left[:, :, columns], own, axis=1), both, np.delete(self.right, own, axis=1)
-
-
 class _Search:
     """Coordinate search over the functions' resolutions on the folds' normal equations.
 
@@ -227,10 +184,10 @@ class _Search:
         prior = root.T @ root
         self.blocks: dict[tuple[str, tuple[int, ...]], np.ndarray] = {}
         self.unchanged = 0  # functions in a row that kept their resolution
-        self.equations = _Projected(
+        self.equations = Projected(
             np.stack([*(f.matrix for f in folds), prior]), np.stack([*(f.vector for f in folds), prior @ mean])
         )
-        self.equations.put(_REST, _Part(slice(None), self._rest(problem)))
+        self.equations.put(_REST, Part(slice(None), self._rest(problem)))
         for name in self.groups:
             self.equations.put(name, self._part(name))
 
@@ -258,8 +215,8 @@ class _Search:
             self.blocks[name, option] = unit * block_diag(*(b.free for b in parts))
         return self.blocks[name, option]
 
-    def _part(self, name: str) -> _Part:
-        return _Part(self.columns[name], self.block(name, self.chosen[name]))
+    def _part(self, name: str) -> Part:
+        return Part(self.columns[name], self.block(name, self.chosen[name]))
 
     def sweep(self) -> bool:
         """One pass over the automatic functions, up to where nothing can change any more; True when something changed."""
@@ -305,45 +262,15 @@ class _Search:
         equations, own = self.equations, self.columns[name]
         left, both, right = equations.without(name, own)
         corner = equations.matrices[:, own[:, None], own]
-        *reduced, prior = map(_Reduced, both, left, corner, right, equations.vectors[:, own])
-        total = _Reduced(*(prior[i] + sum(r[i] for r in reduced) for i in range(5)))
+        *reduced, prior = map(Reduced, both, left, corner, right, equations.vectors[:, own])
+        total = Reduced(*(prior[i] + sum(r[i] for r in reduced) for i in range(5)))
         total.oo.flat[:: len(total.oo) + 1] += WEAKEST**2
         blocks = [self.block(name, option) for option in options]
         result = np.empty((len(options), len(self.folds)))
         for k, (fold, held) in enumerate(zip(self.folds, reduced, strict=True)):
-            training = _Reduced(*(t - h for t, h in zip(total, held, strict=True)))
-            result[:, k] = _held_out(training, held, fold.square, blocks)
+            training = Reduced(*(t - h for t, h in zip(total, held, strict=True)))
+            result[:, k] = held_out_chi_square(training, held, fold.square, blocks)
         return result
-
-
-class _Reduced(NamedTuple):
-    """A fold's equations, others (o) and own (f) unknowns apart."""
-
-    oo: np.ndarray
-    of: np.ndarray
-    ff: np.ndarray
-    vo: np.ndarray
-    vf: np.ndarray
-
-
-def _held_out(training: _Reduced, held: _Reduced, square: float, blocks: list[np.ndarray]) -> np.ndarray:
-    """Chi-square of the held-out fold for each candidate block: others eliminated, then a small quadratic form."""
-    factor = cho_factor(training.oo, check_finite=False)
-    solved = cho_solve(factor, np.column_stack([training.vo, training.of]), check_finite=False)
-    a, slope = solved[:, 0], solved[:, 1:]
-    schur = training.ff - training.of.T @ slope
-    vector = training.vf - training.of.T @ a
-    onto = held.oo @ solved
-    constant = square - 2.0 * held.vo @ a + a @ onto[:, 0]
-    linear = held.of.T @ a - slope.T @ (onto[:, 0] - held.vo) - held.vf
-    cross = slope.T @ held.of
-    quadratic = held.ff - cross - cross.T + slope.T @ onto[:, 1:]
-    result = []
-    for block in blocks:
-        inner = block.T @ schur @ block + WEAKEST**2 * np.eye(block.shape[1])
-        w = block @ np.linalg.solve(inner, block.T @ vector)
-        result.append(constant + 2.0 * linear @ w + w @ quadratic @ w)
-    return np.array(result)
 
 
 def choose(
