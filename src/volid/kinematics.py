@@ -40,7 +40,7 @@ class _Motion(NamedTuple):
     point: Vector
 
 
-def _motion(machine: Machine, i: int, errors: Any) -> _Motion:
+def error_motion(machine: Machine, i: int, errors: Any) -> _Motion:
     """Error motion number `i`: of axis i, or of the tool frame when i = n_axes."""
     translation, rotation = _components(errors, ROWS * i), _components(errors, ROWS * i + 3)
     if i == len(machine.axes):
@@ -63,7 +63,7 @@ def _error_factor(motion: _Motion, x: Vector, is_vector: bool, inverse: bool = F
     return x if inverse else add(x, motion.translation)
 
 
-def _nominal_factor(axis: Axis, q: Any, x: Vector, is_vector: bool) -> Vector:
+def nominal_factor(axis: Axis, q: Any, x: Vector, is_vector: bool) -> Vector:
     """N: translation by q along the axis, or rotation by q [degrees] about its line through `point`."""
     if axis.is_linear:
         shift = [0.0, 0.0, 0.0]
@@ -80,11 +80,11 @@ def _axis_factor(machine: Machine, i: int, q: Any, errors: Any, x: Vector, is_ve
     axis = machine.axes[i]
     position = -q[i] if inverse else q[i]
     if errors is None:
-        return _nominal_factor(axis, position, x, is_vector)
-    motion = _motion(machine, i, errors)
+        return nominal_factor(axis, position, x, is_vector)
+    motion = error_motion(machine, i, errors)
     if (axis.is_linear != axis.primed) != inverse:
-        return _nominal_factor(axis, position, _error_factor(motion, x, is_vector, inverse), is_vector)
-    return _error_factor(motion, _nominal_factor(axis, position, x, is_vector), is_vector, inverse)
+        return nominal_factor(axis, position, _error_factor(motion, x, is_vector, inverse), is_vector)
+    return _error_factor(motion, nominal_factor(axis, position, x, is_vector), is_vector, inverse)
 
 
 def transform(
@@ -106,12 +106,12 @@ def transform(
 
 def from_tool_frame(machine: Machine, errors: Any | None, x: Vector, is_vector: bool = False) -> Vector:
     """Point or vector fixed in the tool frame, carried through the constant motion of the tool frame: D_S · x."""
-    return x if errors is None else _error_factor(_motion(machine, len(machine.axes), errors), x, is_vector)
+    return x if errors is None else _error_factor(error_motion(machine, len(machine.axes), errors), x, is_vector)
 
 
 def to_tool_frame(machine: Machine, errors: Any | None, x: Vector, is_vector: bool = False) -> Vector:
     """Inverse of `from_tool_frame`."""
-    return x if errors is None else _error_factor(_motion(machine, len(machine.axes), errors), x, is_vector, True)
+    return x if errors is None else _error_factor(error_motion(machine, len(machine.axes), errors), x, is_vector, True)
 
 
 def functional_point(machine: Machine, q: Any, tool: Vector, errors: Any | None = None, stop: int = 0) -> Vector:
@@ -124,7 +124,7 @@ def to_machine_frame(machine: Machine, q: Any, x: Vector) -> Vector:
     """R_wᵀ x: turn a workpiece-frame vector back by the nominal rotations of the primed rotary axes (CONVENTIONS 5)."""
     for i, axis in enumerate(machine.axes):
         if axis.primed and not axis.is_linear:
-            x = _nominal_factor(axis, -q[i], x, True)
+            x = nominal_factor(axis, -q[i], x, True)
     return x
 
 
@@ -143,7 +143,7 @@ def orientation_deviation(machine: Machine, q: Any, errors: Any) -> Vector:
         # R_actual · R_nominalᵀ applied to a unit vector: back through the nominal chain, forward through the actual one.
         x = unit
         for i in range(n):
-            x = _nominal_factor(machine.axes[i], -q[i], x, True)
+            x = nominal_factor(machine.axes[i], -q[i], x, True)
         x = from_tool_frame(machine, errors, x, True)
         columns.append(transform(machine, q, errors, x, start=n, is_vector=True))
     return to_machine_frame(machine, q, rotation_vector((columns[0], columns[1], columns[2])))

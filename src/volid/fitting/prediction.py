@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterator
-from functools import partial
+from concurrent.futures import Future, ThreadPoolExecutor
+from functools import cache
 from typing import Any, NamedTuple
 
 import jax
@@ -11,13 +13,15 @@ import jax.numpy as jnp
 import numpy as np
 
 from volid.elementary import in_rows
-from volid.error_model import ErrorModel, Layout, coefficient_rows, error_rows, error_values, evaluate_bases
+from volid.error_model import ErrorModel, Layout, coefficient_rows, error_rows, evaluate_bases
 from volid.fitting import spread
-from volid.kinematics import deviation, orientation_deviation, point_deviation
+from volid.jacobian import deviation_partials
+from volid.kinematics import deviation
 from volid.machine import Machine
-from volid.reverse import Recorded, gradients
 
-CHUNK = 1024
+CHUNK, SLICE = 512, 16_384  # points of a program at once, whose values stay in the cache, and of one call
+INTERPRETED_CHUNK = 4096  # NumPy needs longer arrays
+THREADS = 2
 INTERPRETED = 20_000  # points: up to here NumPy is done before a program is traced
 ESTIMABLE = 1e-3  # 0.1 µm for an undetermined rotation of 0.1 mrad; see `identifiability.NAMED`
 
@@ -27,124 +31,135 @@ def chain_of(machine: Machine) -> Machine:
     return Machine(name="", structure="", axes=machine.axes)
 
 
+def partial_rows(machine: Machine, errors: Any, q: Any, tool: Any) -> list[Any]:
+    """∂(deviation)/∂(error values): for each of six components an array (error values, m)."""
+    rows = deviation_partials(machine, q, tuple(tool), errors)
+    return [in_rows(row, q.shape[1:]) for row in rows]
+
+
 def gradient_rows(machine: Machine, layout: Layout, coefficients: Any, q: Any, tool: Any, direction: Any) -> Any:
-    """∂(deviation)/∂(coefficients), shape (6, n_coefficients, m), by one reverse pass per component."""
+    """∂(deviation)/∂(coefficients), shape (6, n_coefficients, m)."""
     bases = evaluate_bases(layout, q, direction)
-    errors = error_values(layout, coefficients, bases)
-    _, pull_back = jax.vjp(lambda e: deviation(machine, q, tuple(tool), e), errors)
-    cotangents = jnp.broadcast_to(jnp.eye(6)[:, :, None], (6, 6, q.shape[1]))
-    return jax.vmap(lambda w: coefficient_rows(layout, pull_back(w)[0], bases))(cotangents)
+    partials = partial_rows(machine, error_rows(layout, coefficients, bases, q.shape[1]), q, tool)
+    return in_rows([coefficient_rows(layout, p, bases) for p in partials], (layout.n_coefficients, q.shape[1]))
 
 
 class _Points(NamedTuple):
+    """Points (m, …), and by `number` (m, groups of axes) the distinct position of each, where that is asked for."""
+
     q: Any
     tool: Any
     direction: Any
+    number: Any = None
 
 
-@partial(jax.jit, static_argnames=("layout",))
 def _values(machine: Machine, layout: Layout, coefficients: Any, chunk: _Points) -> Any:
     bases = evaluate_bases(layout, chunk.q, chunk.direction)
     errors = error_rows(layout, coefficients, bases, chunk.q.shape[1])
     return deviation(machine, chunk.q, tuple(chunk.tool), errors)
 
 
-@partial(jax.jit, static_argnames=("layout",))
 def _partials(machine: Machine, layout: Layout, coefficients: Any, chunk: _Points) -> Any:
-    """∂(deviation)/∂(error values), shape (6, error values, chunk)."""
-    m, tool = chunk.q.shape[1], tuple(chunk.tool)
-    errors = error_rows(layout, coefficients, evaluate_bases(layout, chunk.q, chunk.direction), m)
-    rows = []
-    for part in (
-        lambda e: point_deviation(machine, chunk.q, tool, e),
-        lambda e: orientation_deviation(machine, chunk.q, e),
-    ):
-        _, pull_back = jax.vjp(part, errors)
-        for k in range(3):
-            one = tuple(jnp.full(m, float(i == k)) for i in range(3))
-            rows.append(in_rows(pull_back(one)[0], (m,)))
-    return in_rows(rows, rows[0].shape)
-
-
-@partial(jax.jit, static_argnames=("layout",))
-def _gradients(machine: Machine, layout: Layout, coefficients: Any, chunk: _Points) -> Any:
-    return gradient_rows(machine, layout, coefficients, *chunk)
-
-
-def _interpreted_values(machine: Machine, layout: Layout, coefficients: Any, chunk: _Points) -> np.ndarray:
-    """`_values` without a compiled program."""
-    errors = _errors(layout, coefficients, chunk)
-    return np.asarray(deviation(machine, chunk.q, tuple(chunk.tool), errors))
-
-
-def _errors(layout: Layout, coefficients: Any, chunk: _Points) -> np.ndarray:
-    errors = error_values(layout, np.asarray(coefficients), evaluate_bases(layout, chunk.q, chunk.direction))
-    return np.asarray(errors if layout.terms else np.zeros((len(errors), chunk.q.shape[1])))
-
-
-def _interpreted_partials(machine: Machine, layout: Layout, coefficients: Any, chunk: _Points) -> np.ndarray:
-    """`_partials` without a compiled program."""
-    notes: list[Recorded] = []
-    leaves = [Recorded(row, notes) for row in _errors(layout, coefficients, chunk)]
-    found = deviation(machine, chunk.q, tuple(chunk.tool), leaves)
-    return np.stack([gradients(f, leaves, chunk.q.shape[1]) for f in found])
-
-
-def _interpreted_gradients(machine: Machine, layout: Layout, coefficients: Any, chunk: _Points) -> np.ndarray:
-    """`_gradients` without a compiled program."""
+    """∂(deviation)/∂(error values), shape (6, error values, m)."""
     bases = evaluate_bases(layout, chunk.q, chunk.direction)
-    partials = _interpreted_partials(machine, layout, coefficients, chunk)
-    return np.stack([coefficient_rows(layout, p, bases) for p in partials])
+    errors = error_rows(layout, coefficients, bases, chunk.q.shape[1])
+    return in_rows(partial_rows(machine, errors, chunk.q, chunk.tool), (len(errors), chunk.q.shape[1]))
 
 
-_INTERPRETED: dict[Callable[..., Any], Callable[..., np.ndarray]] = {
-    _values: _interpreted_values,
-    _partials: _interpreted_partials,
-    _gradients: _interpreted_gradients,
-}
+def _gradients(machine: Machine, layout: Layout, coefficients: Any, chunk: _Points) -> Any:
+    return gradient_rows(machine, layout, coefficients, chunk.q, chunk.tool, chunk.direction)
 
 
-def _chunks(
-    function: Callable[..., Any], model: ErrorModel, coefficients: np.ndarray, points: _Points
-) -> Iterator[tuple[slice, np.ndarray]]:
-    """`function` over all points (m, …), slice by slice; points last. Few points are interpreted; many in chunks of one length,
-    so that one program is compiled."""
+def _variances(machine: Machine, layout: Layout, coefficients: Any, chunk: _Points, products: list[Any]) -> Any:
+    """Variances of the deviation from covariances of the error values (`spread.products`), (6, m)."""
+    bases = evaluate_bases(layout, chunk.q, chunk.direction)
+    errors = error_rows(layout, coefficients, bases, chunk.q.shape[1])
+    partials = deviation_partials(machine, chunk.q, tuple(chunk.tool), errors)
+    own = [
+        in_rows([in_rows([p[r] for r in rows], chunk.q.shape[1:]) for p in partials], (len(rows), chunk.q.shape[1]))
+        for rows in map(spread.rows_of, spread.groups_of(layout).values())
+    ]
+    return spread.quadratic_forms(own, products, chunk.number)
+
+
+_Function = Callable[..., Any]
+
+
+@cache
+def _compiled(function: _Function) -> _Function:
+    """The program that carries a function out on chunks (n_chunks, …, `CHUNK`), one after another."""
+
+    def over_chunks(machine: Machine, layout: Layout, coefficients: Any, chunks: _Points, *extra: Any) -> Any:
+        return jax.lax.map(lambda chunk: function(machine, layout, coefficients, chunk, *extra), chunks)
+
+    return jax.jit(over_chunks, static_argnames=("layout",))
+
+
+def _calls(
+    function: _Function, model: ErrorModel, coefficients: np.ndarray, points: _Points, *extra: Any
+) -> tuple[list[slice], Callable[[slice], np.ndarray]]:
+    """Slices of the points (m, …), and what carries `function` out on one of them; its result has points last.
+
+    Few points are interpreted; many go in slices of one length, so that one program is compiled.
+    """
     m, chain = len(points.q), chain_of(model.machine)
     if m <= INTERPRETED:
-        for part in _slices(m):
-            chunk = _Points(*(np.ascontiguousarray(v[part].T, dtype=float) for v in points))
-            yield part, _INTERPRETED[function](chain, model.layout, coefficients, chunk)
-        return
-    ahead: list[tuple[slice, Any]] = []
-    for part in _slices(m):
-        rows = np.minimum(np.arange(part.start, part.start + CHUNK), m - 1)  # the last chunk repeats its last point
-        chunk = _Points(*(np.asarray(v[rows].T, dtype=float) for v in points))
-        ahead.append((part, function(chain, model.layout, coefficients, chunk)))
-        if len(ahead) > 1:  # computed while the one before is used
-            yield _whole(*ahead.pop(0))
-    yield from (_whole(*pending) for pending in ahead)
+        return _slices(m, INTERPRETED_CHUNK), lambda part: function(
+            chain, model.layout, coefficients, _taken(points, part), *extra
+        )
+    shared = jax.tree.map(jnp.asarray, (coefficients, *extra))
+
+    def call(part: slice) -> np.ndarray:
+        rows = np.minimum(np.arange(part.start, part.start + SLICE), m - 1)  # the last repeats the last point
+        chunks = jax.tree.map(_in_chunks, _taken(points, rows))
+        found = np.asarray(_compiled(function)(chain, model.layout, shared[0], chunks, *shared[1:]))
+        whole = np.moveaxis(found, 0, -2).reshape(*found.shape[1:-1], SLICE)
+        return whole[..., : part.stop - part.start]
+
+    return _slices(m, SLICE), call
 
 
-def _slices(m: int) -> Iterator[slice]:
-    return (slice(start, min(start + CHUNK, m)) for start in range(0, m, CHUNK))
+def _slices(m: int, size: int) -> list[slice]:
+    return [slice(start, min(start + size, m)) for start in range(0, m, size)]
 
 
-def _whole(part: slice, values: Any) -> tuple[slice, np.ndarray]:
-    return part, np.asarray(values)[..., : part.stop - part.start]
+def _taken(points: _Points, rows: Any) -> _Points:
+    """Some of the points, points last."""
+    return _Points(*(None if v is None else np.ascontiguousarray(v[rows].T) for v in points))
 
 
-def _by_chunks(
-    function: Callable[..., Any], model: ErrorModel, coefficients: np.ndarray, points: _Points
+def _in_chunks(values: np.ndarray) -> np.ndarray:
+    return np.moveaxis(values.reshape(-1, SLICE // CHUNK, CHUNK), 1, 0)
+
+
+def _each(carry_out: Callable[[slice], Any], slices: list[slice]) -> Iterator[Any]:
+    """Results slice by slice, in order; `THREADS` at a time, and few of them waiting to be used."""
+    with ThreadPoolExecutor(THREADS) as pool:  # XLA and NumPy let other threads work meanwhile
+        waiting: deque[Future[Any]] = deque()
+        for part in slices:
+            waiting.append(pool.submit(carry_out, part))
+            if len(waiting) > 2 * THREADS:
+                yield waiting.popleft().result()
+        yield from (f.result() for f in waiting)
+
+
+def _whole(
+    function: _Function, model: ErrorModel, coefficients: np.ndarray, points: _Points, *extra: Any
 ) -> np.ndarray:
-    parts = [values for _, values in _chunks(function, model, coefficients, points)]
-    return np.concatenate(parts, axis=-1)
+    """`function` over all points, points last."""
+    slices, call = _calls(function, model, coefficients, points, *extra)
+    return np.concatenate(list(_each(call, slices)), axis=-1)
 
 
 def _squares(model: ErrorModel, coefficients: np.ndarray, factor: np.ndarray, points: _Points) -> np.ndarray:
     """|factor · gradient|² per component and point, (6, m); `factor` (r, n_coefficients)."""
     tables = spread.tables_of(model.layout, factor, points.q, points.direction)
-    partials = _chunks(_partials, model, coefficients, points)
-    return spread.squares(tables, partials, model.layout.n_axes, len(points.q))
+    if spread.worth_products(tables, len(points.q)):
+        numbered = points._replace(number=np.stack([t.number for t in tables], axis=1))
+        return _whole(_variances, model, coefficients, numbered, spread.products(tables))
+    slices, call = _calls(_partials, model, coefficients, points)
+    squares = _each(lambda part: spread.squares(tables, part, call(part)), slices)
+    return np.concatenate(list(squares), axis=-1)
 
 
 def deviation_values(
@@ -152,7 +167,7 @@ def deviation_values(
 ) -> np.ndarray:
     """Deviation at m points, shape (m, 6) [mm, rad]."""
     coefficients = model.parametrisation @ theta
-    return _by_chunks(_values, model, coefficients, _Points(positions, tool, direction)).T
+    return _whole(_values, model, coefficients, _Points(positions, tool, direction)).T
 
 
 def gradient_matrix(
@@ -160,7 +175,7 @@ def gradient_matrix(
 ) -> np.ndarray:
     """∂(deviation)/∂θ at m points, shape (m, 6, n_parameters). For a few thousand points."""
     coefficients = model.parametrisation @ theta
-    rows = _by_chunks(_gradients, model, coefficients, _Points(positions, tool, direction))
+    rows = _whole(_gradients, model, coefficients, _Points(positions, tool, direction))
     whole = np.ascontiguousarray(rows.transpose(2, 0, 1)).reshape(-1, rows.shape[1]) @ model.parametrisation
     return np.asarray(whole.reshape(-1, rows.shape[0], whole.shape[1]))
 

@@ -10,18 +10,15 @@ On a grid the products T_a T_bᵀ are made once per pair of positions. Exact: th
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from volid.error_model import ROWS, Layout, Term
+from volid.error_model import Layout, Term
 from volid.splines import Basis, evaluate
 
-CHUNK = 1024
-THREADS = 2
+CHUNK = 512  # points at once
 WORTH_A_TABLE = 4  # pairs of positions per point up to which their products are made beforehand
 
 
@@ -45,23 +42,34 @@ def _axes_of(basis: Basis) -> tuple[int, ...]:
     return tuple(sorted(axes | ({basis.directed} if basis.directed >= 0 else set())))
 
 
-def tables_of(layout: Layout, factor: np.ndarray, positions: np.ndarray, direction: np.ndarray) -> list[Tables]:
-    """Tables of every group of axes, for `factor` (r, n_coefficients) and points (m, n_axes)."""
+@lru_cache(maxsize=64)
+def groups_of(layout: Layout) -> dict[tuple[int, ...], list[Term]]:
+    """Terms by the axes that they depend on."""
     groups: dict[tuple[int, ...], list[Term]] = {}
     for term in layout.terms:
         groups.setdefault(_axes_of(term.basis), []).append(term)
-    return [_table(axes, terms, factor, positions, direction) for axes, terms in groups.items()]
+    return groups
+
+
+def rows_of(terms: list[Term]) -> list[int]:
+    """Rows of the error values that terms add to."""
+    return list(dict.fromkeys(t.row for t in terms))
+
+
+def tables_of(layout: Layout, factor: np.ndarray, positions: np.ndarray, direction: np.ndarray) -> list[Tables]:
+    """Tables of every group of axes, for `factor` (r, n_coefficients) and points (m, n_axes)."""
+    return [_table(axes, terms, factor, positions, direction) for axes, terms in groups_of(layout).items()]
 
 
 def _table(
     axes: tuple[int, ...], terms: list[Term], factor: np.ndarray, positions: np.ndarray, direction: np.ndarray
 ) -> Tables:
     columns = list(axes)
-    where = np.hstack([positions[:, columns], direction[:, columns]])
-    distinct, index = _distinct(where)
-    q, way = np.zeros((positions.shape[1], len(distinct))), np.zeros((positions.shape[1], len(distinct)))
-    q[columns], way[columns] = distinct[:, : len(columns)].T, distinct[:, len(columns) :].T
-    rows = list(dict.fromkeys(t.row for t in terms))
+    directed = sorted({t.basis.directed for t in terms} - {-1})
+    distinct, index = _distinct([*positions[:, columns].T, *direction[:, directed].T], len(positions))
+    q, way = (np.zeros((positions.shape[1], len(distinct))) for _ in range(2))
+    q[columns], way[directed] = distinct[:, : len(columns)].T, distinct[:, len(columns) :].T
+    rows = rows_of(terms)
     table = np.zeros((len(distinct), len(rows), len(factor)))
     values: dict[Basis, np.ndarray] = {}
     for term in terms:
@@ -72,70 +80,70 @@ def _table(
     return Tables(np.array(rows), index, table)
 
 
-def _distinct(where: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Distinct rows and the number of each row's own: column by column, since sorting whole rows is slow."""
-    number = np.zeros(len(where), dtype=np.int64)
-    for column in where.T:
-        found, own = np.unique(column, return_inverse=True)
-        _, number = np.unique(number * len(found) + own, return_inverse=True)
-    _, first, index = np.unique(number, return_index=True, return_inverse=True)
-    return where[first], np.asarray(index).ravel()
+def _distinct(columns: list[np.ndarray], m: int) -> tuple[np.ndarray, np.ndarray]:
+    """Distinct rows of some columns (m,), and the number of each row's own; column by column: sorting whole rows is slow."""
+    number = np.zeros(m, dtype=np.int64)
+    found = np.zeros((min(m, 1), 0))
+    for column in columns:
+        values, own = _ranked(column)
+        numbers, number = _ranked(number * len(values) + own)
+        found = np.column_stack([found[numbers // len(values)], values[numbers % len(values)]])
+    return found, number
 
 
-def squares(groups: list[Tables], partials: Iterator[tuple[slice, np.ndarray]], n_axes: int, m: int) -> np.ndarray:
-    """|F g|² of every component, shape (k, m); `partials`: slices of points, each with (k, error values, points)."""
-    n_rows = ROWS * (n_axes + 1)
+def _ranked(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Distinct values in order and the number of each value's own: as `np.unique`, of runs of equal values at once."""
+    begins = np.flatnonzero(np.concatenate([[True], values[1:] != values[:-1]])) if len(values) else np.zeros(0, int)
+    distinct, own = np.unique(values[begins], return_inverse=True)
+    return distinct, np.repeat(own, np.diff(begins, append=len(values)))
+
+
+def squares(groups: list[Tables], points: slice, partials: np.ndarray) -> np.ndarray:
+    """|F g|² of every component, (k, m), of some points whose pairs of positions are too many for `products`.
+
+    `partials` (k, error values, m).
+    """
+    found = np.empty((len(partials), partials.shape[2]))
+    for start in range(0, found.shape[1], CHUNK):
+        part = slice(start, min(start + CHUNK, found.shape[1]))
+        weights = np.ascontiguousarray(partials[:, :, part].transpose(2, 0, 1))
+        spread = np.zeros((len(weights), partials.shape[1], groups[0].table.shape[2] if groups else 0))
+        for g in groups:
+            spread[:, g.rows] += g.table[g.number[points][part]]
+        found[:, part] = np.sum((weights @ spread) ** 2, axis=2).T
+    return found
+
+
+def worth_products(groups: list[Tables], m: int) -> bool:
+    """Whether m points lie on so few pairs of positions that their products are made beforehand."""
     pairs = sum(len(a.table) * len(b.table) for i, a in enumerate(groups) for b in groups[i:])
-    products = _products(groups) if pairs <= WORTH_A_TABLE * m else None
-
-    def of(points: slice, p: np.ndarray) -> np.ndarray:
-        weights = np.ascontiguousarray(p.transpose(2, 0, 1))
-        if products is None:
-            spread = np.zeros((len(weights), n_rows, groups[0].table.shape[2] if groups else 0))
-            for g in groups:
-                spread[:, g.rows] += g.table[g.number[points]]
-            return np.asarray(np.sum((weights @ spread) ** 2, axis=2).T)
-        covariance = _gather(groups, products, points, n_rows)
-        return np.asarray(np.sum((weights @ covariance) * weights, axis=2).T)
-
-    parts: list[np.ndarray] = []
-    with ThreadPoolExecutor(THREADS) as pool:  # NumPy lets other threads work meanwhile
-        waiting: deque[Future[np.ndarray]] = deque()
-        for points, p in partials:
-            waiting.append(pool.submit(of, points, p))
-            if len(waiting) > 2 * THREADS:
-                parts.append(waiting.popleft().result())
-        parts += [f.result() for f in waiting]
-    return np.concatenate(parts, axis=1)
+    return pairs <= WORTH_A_TABLE * m
 
 
-def _products(groups: list[Tables]) -> dict[tuple[int, int], np.ndarray]:
-    """T_a T_bᵀ for every pair of groups and positions: (positions of a, positions of b, rows of a, rows of b)."""
-    result = {}
+def products(groups: list[Tables]) -> list[np.ndarray]:
+    """T_a T_bᵀ for every pair of groups a ≤ b and of positions: (positions of a, positions of b, rows of a, rows of b)."""
+    result = []
     for i, a in enumerate(groups):
-        for j, b in enumerate(groups[i:], start=i):
+        for b in groups[i:]:
             flat = a.table.reshape(-1, a.table.shape[2]) @ b.table.reshape(-1, b.table.shape[2]).T
             shape = (*a.table.shape[:2], *b.table.shape[:2])
-            result[i, j] = np.ascontiguousarray(flat.reshape(shape).transpose(0, 2, 1, 3))
+            result.append(np.ascontiguousarray(flat.reshape(shape).transpose(0, 2, 1, 3)))
     return result
 
 
-def _gather(
-    groups: list[Tables], products: dict[tuple[int, int], np.ndarray], points: slice, n_rows: int
-) -> np.ndarray:
-    """Covariance of the error values at some points, (points, rows, rows), from the products; zero where nothing depends."""
-    result = np.zeros((len(groups[0].number[points]) if groups else 0, n_rows, n_rows))
-    for (i, j), product in products.items():
-        a, b = groups[i], groups[j]
-        own = product[a.number[points], b.number[points]]
-        result[_block(a.rows, b.rows)] += own
-        if i != j:
-            result[_block(b.rows, a.rows)] += own.transpose(0, 2, 1)
-    return result
+def quadratic_forms(partials: list[Any], tables: list[Any], number: Any) -> Any:
+    """Σ_ab p_a (T_a T_bᵀ) p_b of every component, (k, m), in NumPy or JAX.
 
-
-def _block(rows: np.ndarray, columns: np.ndarray) -> tuple[Any, ...]:
-    """Index of a block of matrices: by slices where both lie in sequence, which is much faster than by numbers."""
-    if all(np.array_equal(n, np.arange(n[0], n[0] + len(n))) for n in (rows, columns)):
-        return slice(None), slice(rows[0], rows[0] + len(rows)), slice(columns[0], columns[0] + len(columns))
-    return slice(None), rows[:, None], columns
+    `partials`: of every group (k, rows, m). `tables`: `products`. `number` (groups, m): distinct position of every point.
+    """
+    total: Any = 0.0
+    remaining = iter(tables)
+    for i, a in enumerate(partials):
+        for j, b in enumerate(partials[i:], start=i):
+            table = next(remaining)
+            first, second, rows, columns = table.shape
+            gathered = table.reshape(first * second, rows * columns)[number[i] * second + number[j]]
+            covariance = gathered.T.reshape(rows, columns, -1)
+            carried = sum(a[:, r, None] * covariance[r] for r in range(rows))  # (k, columns, m)
+            total = total + (1.0 if i == j else 2.0) * (carried * b).sum(axis=1)
+    return total
