@@ -20,6 +20,7 @@ from volid.fitting.interpreted import interpreted
 from volid.fitting.problem import build_problem
 from volid.fitting.solver import solve
 from volid.fitting.starts import find_starts
+from volid.uncertainty.draws import trial_generator, trial_noise
 from volid.uncertainty.monte_carlo import BATCH, monte_carlo, run_of, run_trials
 
 LOOP = 50  # trials of every warm loop that are really run
@@ -105,8 +106,6 @@ class _Loops:
         return tuple(replace(s, readings=r) for s, r in zip(self.solution.campaign.sets, readings, strict=True))
 
     def _noise(self, number: int) -> tuple[np.ndarray, np.ndarray]:
-        from volid.uncertainty.draws import trial_noise
-
         r = self.refitter
         return tuple(a[0] for a in trial_noise(self.run.seed, number, 1, r.n_readings, r.n_prior, self.run.pseudo))
 
@@ -167,7 +166,7 @@ def _limit(solution: Any, trials: int) -> float:
     g = jnp.asarray(np.random.default_rng(0).standard_normal((n, m)))
     multiply = jax.jit(lambda g, e: g @ e)
     multiply(g, jnp.zeros((m, width))).block_until_ready()
-    generators = [np.random.Generator(np.random.Philox(key=[1, i])) for i in range(2)]
+    generators = [trial_generator(1, i) for i in range(2)]
     halves = [np.empty((width // 2, m)) for _ in generators]
     with ThreadPoolExecutor(2) as pool:
         for _ in range(2):  # the second time into memory that is there

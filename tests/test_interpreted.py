@@ -109,7 +109,7 @@ def test_second_derivatives_bend_the_predictions(case):
         chunk = next(interpreted_module.chunks_of(block))
         units = [problem.nuisance[i].unit for i in np.asarray(block.slots)[0, :, 0]]
         steps = np.array([1.0 if r % 6 < 3 else 1e-3 for r in rows] + [1.0 if u == "mm" else 1e-3 for u in units])
-        found = interpreted_module.second_derivatives(system, block.form, chunk, z, rows, steps).astype(float)
+        found = interpreted_module.second_derivatives(system, block.form, chunk, z, rows, 1e-4 * steps).astype(float)
         errors = error_values(system.layout, z[:n], evaluate_bases(system.layout, chunk.q, chunk.direction))
         places, whole = (
             [*rows, *range(len(errors), len(errors) + len(chunk.slots))],

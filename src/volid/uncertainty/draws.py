@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +10,8 @@ from volid.campaign import Campaign, Effect
 from volid.observations.base import Nuisance
 from volid.observations.distributions import NORMAL, standardised
 from volid.observations.random_effects import Scatter, split_normal
+
+ALIGNMENT = 64  # bytes, of arrays that JAX takes without a copy
 
 
 class Pseudo(NamedTuple):
@@ -45,15 +46,34 @@ def point_scatter(campaign: Campaign, random: list[list[tuple[Effect, np.ndarray
     return tuple(found)
 
 
+def trial_generator(seed: int, trial: int) -> np.random.Generator:
+    """Random numbers of one trial: SFC64, the fastest of NumPy's, seeded by a hash of both numbers."""
+    return np.random.Generator(np.random.SFC64(np.random.SeedSequence([seed, trial])))
+
+
+def room_for(count: int, n_readings: int) -> np.ndarray:
+    """Memory for the noise of `count` trials that JAX reads where it stands, (count, n_readings)."""
+    whole = np.empty(count * n_readings + ALIGNMENT // 8)
+    first = -(whole.ctypes.data // 8) % (ALIGNMENT // 8)
+    return whole[first : first + count * n_readings].reshape(count, n_readings)
+
+
 def trial_noise(
-    seed: int, first: int, count: int, n_readings: int, n_prior: int, pseudo: Pseudo, threads: int = 1
+    seed: int,
+    first: int,
+    count: int,
+    n_readings: int,
+    n_prior: int,
+    pseudo: Pseudo,
+    room: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Whitened noise of trials first … first + count - 1: (count, n_readings) and (count, n_prior)."""
-    noise, prior = np.empty((count, n_readings)), np.empty((count, n_prior))
+    """Whitened noise of trials first … first + count - 1: (count, n_readings), in `room` if given, and (count, n_prior)."""
+    noise = room_for(count, n_readings) if room is None else room[:count]
+    prior = np.empty((count, n_prior))
     rest = np.sqrt(np.maximum(1.0 - sum(p.deviation**2 for p in pseudo.points), 0.0))
 
-    def draw(i: int) -> None:
-        rng = np.random.Generator(np.random.Philox(key=[seed, first + i]))
+    for i in range(count):
+        rng = trial_generator(seed, first + i)
         rng.standard_normal(out=noise[i])
         if pseudo.points:
             noise[i] *= rest
@@ -63,11 +83,4 @@ def trial_noise(
         for j, name in enumerate(pseudo.distributions):
             if name != NORMAL:  # the pseudo-reading stays, the true value scatters: opposite sign
                 prior[i, j] = -standardised(name, rng, 1, pseudo.samples[j])[0]
-
-    if threads > 1:
-        with ThreadPoolExecutor(threads) as pool:
-            list(pool.map(draw, range(count), chunksize=max(1, count // (4 * threads))))
-    else:
-        for i in range(count):
-            draw(i)
     return noise, prior

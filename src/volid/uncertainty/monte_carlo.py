@@ -24,7 +24,7 @@ from volid.fitting.solution import Solution
 from volid.fitting.streamed import check_not_streamed
 from volid.observations.effects import effect_samples
 from volid.uncertainty.coverage import coverage_intervals, numerical_tolerance
-from volid.uncertainty.draws import Pseudo, point_scatter, pseudo_of, trial_noise
+from volid.uncertainty.draws import Pseudo, point_scatter, pseudo_of, room_for, trial_noise
 from volid.uncertainty.outputs import Outputs, headline_outputs
 from volid.uncertainty.refit import AT_ONCE, Refitter, joined
 from volid.uncertainty.samples import Samples, TrialFolder
@@ -57,9 +57,12 @@ def run_of(solution: Solution, seed: int) -> Run:
 def run_trials(run: Run, first: int, count: int) -> dict[str, np.ndarray]:
     """Trials first … first + count - 1, as arrays by name."""
     refitter, found = run.refitter, []
+    room = room_for(
+        min(AT_ONCE, count), refitter.n_readings
+    )  # one for all: fresh memory would cost as much as the numbers
     for start in range(first, first + count, AT_ONCE):  # noise of so few trials stays in the cache
         number = min(AT_ONCE, first + count - start)
-        noise = trial_noise(run.seed, start, number, refitter.n_readings, refitter.n_prior, run.pseudo)
+        noise = trial_noise(run.seed, start, number, refitter.n_readings, refitter.n_prior, run.pseudo, room)
         found.append(refitter.refit(*noise))
     return joined(found)._asdict()
 

@@ -115,7 +115,7 @@ class Refitter:
             predictions=predict_all(self.problem.system, z),
             numbers=numbers,
             weighted=None,
-            used=jnp.asarray(np.concatenate([(f > 0.0).ravel() for f in factors]).astype(float)),
+            aside=jnp.asarray(np.flatnonzero(np.concatenate([(f <= 0.0).ravel() for f in factors]))),
         )
         self.n_readings = self.campaign.n_readings
         self.n_prior = len(prior)

@@ -29,8 +29,8 @@ ROWS, TRIALS = 256, 64  # of one tile: its intermediate values stay in the proce
 class Frozen:
     """What all trials share: system, z at the solution, T with z = T x, C, prior rows in x, predictions, reading numbers.
 
-    `weighted` (p, N): TᵀJᵀ in the order of the readings, None where that is too large to keep; `used` (N,): 0 for what is
-    set aside.
+    `weighted` (p, N): TᵀJᵀ in the order of the readings, None where that is too large to keep; `aside`: numbers of the readings
+    that are set aside.
     """
 
     system: System
@@ -41,7 +41,7 @@ class Frozen:
     predictions: list[Any]
     numbers: list[Any]
     weighted: Any
-    used: Any
+    aside: Any
 
 
 def tiles_of(block: Block, numbers: np.ndarray) -> tuple[Block, Any]:
@@ -81,7 +81,7 @@ def linear_step(frozen: Frozen, noise: Any, prior_noise: Any) -> tuple[Any, Any]
     `noise` (b, N), `prior_noise` (b, r).
     """
     if frozen.weighted is not None:
-        gradient = noise @ frozen.weighted.T
+        gradient = (frozen.weighted @ noise.T).T
     else:
         total = jnp.zeros((noise.shape[0], frozen.system.size))
         for block, numbers in zip(frozen.system.blocks, frozen.numbers, strict=True):
@@ -95,7 +95,8 @@ def linear_step(frozen: Frozen, noise: Any, prior_noise: Any) -> tuple[Any, Any]
         gradient = total @ frozen.basis
     gradient = gradient + prior_noise @ frozen.prior
     step = gradient @ frozen.covariance
-    square = jnp.sum(noise**2 * frozen.used, axis=1) + jnp.sum(prior_noise**2, axis=1)
+    square = jnp.einsum("bn,bn->b", noise, noise) - jnp.sum(noise[:, frozen.aside] ** 2, axis=1)
+    square = square + jnp.sum(prior_noise**2, axis=1)
     return step, square - jnp.sum(gradient * step, axis=1)
 
 

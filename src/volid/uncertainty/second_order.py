@@ -15,8 +15,10 @@ Griewank and Walther, Evaluating Derivatives, chapter 13 (derivatives of higher 
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
-from typing import Any
+from functools import lru_cache
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -24,16 +26,52 @@ import numpy as np
 from jax.tree_util import register_dataclass
 
 from volid.error_model import ROWS as ROWS_PER_BODY
-from volid.error_model import Layout, add_curves, evaluate_bases
+from volid.error_model import Layout, Term, evaluate_bases
 from volid.fitting import interpreted
 from volid.fitting.system import Block, System
+from volid.splines import Basis
 from volid.trees import STATIC
 
 LARGEST = 512 * 2**20  # bytes of Hessians that are kept
 SLICE = 4096  # rows whose second derivatives are formed at once
+THREADS = 2
 ROWS, TRIALS = 128, 128  # of one tile: its values stay in the processor's cache
 SINGLE = jnp.float32
-STEP = {"mm": 1.0, "rad": 1e-3}  # of the differences; everything else is as small as an angle
+STEP = {"mm": 1e-4, "rad": 1e-7}  # of the differences; everything else is as small as an angle
+
+
+class Group(NamedTuple):
+    """Error values with the same splines: all of them come from one product, bases (R, size) times coefficients (size, rows · T).
+
+    `bases`: constants and linear ones of any of the rows among them. `places`: every term with its first column and its row.
+    """
+
+    rows: tuple[int, ...]
+    bases: tuple[Basis, ...]
+    places: tuple[tuple[Term, int, int], ...]
+
+    @property
+    def size(self) -> int:
+        """Columns of the bases."""
+        return sum(b.size for b in self.bases)
+
+
+@lru_cache(maxsize=64)
+def groups_of(layout: Layout) -> tuple[Group, ...]:
+    """Groups of all rows of the error values that a layout has."""
+    terms: dict[int, list[Term]] = {}
+    for term in layout.terms:
+        terms.setdefault(term.row, []).append(term)
+    alike: dict[frozenset[Basis], list[int]] = {}
+    for row, own in sorted(terms.items()):
+        alike.setdefault(frozenset(t.basis for t in own if t.basis.size > 1), []).append(row)
+    groups = []
+    for rows in alike.values():
+        bases = tuple(dict.fromkeys(t.basis for row in rows for t in terms[row]))
+        first = dict(zip(bases, np.cumsum([0, *(b.size for b in bases)]).tolist(), strict=False))
+        places = tuple((t, first[t.basis], i) for i, row in enumerate(rows) for t in terms[row])
+        groups.append(Group(tuple(rows), bases, places))
+    return tuple(groups)
 
 
 @register_dataclass
@@ -41,12 +79,12 @@ STEP = {"mm": 1.0, "rad": 1e-3}  # of the differences; everything else is as sma
 class Curvature:
     """Readings of one block by tiles of rows; every array begins with the number of tiles.
 
-    `bases`: of every run (R, size). `second` (k, R, d + 1, d): whitened Hessian and, as its last row, gradient in the d values
-    that the block's readings depend on, first those of `rows` of the error values, then the slots. `slots` (s, R). `used`
-    (k, R): 0 for padding and what is set aside. `numbers` (k, R), of readings.
+    `groups` of error values, `bases`: of every group (R, size). `second` (k, R, d + 1, d + 1): whitened Hessian and, as its last
+    row, gradient in the d values that the block's readings depend on, first those of the groups, then the slots; its last column
+    is 0. `slots` (R, s). `used` (k, R): 0 for padding and what is set aside. `numbers` (k, R), of readings.
     """
 
-    rows: tuple[int, ...] = field(metadata=STATIC)
+    groups: tuple[Group, ...] = field(metadata=STATIC)
     bases: list[Any]
     second: Any
     slots: Any
@@ -57,11 +95,11 @@ class Curvature:
 def hessian_bytes(system: System) -> int:
     """Memory for the Hessians of all readings."""
     d = [len(_rows(system.layout)) + b.slots.shape[1] for b in system.blocks]
-    return sum(4 * n * (n + 1) * int(b.reading.size) for n, b in zip(d, system.blocks, strict=True))
+    return sum(4 * (n + 1) ** 2 * int(b.reading.size) for n, b in zip(d, system.blocks, strict=True))
 
 
 def _rows(layout: Layout) -> tuple[int, ...]:
-    return tuple(sorted({t.row for t in layout.terms}))
+    return tuple(row for group in groups_of(layout) for row in group.rows)
 
 
 def curvatures(system: System, z: np.ndarray, numbers: list[Any], units: list[str]) -> list[Curvature]:
@@ -71,16 +109,23 @@ def curvatures(system: System, z: np.ndarray, numbers: list[Any], units: list[st
 
 
 def _curvature(system: System, block: Block, z: np.ndarray, numbers: np.ndarray, units: list[str]) -> Curvature:
-    rows = _rows(system.layout)
+    groups, rows = groups_of(system.layout), _rows(system.layout)
     steps = [STEP["mm"] if row % ROWS_PER_BODY < 3 else STEP["rad"] for row in rows]
     steps += [STEP.get(units[number], STEP["rad"]) for number in np.asarray(block.slots)[0, :, 0].tolist()]
     whole = jax.tree.map(_joined, block)
-    bases, second = [], []
-    for start in range(0, whole.q.shape[2], SLICE):
-        part = jax.tree.map(lambda a, start=start: a[:, :, start : start + SLICE], whole)
-        (chunk,) = interpreted.chunks_of(part)
-        bases.append([b.T.astype(np.float32) for b in evaluate_bases(system.layout, chunk.q, chunk.direction)])
-        second.append(interpreted.second_derivatives(system, block.form, chunk, z, rows, np.array(steps)))
+    bases = [np.empty((whole.q.shape[2], group.size), np.float32) for group in groups]
+    second = np.zeros((len(whole.weight[0]), whole.q.shape[2], len(steps) + 1, len(steps) + 1), np.float32)
+
+    def fill(start: int) -> None:
+        own = slice(start, start + SLICE)
+        (chunk,) = interpreted.chunks_of(jax.tree.map(lambda a: a[:, :, own], whole))
+        values = dict(zip(system.layout.bases, evaluate_bases(system.layout, chunk.q, chunk.direction), strict=True))
+        for group, columns in zip(groups, bases, strict=True):
+            columns[own] = np.concatenate([values[b] for b in group.bases]).T
+        second[:, own, :, :-1] = interpreted.second_derivatives(system, block.form, chunk, z, rows, np.array(steps))
+
+    with ThreadPoolExecutor(THREADS) as pool:
+        list(pool.map(fill, range(0, whole.q.shape[2], SLICE)))
     length = block.q.shape[2]
     each = next(r for r in range(min(ROWS, length), 0, -1) if length % r == 0)
     used = (np.asarray(whole.weight[0]) > 0.0).astype(np.float32)
@@ -92,10 +137,10 @@ def _curvature(system: System, block: Block, z: np.ndarray, numbers: np.ndarray,
         return jnp.asarray(np.moveaxis(cut, axis, 0)[kept])
 
     return Curvature(
-        rows,
-        [tiles(np.concatenate([b[i] for b in bases]), 0) for i in range(len(bases[0]))],
-        second=tiles(np.concatenate(second, axis=1), 1),
-        slots=tiles(whole.slots[0], 1),
+        groups,
+        [tiles(b, 0) for b in bases],
+        second=tiles(second, 1),
+        slots=tiles(whole.slots[0].T, 0),
         used=tiles(used, 1),
         numbers=tiles(_joined(numbers)[0], 1),
     )
@@ -108,35 +153,25 @@ def _joined(values: Any) -> np.ndarray:
     return values.transpose(1, 0, 2).reshape(1, width, chunks * rows)
 
 
-def _values(layout: Layout, tile: Curvature, dz: Any, n: int) -> Any:
-    """δw (R, d, T) from δz (size, T), single precision."""
-    trials, m = dz.shape[1], tile.slots.shape[1]
-    found: list[Any] = [None] * (ROWS_PER_BODY * (layout.n_axes + 1))
-    bases = dict(zip(layout.bases, tile.bases, strict=True))
-    for run in layout.runs:
-        size = run[0].basis.size
-        own = dz[run[0].start : run[0].start + len(run) * size].reshape(len(run), size, trials)
-        curves = bases[run[0].basis] @ own.transpose(1, 0, 2).reshape(size, -1)  # (R, terms * T)
-        add_curves(found, run, [curves[:, i * trials : (i + 1) * trials] for i in range(len(run))])
-    rows = [*(found[r] for r in tile.rows), *(dz[n + slot] for slot in tile.slots)]
-    return jnp.stack(rows, axis=1) if rows else jnp.zeros((m, 0, trials), SINGLE)
+def _by_groups(groups: tuple[Group, ...], dz: Any) -> list[Any]:
+    """Coefficients (size, rows · T) of every group, from (n_coefficients or more, T)."""
+    found = []
+    for group in groups:
+        whole = jnp.zeros((group.size, len(group.rows), dz.shape[1]), dz.dtype)
+        for term, first, row in group.places:
+            n = term.basis.size
+            whole = whole.at[first : first + n, row].add(term.sign * dz[term.start : term.start + n])
+        found.append(whole.reshape(group.size, -1))
+    return found
 
 
-def _pulled(system: System, tile: Curvature, slopes: Any) -> Any:
-    """Σ over the tile's rows of the chain rule from (R, d, T) to z: (size, T)."""
-    layout, trials = system.layout, slopes.shape[2]
-    bases = dict(zip(layout.bases, tile.bases, strict=True))
-    place = {row: i for i, row in enumerate(tile.rows)}
-    blocks = [jnp.zeros((0, trials), SINGLE)]
-    for run in layout.runs:
-        own = jnp.concatenate([term.sign * slopes[:, place[term.row]] for term in run], axis=1)  # (R, terms * T)
-        whole = (bases[run[0].basis].T @ own).reshape(-1, len(run), trials)
-        blocks.append(whole.transpose(1, 0, 2).reshape(-1, trials))
-    extra = jnp.zeros((system.n_nuisance, trials), SINGLE)
-    number = jnp.arange(system.n_nuisance)[:, None]
-    for i, slot in enumerate(tile.slots):
-        extra = extra + (number == slot).astype(SINGLE) @ slopes[:, len(tile.rows) + i]
-    return jnp.concatenate([*blocks, extra])
+def _from_groups(groups: tuple[Group, ...], parts: list[Any], total: Any) -> Any:
+    """Adds the transpose of `_by_groups`, from (rows, size, T), to `total` (n_coefficients or more, T)."""
+    for group, part in zip(groups, parts, strict=True):
+        for term, first, row in group.places:
+            n = term.basis.size
+            total = total.at[term.start : term.start + n].add(term.sign * part[row, first : first + n])
+    return total
 
 
 def second_order(system: System, blocks: list[Curvature], dz: Any, noise: Any) -> tuple[Any, Any]:
@@ -146,21 +181,53 @@ def second_order(system: System, blocks: list[Curvature], dz: Any, noise: Any) -
     """
     n, b = system.layout.n_coefficients, dz.shape[0]
     own = dz.T.astype(SINGLE)
-    total = jnp.zeros((system.size, b)), jnp.zeros(b)
+    total, square = jnp.zeros((system.size, b)), jnp.zeros(b)
     for block in blocks:
+        coefficients = _by_groups(block.groups, own)
 
-        def add(total: Any, tile: Curvature) -> tuple[Any, None]:
-            w = _values(system.layout, tile, own, n)
-            slopes, square = jnp.zeros_like(w), jnp.zeros(b)
-            for k in range(tile.used.shape[0]):
-                found = tile.second[k] @ w  # Hessian and, as its last row, gradient
-                bent, along = found[:, :-1], found[:, -1]
-                quadratic = 0.5 * jnp.sum(bent * w, axis=1)
-                linear = (along - noise[tile.numbers[k]]) * tile.used[k][:, None]
-                residual = linear + quadratic
-                slopes = slopes + tile.second[k][:, -1, :, None] * quadratic[:, None] + bent * residual[:, None]
-                square = square + jnp.sum((linear + residual) * quadratic, axis=0)
-            return (total[0] + _pulled(system, tile, slopes), total[1] + square), None
+        def add(sums: Any, tile: Curvature, coefficients: list[Any] = coefficients) -> tuple[Any, None]:
+            pulled, extra, squares = _tile(tile, coefficients, own[n:], noise)
+            parts = [s + p for s, p in zip(sums[0], pulled, strict=True)]
+            return (parts, sums[1] + extra, sums[2] + squares), None
 
-        total, _ = jax.lax.scan(add, total, block)
-    return total[0].T, total[1]
+        zero = [jnp.zeros((len(g.rows), g.size, b)) for g in block.groups]
+        (parts, extra, square), _ = jax.lax.scan(add, (zero, jnp.zeros((system.n_nuisance, b)), square), block)
+        total = _from_groups(block.groups, parts, total).at[n:].add(extra)
+    return total.T, square
+
+
+def _tile(tile: Curvature, coefficients: list[Any], nuisance: Any, noise: Any) -> tuple[list[Any], Any, Any]:
+    """Sums over one tile: of every group (rows, size, T), of the nuisance parameters, and of |r|² (T,).
+
+    Written for XLA on a CPU: the row of zeros below δw keeps Hessian and gradient in one array that needs no cutting, and slopes
+    are made row by row where they are used.
+    """
+    count, trials = tile.used.shape[1], noise.shape[1]
+    curves = [
+        (values @ c).reshape(count, len(group.rows), trials)
+        for group, values, c in zip(tile.groups, tile.bases, coefficients, strict=True)
+    ]
+    w = jnp.concatenate([*curves, nuisance[tile.slots], jnp.zeros((count, 1, trials), SINGLE)], axis=1)  # (R, d + 1, T)
+    readings, squares = [], jnp.zeros(trials)
+    for second, number, used in zip(tile.second, tile.numbers, tile.used, strict=True):
+        bent = second @ w  # H δw and, as its last row, aᵀδw
+        quadratic = 0.5 * jnp.sum(bent * w, axis=1)
+        linear = (bent[:, -1] - noise[number]) * used[:, None]
+        residual = linear + quadratic
+        squares = squares + jnp.sum((linear + residual) * quadratic, axis=0)
+        readings.append((second[:, -1], quadratic, bent, residual))
+
+    def slopes(i: int) -> Any:
+        return sum(a[:, i, None] * quadratic + bent[:, i] * residual for a, quadratic, bent, residual in readings)
+
+    pulled, first = [], 0
+    for group, values in zip(tile.groups, tile.bases, strict=True):
+        own = jnp.stack([slopes(first + i) for i in range(len(group.rows))])
+        back = jnp.broadcast_to(values.T[None], (len(group.rows), group.size, count))
+        pulled.append(back @ own)
+        first += len(group.rows)
+    if not nuisance.shape[0]:
+        return pulled, nuisance, squares
+    hot = tile.slots.T.reshape(-1)[None, :] == jnp.arange(nuisance.shape[0])[:, None]
+    extra = jnp.concatenate([slopes(first + i) for i in range(tile.slots.shape[1])])
+    return pulled, hot.astype(SINGLE) @ extra, squares
