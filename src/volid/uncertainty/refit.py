@@ -29,6 +29,9 @@ from volid.fitting.solution import Solution
 from volid.fitting.solver import solve
 from volid.fitting.starts import find_starts
 from volid.fitting.system import System
+from volid.observations.base import NuisanceTable
+from volid.observations.effects import groups_of
+from volid.uncertainty.draws import room_for
 from volid.uncertainty.refit_steps import (
     TRIALS,
     Frozen,
@@ -78,7 +81,7 @@ class Refitter:
 
     def __init__(self, solution: Solution) -> None:
         self.solution = solution
-        self.starts = starts = find_starts(solution.campaign)
+        self.starts = starts = _starts(solution)
         self.campaign = with_random_effects(solution.campaign, starts)
         factors = [np.where(o, 0.0, 1.0) for o in solution.readings.outliers]
         if not factors:
@@ -231,8 +234,8 @@ class Refitter:
         """
         if self._shrinking is None:
             rng = np.random.default_rng(0)
-            noise = jnp.asarray(rng.standard_normal((AT_ONCE, self.n_readings)))
-            prior = jnp.asarray(rng.standard_normal((AT_ONCE, self.n_prior)))
+            noise = rng.standard_normal(out=room_for(AT_ONCE, self.n_readings))
+            prior = rng.standard_normal((AT_ONCE, self.n_prior))
             first = x = np.asarray(linear_step(self.frozen, noise, prior)[0])
             eps, sizes = turned(noise), []
             for _ in range(2):
@@ -334,6 +337,17 @@ class Refitter:
         """Whitened residuals (N,), reading - prediction, of one trial."""
         values = self._flat(predict_all(self.frozen.system, self.frozen.basis @ jnp.asarray(x)))
         return np.asarray(noise - (values - self._flat_predictions()) / self._u)
+
+
+def _starts(solution: Solution) -> dict[Any, float]:
+    """Start values by nuisance key as the fit had them; known stations are placed anew: the solution does not keep where."""
+    campaign, table = solution.campaign, NuisanceTable()
+    for observations in campaign.sets:
+        groups_of(observations, campaign, table)
+    placed = any(station.known and station.frame != "machine" for station in campaign.stations)
+    if placed or [e.name for e in table.entries] != [e.name for e in solution.nuisance_table]:
+        return find_starts(campaign)
+    return {key: solution.nuisance_table[number].start for key, number in table.keys.items()}
 
 
 def _known_nuisance(solution: Solution) -> np.ndarray:
