@@ -95,6 +95,11 @@ def test_a_whole_fit_by_optimistix():
         fit(small_campaign(), solver="newton")
 
 
+def test_a_path_is_no_campaign():
+    with pytest.raises(InputError, match=r"fit takes a Campaign; got str.*volid.load_campaign"):
+        fit("datasets/vertical_multilateration/campaign.toml")  # type: ignore[arg-type]
+
+
 def test_gradient_vanishes_and_normal_equations_belong_to_the_answer():
     problem, optimum = solved()
     scale = 1 / np.sqrt(np.diagonal(optimum.normal.matrix))

@@ -7,11 +7,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from jax.tree_util import register_dataclass
 
 from volid.exceptions import InputError
 from volid.iso230 import LINEAR_AXES, ROTARY_AXES
-from volid.trees import STATIC
+from volid.trees import STATIC, register_dataclass
 
 BED = "bed"
 WORKPIECE = "workpiece"

@@ -7,13 +7,12 @@ from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from volid.campaign import Campaign, Effect, ObservationSet, Station, standard_uncertainty
 from volid.exceptions import InputError
 from volid.fitting.prediction import chain_of
+from volid.lazy import jit, jnp
 from volid.machine import Machine
 from volid.observations import KINDS
 from volid.observations.base import Nuisance, NuisanceTable
@@ -174,7 +173,7 @@ def _true_value(
     return entry.start + float(rng.uniform(-entry.spread, entry.spread))
 
 
-@partial(jax.jit, static_argnames=("form",))
+@partial(jit, static_argnames=("form",))
 def _prediction(form: Form, machine: Machine, *numbers: Any) -> Any:
     q, tool, errors, slots, constants = numbers
     return predict_readings(machine, form, q, tuple(tool), errors, slots, constants)

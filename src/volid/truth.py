@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
 
@@ -15,6 +14,7 @@ from volid.exceptions import InputError
 from volid.fitting.solution import Solution
 from volid.iso230 import DIRECTIONS, LINEAR_AXES, ROTATIONS, SPINDLE, parse
 from volid.kinematics import ROWS, deviation
+from volid.lazy import jnp
 from volid.machine import Machine
 from volid.splines import Spline, design_matrix
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 
 from volid.compensation.base import model_errors
@@ -18,6 +17,7 @@ from volid.compensation.nominal import influence
 from volid.error_model import build_model
 from volid.even_points import even_points
 from volid.fitting.solution import Solution
+from volid.lazy import jnp
 from volid.machine import FunctionSettings, ModelSettings
 
 POINTS = 2048

@@ -9,8 +9,6 @@ from __future__ import annotations
 from functools import partial
 from typing import Any, NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from volid.elementary import in_rows
@@ -18,6 +16,7 @@ from volid.error_model import coefficient_rows, error_rows, evaluate_bases, summ
 from volid.fitting import interpreted
 from volid.fitting.system import Block, Normal, System
 from volid.fitting.tiles import assemble_tiles
+from volid.lazy import jax, jit, jnp
 from volid.observations.effects import Form, predict_readings
 
 
@@ -160,7 +159,7 @@ def _nuisance_of_chunk(system: System, form: Form, chunk: Block, z: Any) -> Norm
     return Normal(0.5 * jnp.sum(residual**2), whole @ residual.reshape(-1), whole @ whole.T)
 
 
-@jax.jit
+@jit
 def _nuisance_equations(system: System, z: Any) -> Normal:
     n = system.layout.n_coefficients
     offset, root = system.prior_root @ (z - system.prior_mean), system.prior_root[:, n:]
@@ -182,12 +181,12 @@ def nuisance_equations(system: System, z: Any) -> Normal:
     return _nuisance_equations(system, z)
 
 
-@partial(jax.jit, static_argnames=("rough",))
+@partial(jit, static_argnames=("rough",))
 def _normal_equations(system: System, z: Any, rough: bool) -> Normal:
     return assemble(system, z, rough)
 
 
-@jax.jit
+@jit
 def _slope(system: System, z: Any) -> tuple[Any, Any]:
     root = system.prior_root
     offset = root @ (z - system.prior_mean)
@@ -202,14 +201,14 @@ def _slope(system: System, z: Any) -> tuple[Any, Any]:
     return total
 
 
-@jax.jit
+@jit
 def _predict_all(system: System, z: Any) -> list[Any]:
     return [
         jax.lax.map(lambda chunk, form=block.form: predicted(system, form, chunk, z), block) for block in system.blocks
     ]
 
 
-@jax.jit
+@jit
 def _quadratic_forms(system: System, z: Any, factor: Any) -> list[Any]:
     def of_chunk(form: Form, chunk: Block) -> Any:
         _, rows = residual_rows(system, form, chunk, z)
@@ -218,7 +217,7 @@ def _quadratic_forms(system: System, z: Any, factor: Any) -> list[Any]:
     return [jax.lax.map(partial(of_chunk, block.form), block) for block in system.blocks]
 
 
-@jax.jit
+@jit
 def _jacobian(system: System, z: Any) -> list[Any]:
     return [
         jax.lax.map(lambda chunk, form=block.form: residual_rows(system, form, chunk, z)[1], block)

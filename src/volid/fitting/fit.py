@@ -7,7 +7,6 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-import jax
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
@@ -24,7 +23,7 @@ from volid.fitting.interpreted import interpreted, is_small
 from volid.fitting.prior import check_prior, prior_notes, prior_of, shared_names
 from volid.fitting.problem import Prior, Problem, build_problem, with_random_effects
 from volid.fitting.robust import down_weight, name_outliers, set_aside
-from volid.fitting.solution import Residuals, Solution, Statistics
+from volid.fitting.solution import Residuals, Solution, Statistics, read_only
 from volid.fitting.solver import Optimum, solve
 from volid.fitting.starts import find_starts
 from volid.machine import Datum, Machine
@@ -141,6 +140,10 @@ def fit(
     Raises `InputError` when the campaign cannot be fitted (fewer readings than parameters, a slip in units, duplicated
     rows). ISO/TR 16907 8; CONVENTIONS 3, 4, 6.
     """
+    if not isinstance(campaign, Campaign):
+        raise InputError(
+            f"fit takes a Campaign; got {type(campaign).__name__}. Read a file with volid.load_campaign(path)"
+        )
     with interpreted(is_small(campaign)):
         return _fit(campaign, robust, datum, prior, _method(solver), progress or _silent)
 
@@ -283,11 +286,11 @@ def _solution(
     residuals = tuple(r * s.u for r, s in zip(whitened, campaign.sets, strict=True))
     held = _held(fitter)
     return Solution(
-        parameters=jax.device_put(theta),
-        nuisance=jax.device_put(optimum.z[n:]),
-        covariance=jax.device_put(reduced @ reduced.T),
-        null_space=jax.device_put(fitter.found.null_space),
-        held_directions=jax.device_put(fitter.found.tool_rotation),
+        parameters=read_only(theta),
+        nuisance=read_only(optimum.z[n:]),
+        covariance=read_only(reduced @ reduced.T),
+        null_space=read_only(fitter.found.null_space),
+        held_directions=read_only(fitter.found.tool_rotation),
         model=problem.model,
         campaign=campaign,
         nuisance_table=problem.nuisance,
@@ -314,7 +317,7 @@ def _solution(
         undetermined=fitter.found.undetermined,
         notes=(*campaign.warnings, *warnings, *_notes(fitter, chosen, held, optimum)),
         options=options,
-        prior_root=jax.device_put(_theta_prior(problem)) if options["prior"] else None,
+        prior_root=read_only(_theta_prior(problem)) if options["prior"] else None,
     )
 
 

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-import jax
 import numpy as np
 
 from volid.campaign import Campaign, ObservationSet
@@ -21,6 +20,7 @@ from volid.fitting.equations import residual_rows
 from volid.fitting.interpreted import interpreting, over_rows
 from volid.fitting.problem import Problem, pad_rows
 from volid.fitting.system import Block, System
+from volid.lazy import jax, jit
 from volid.machine import Machine
 
 SAME_ANGLE = 1e-3  # degrees: rotary positions nearer than this are one
@@ -30,7 +30,7 @@ BINS = 6
 LISTED = 8  # distinct positions that are listed one by one
 
 
-@jax.jit
+@jit
 def _compiled(system: System, z: Any, factor: Any) -> list[Any]:
     def of_chunk(form: Any, chunk: Block) -> Any:
         return factor @ residual_rows(system, form, chunk, z)[1]

@@ -8,8 +8,6 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from functools import cache
 from typing import Any, NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from volid.elementary import in_rows
@@ -17,6 +15,7 @@ from volid.error_model import ErrorModel, Layout, coefficient_rows, error_rows, 
 from volid.fitting import spread
 from volid.jacobian import deviation_partials
 from volid.kinematics import deviation
+from volid.lazy import jax, jnp
 from volid.machine import Machine
 
 CHUNK, SLICE = 512, 16_384  # points of a program at once, whose values stay in the cache, and of one call

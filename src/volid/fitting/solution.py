@@ -6,9 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
-from jax.tree_util import register_dataclass
 
 from volid.campaign import Campaign
 from volid.error_functions import reference_of
@@ -21,10 +19,11 @@ from volid.fitting.prediction import ESTIMABLE, chain_of
 from volid.fitting.spread import linear_uncertainty
 from volid.iso230 import describe, parse
 from volid.kinematics import deviation
+from volid.lazy import jnp
 from volid.machine import Datum, Machine
 from volid.observations.base import Nuisance
 from volid.splines import design_matrix
-from volid.trees import STATIC
+from volid.trees import STATIC, register_dataclass
 
 
 class Deviations(NamedTuple):
@@ -81,10 +80,17 @@ class Residuals:
     held_out: tuple[np.ndarray, ...] = ()
 
 
+def read_only(values: Any) -> np.ndarray:
+    """As NumPy array that cannot be written to."""
+    kept = np.array(values, dtype=float)
+    kept.setflags(write=False)
+    return kept
+
+
 @register_dataclass
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Result of `fit`: a JAX pytree whose leaves are parameters and covariance.
+    """Result of `fit`: a JAX pytree whose leaves are parameters and covariance, NumPy arrays that cannot be written to.
 
     `parameters`: θ, shape (n,), error functions in `model`'s order. `nuisance`: ν, shape (k,): stations, dead paths.
     `covariance`: of (θ, ν), shape (n + k, n + k), from the stated uncertainties; zero along what is not determined.
@@ -289,13 +295,13 @@ class Solution:
         )
         return replace(
             self,
-            parameters=jnp.asarray(moved[: model.n_parameters]),
-            nuisance=jnp.asarray(moved[model.n_parameters :]),
-            covariance=jnp.asarray(full @ np.asarray(self.covariance) @ full.T),
-            null_space=jnp.asarray(s @ np.asarray(self.null_space)),
+            parameters=read_only(moved[: model.n_parameters]),
+            nuisance=read_only(moved[model.n_parameters :]),
+            covariance=read_only(full @ np.asarray(self.covariance) @ full.T),
+            null_space=read_only(s @ np.asarray(self.null_space)),
             model=model,
             samples=None if self.samples is None else self.samples.mapped(full),
-            prior_root=None if self.prior_root is None else jnp.asarray(self.prior_rows @ np.linalg.pinv(s)),
+            prior_root=None if self.prior_root is None else read_only(self.prior_rows @ np.linalg.pinv(s)),
         )
 
     def _hold_tool_rotation(self, model: ErrorModel) -> np.ndarray:

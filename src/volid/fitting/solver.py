@@ -14,8 +14,6 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
 from typing import Any, NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
@@ -24,6 +22,7 @@ from volid.fitting.interpreted import interpreting
 from volid.fitting.problem import Problem
 from volid.fitting.projection import FreeDirections
 from volid.fitting.system import Normal, System, halves, thinned
+from volid.lazy import jax, jnp
 
 TOLERANCE = 1e-7  # estimated distance to the minimum, in units of each parameter's conditional standard uncertainty
 SHRINK = (

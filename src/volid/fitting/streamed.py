@@ -11,8 +11,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any, NamedTuple, Protocol
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from volid.campaign import Campaign
@@ -25,6 +23,7 @@ from volid.fitting.problem import Problem, build_problem, pad_rows, scatter, wit
 from volid.fitting.projection import FreeDirections
 from volid.fitting.solution import Solution
 from volid.fitting.solver import Objective, solve
+from volid.lazy import jax, jnp
 from volid.machine import Datum
 from volid.observations.base import NuisanceTable
 

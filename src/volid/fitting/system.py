@@ -6,17 +6,17 @@ Unknowns z = [c, ν]: coefficients of the error functions, then nuisance paramet
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, NamedTuple
 
-import jax
 import numpy as np
-from jax.tree_util import register_dataclass
 
 from volid.error_model import Layout
 from volid.fitting.tiles import Tiles
+from volid.lazy import jax
 from volid.machine import Machine
 from volid.observations.effects import Form
-from volid.trees import STATIC
+from volid.trees import STATIC, map_arrays, register_dataclass
 
 WORTH_HALVING = 8  # chunks of a block from which two threads pay
 
@@ -69,9 +69,14 @@ def thinned(system: System, rows: int) -> System:
         seen = np.flatnonzero(np.asarray(block.weight).any(axis=1).ravel())
         if len(seen) > rows:
             chunk, place = np.divmod(seen[np.linspace(0, len(seen) - 1, rows).astype(int)], block.q.shape[2])
-            block = jax.tree.map(lambda a, c=chunk, p=place: np.asarray(a)[c, :, p].T[None], block)
+            block = map_arrays(partial(_columns, chunk, place), block)
         blocks.append(block)
     return replace(system, blocks=tuple(blocks), tiles=(None,) * len(blocks))
+
+
+def _columns(chunk: np.ndarray, place: np.ndarray, values: Any) -> np.ndarray:
+    """Columns of (n_chunks, width, rows) as one chunk."""
+    return np.asarray(values)[chunk, :, place].T[None]
 
 
 def halves(system: System) -> list[System]:

@@ -14,15 +14,13 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise, product
 from typing import Any, NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jax.tree_util import register_dataclass
 
 from volid.elementary import in_rows
 from volid.error_model import ROWS, Layout, Term, add_curves, signed_rows
+from volid.lazy import jax, jnp
 from volid.splines import Spline, evaluate, spline_interval, spline_values
-from volid.trees import STATIC
+from volid.trees import STATIC, register_dataclass
 
 LEAST = 8192  # rows of a block from which tiles pay
 MOST_WHOLE = 192  # columns kept whole up to which tiles pay

@@ -9,17 +9,16 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Any, NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from volid.campaign import Effect, ObservationSet
+from volid.lazy import jax, jit, jnp
 from volid.machine import Machine
 from volid.observations.distributions import NORMAL
 from volid.observations.effects import COMPONENTS, Extended, Form, is_random, lengths_of, predict_readings
 
 
-@partial(jax.jit, static_argnames=("form",))
+@partial(jit, static_argnames=("form",))
 def _sensitivities(machine: Machine, form: Form, q: Any, tool: Any, slots: Any, constants: Any) -> tuple[Any, Any]:
     """∂reading/∂q (n_axes, k, m) and ∂reading/∂tool (3, k, m) at the nominal machine."""
     errors = jnp.zeros((6 * (len(machine.axes) + 1), q.shape[1]))

@@ -14,7 +14,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 
 from volid.fitting.equations import normal_equations
@@ -22,6 +21,7 @@ from volid.fitting.prediction import gradient_matrix
 from volid.fitting.solution import Solution
 from volid.fitting.spread import linear_uncertainty
 from volid.fitting.streamed import check_not_streamed
+from volid.lazy import jnp
 from volid.observations import KINDS
 from volid.uncertainty.outputs import Outputs
 from volid.uncertainty.refit import Refitter

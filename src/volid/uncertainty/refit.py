@@ -18,7 +18,6 @@ from dataclasses import replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 
 from volid.campaign import Campaign
@@ -29,6 +28,7 @@ from volid.fitting.solution import Solution
 from volid.fitting.solver import solve
 from volid.fitting.starts import find_starts
 from volid.fitting.system import System
+from volid.lazy import jnp
 from volid.observations.base import NuisanceTable
 from volid.observations.effects import groups_of
 from volid.uncertainty.draws import room_for

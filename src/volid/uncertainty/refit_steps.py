@@ -9,16 +9,15 @@ from dataclasses import dataclass
 from math import gcd
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jax.tree_util import register_dataclass
 
 from volid.error_model import ROWS as ROWS_PER_BODY
 from volid.error_model import Layout, add_curves, evaluate_bases
 from volid.fitting.equations import residual_rows
 from volid.fitting.system import Block, System
+from volid.lazy import jax, jit, jnp
 from volid.observations.effects import predict_readings
+from volid.trees import register_dataclass
 from volid.uncertainty.second_order import Curvature, second_order
 
 ROWS, TRIALS = 256, 64  # of one tile: its intermediate values stay in the processor's cache
@@ -68,13 +67,13 @@ def weighted_rows(frozen: Frozen, n_readings: int) -> np.ndarray:
     return found
 
 
-@jax.jit
+@jit
 def _projected_rows(system: System, block: Block, z: Any, basis: Any) -> Any:
     """TᵀJᵀ of one block by chunks, (n_chunks, p, k·rows)."""
     return jax.lax.map(lambda chunk: basis.T @ residual_rows(system, block.form, chunk, z)[1], block)
 
 
-@jax.jit
+@jit
 def linear_step(frozen: Frozen, noise: Any, prior_noise: Any) -> tuple[Any, Any]:
     """C g with g = TᵀJᵀε + Wᵀε_p, shape (b, p), and chi-square |ε|² + |ε_p|² - gᵀC g of a linear model, (b,).
 
@@ -100,13 +99,13 @@ def linear_step(frozen: Frozen, noise: Any, prior_noise: Any) -> tuple[Any, Any]
     return step, square - jnp.sum(gradient * step, axis=1)
 
 
-@jax.jit
+@jit
 def turned(noise: Any) -> Any:
     """Noise (b, N) by readings, (N, b), in single precision: enough for the second-order part."""
     return noise.T.astype(jnp.float32)
 
 
-@jax.jit
+@jit
 def corrected(frozen: Frozen, curvature: list[Curvature] | None, first: Any, x: Any, noise: Any) -> Any:
     """first - C g(x), with g the second-order part of the gradient at x, (b, p); and that part of chi-square, (b,)."""
     assert curvature is not None
@@ -170,7 +169,7 @@ def _pull_to_coefficients(layout: Layout, partials: Any, bases: Any, trials: int
     return jnp.concatenate(blocks, axis=1)
 
 
-@jax.jit
+@jit
 def exact_step(frozen: Frozen, x: Any, noise: Any, prior_noise: Any) -> tuple[Any, Any]:
     """One exact-gradient step of every trial: (new x - x₀ (b, p), chi-square before the step (b,)); `x` relative to x₀."""
     system = frozen.system

@@ -20,17 +20,15 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any, NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jax.tree_util import register_dataclass
 
 from volid.error_model import ROWS as ROWS_PER_BODY
 from volid.error_model import Layout, Term, evaluate_bases
 from volid.fitting import interpreted
 from volid.fitting.system import Block, System
+from volid.lazy import jax, jnp
 from volid.splines import Basis
-from volid.trees import STATIC
+from volid.trees import STATIC, map_arrays, register_dataclass
 
 LARGEST = 512 * 2**20  # bytes of Hessians that are kept
 SLICE = 4096  # rows whose second derivatives are formed at once
@@ -112,13 +110,13 @@ def _curvature(system: System, block: Block, z: np.ndarray, numbers: np.ndarray,
     groups, rows = groups_of(system.layout), _rows(system.layout)
     steps = [STEP["mm"] if row % ROWS_PER_BODY < 3 else STEP["rad"] for row in rows]
     steps += [STEP.get(units[number], STEP["rad"]) for number in np.asarray(block.slots)[0, :, 0].tolist()]
-    whole = jax.tree.map(_joined, block)
+    whole = map_arrays(_joined, block)
     bases = [np.empty((whole.q.shape[2], group.size), np.float32) for group in groups]
     second = np.zeros((len(whole.weight[0]), whole.q.shape[2], len(steps) + 1, len(steps) + 1), np.float32)
 
     def fill(start: int) -> None:
         own = slice(start, start + SLICE)
-        (chunk,) = interpreted.chunks_of(jax.tree.map(lambda a: a[:, :, own], whole))
+        (chunk,) = interpreted.chunks_of(map_arrays(lambda a: a[:, :, own], whole))
         values = dict(zip(system.layout.bases, evaluate_bases(system.layout, chunk.q, chunk.direction), strict=True))
         for group, columns in zip(groups, bases, strict=True):
             columns[own] = np.concatenate([values[b] for b in group.bases]).T
