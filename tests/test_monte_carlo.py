@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from conftest import make_campaign
@@ -15,12 +16,13 @@ from volid.fitting.fit import fit
 from volid.fitting.robust import critical_value
 from volid.io.solution_hdf5 import read_solution, write_solution
 from volid.observations.effects import effect_samples
+from volid.uncertainty import second_order
 from volid.uncertainty.budget import budget
 from volid.uncertainty.draws import pseudo_of, trial_noise
 from volid.uncertainty.monte_carlo import BATCH, STAGE, _stage, fingerprint, monte_carlo, run_of, run_trials
 from volid.uncertainty.outputs import headline_outputs
 from volid.uncertainty.refit import TOLERANCE, Refitter
-from volid.uncertainty.refit_steps import linear_step
+from volid.uncertainty.refit_steps import linear_step, turned
 from volid.uncertainty.samples import TrialFolder
 from volid.uncertainty.statement import statement
 
@@ -104,6 +106,28 @@ def test_the_stated_distance_to_the_minimum_holds(run):
     linear = np.asarray(linear_step(refitter.frozen, noise, prior)[0])
     bent = np.abs((linear - x)[:, seen] / refitter.u[seen]).max(axis=1)
     assert np.median(bent) > 100 * np.median(away), "the correction is what brings the trials there"
+
+
+def test_small_tiles_take_only_the_splines_of_their_cells(monkeypatch):
+    """Sorted by cells, a tile needs few columns of the bases: the same correction as with all of them in one tile."""
+    campaign, _, _ = simulated(VERTICAL, 4, extra=fixed(9), n_per_station=250)
+    run = run_of(fit(campaign), seed=7)
+    refitter = run.refitter
+    frozen, units = refitter.frozen, [entry.unit for entry in refitter.solution.nuisance_table]
+    noise, _ = trial_noise(7, 0, 8, refitter.n_readings, refitter.n_prior, run.pseudo)
+    steps = np.random.default_rng(0).standard_normal((8, len(refitter.u))) * refitter.u @ np.asarray(frozen.basis).T
+    found, spans = [], []
+    for rows in (8, 10_000):
+        monkeypatch.setattr(second_order, "ROWS", rows)
+        curvature = second_order.curvatures(frozen.system, frozen.z, frozen.numbers, units)
+        found.append(second_order.second_order(frozen.system, curvature, jnp.asarray(steps), turned(noise)))
+        spans.append(sum(sum(c.spans) for c in curvature))
+    assert spans[0] < 0.75 * spans[1]
+    for one, other in zip(*found, strict=True):
+        scale = np.abs(other).max(axis=0)
+        np.testing.assert_allclose(
+            one / np.where(scale > 0, scale, 1.0), other / np.where(scale > 0, scale, 1.0), atol=1e-5
+        )
 
 
 def test_rows_kept_and_rows_made_anew_give_the_same_step(run):

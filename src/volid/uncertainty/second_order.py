@@ -27,7 +27,7 @@ from volid.error_model import Layout, Term, evaluate_bases
 from volid.fitting import interpreted
 from volid.fitting.system import Block, System
 from volid.lazy import jax, jnp
-from volid.splines import Basis
+from volid.splines import Basis, Spline, spline_interval
 from volid.trees import STATIC, map_arrays, register_dataclass
 
 LARGEST = 512 * 2**20  # bytes of Hessians that are kept
@@ -53,6 +53,15 @@ class Group(NamedTuple):
         """Columns of the bases."""
         return sum(b.size for b in self.bases)
 
+    @property
+    def spline(self) -> Spline | None:
+        """The spline that the first columns hold, where it is 0 outside a few of them; None without one."""
+        first = self.bases[0]
+        local = (
+            len(first.factors) == 1 and first.linear is None and first.directed < 0 and not first.factors[0].periodic
+        )
+        return first.factors[0] if local else None
+
 
 @lru_cache(maxsize=64)
 def groups_of(layout: Layout) -> tuple[Group, ...]:
@@ -77,13 +86,16 @@ def groups_of(layout: Layout) -> tuple[Group, ...]:
 class Curvature:
     """Readings of one block by tiles of rows; every array begins with the number of tiles.
 
-    `groups` of error values, `bases`: of every group (R, size). `second` (k, R, d + 1, d + 1): whitened Hessian and, as its last
+    `groups` of error values, `bases`: of every group (R, width): its columns from `starts` (groups,) on, as many as `spans` says,
+    of the spline that comes first, then the others. `second` (k, R, d + 1, d + 1): whitened Hessian and, as its last
     row, gradient in the d values that the block's readings depend on, first those of the groups, then the slots; its last column
     is 0. `slots` (R, s). `used` (k, R): 0 for padding and what is set aside. `numbers` (k, R), of readings.
     """
 
     groups: tuple[Group, ...] = field(metadata=STATIC)
+    spans: tuple[int, ...] = field(metadata=STATIC)
     bases: list[Any]
+    starts: Any
     second: Any
     slots: Any
     used: Any
@@ -111,6 +123,8 @@ def _curvature(system: System, block: Block, z: np.ndarray, numbers: np.ndarray,
     steps = [STEP["mm"] if row % ROWS_PER_BODY < 3 else STEP["rad"] for row in rows]
     steps += [STEP.get(units[number], STEP["rad"]) for number in np.asarray(block.slots)[0, :, 0].tolist()]
     whole = map_arrays(_joined, block)
+    order = _by_cells(groups, whole)
+    whole, numbers = map_arrays(lambda a: a[:, :, order], whole), _joined(numbers)[0][:, order]
     bases = [np.empty((whole.q.shape[2], group.size), np.float32) for group in groups]
     second = np.zeros((len(whole.weight[0]), whole.q.shape[2], len(steps) + 1, len(steps) + 1), np.float32)
 
@@ -119,7 +133,7 @@ def _curvature(system: System, block: Block, z: np.ndarray, numbers: np.ndarray,
         (chunk,) = interpreted.chunks_of(map_arrays(lambda a: a[:, :, own], whole))
         values = dict(zip(system.layout.bases, evaluate_bases(system.layout, chunk.q, chunk.direction), strict=True))
         for group, columns in zip(groups, bases, strict=True):
-            columns[own] = np.concatenate([values[b] for b in group.bases]).T
+            columns[own] = (np.concatenate([values[b] for b in group.bases]) * chunk.weight.any(axis=0)).T
         second[:, own, :, :-1] = interpreted.second_derivatives(system, block.form, chunk, z, rows, np.array(steps))
 
     with ThreadPoolExecutor(THREADS) as pool:
@@ -134,14 +148,55 @@ def _curvature(system: System, block: Block, z: np.ndarray, numbers: np.ndarray,
         cut = values.reshape(*values.shape[:axis], -1, each, *values.shape[axis + 1 :])
         return jnp.asarray(np.moveaxis(cut, axis, 0)[kept])
 
+    cut = [_windows(group, np.asarray(tiles(b, 0))) for group, b in zip(groups, bases, strict=True)]
     return Curvature(
         groups,
-        [tiles(b, 0) for b in bases],
+        tuple(window.span for window in cut),
+        [jnp.asarray(window.bases) for window in cut],
+        jnp.asarray(np.stack([window.starts for window in cut], axis=1))
+        if cut
+        else jnp.zeros((int(kept.sum()), 0), int),
         second=tiles(second, 1),
         slots=tiles(whole.slots[0].T, 0),
         used=tiles(used, 1),
-        numbers=tiles(_joined(numbers)[0], 1),
+        numbers=tiles(numbers, 1),
     )
+
+
+def _by_cells(groups: tuple[Group, ...], whole: Block) -> np.ndarray:
+    """Order of the rows in which neighbours lie in the same intervals of the splines; what is not used comes last.
+
+    To and fro: every second line of cells backwards, so that a tile that ends one line and begins the next stays near.
+    """
+    keys, parity = [], np.zeros(whole.q.shape[2])
+    for group in groups:
+        if group.spline is not None:
+            cell = spline_interval(group.spline, np.asarray(whole.q)[0, group.spline.axis])[0]
+            keys.append(np.where(parity % 2, -cell, cell))
+            parity = parity + cell
+    used = (np.asarray(whole.weight[0]) > 0.0).any(axis=0)
+    return np.asarray(np.lexsort([*reversed(keys), np.logical_not(used)]))
+
+
+class _Windows(NamedTuple):
+    """Bases (tiles, R, width) with the first columns cut to `span` of them from `starts` (tiles,) on."""
+
+    span: int
+    starts: np.ndarray
+    bases: np.ndarray
+
+
+def _windows(group: Group, bases: np.ndarray) -> _Windows:
+    """The columns of a group's spline that are not 0 in some row of each tile; all of them where there is none to save."""
+    whole = 0 if group.spline is None else group.bases[0].size
+    seen = np.any(bases[:, :, :whole], axis=1)
+    if not whole or not seen.any():
+        return _Windows(whole, np.zeros(len(bases), int), bases)
+    first = seen.argmax(axis=1)
+    span = int((whole - seen[:, ::-1].argmax(axis=1) - first).max())
+    starts = np.minimum(first, whole - span)
+    columns = starts[:, None, None] + np.arange(span)
+    return _Windows(span, starts, np.concatenate([np.take_along_axis(bases, columns, 2), bases[:, :, whole:]], axis=2))
 
 
 def _joined(values: Any) -> np.ndarray:
@@ -179,19 +234,39 @@ def second_order(system: System, blocks: list[Curvature], dz: Any, noise: Any) -
     """
     n, b = system.layout.n_coefficients, dz.shape[0]
     own = dz.T.astype(SINGLE)
+    dz_nuisance = own[n:]
     total, square = jnp.zeros((system.size, b)), jnp.zeros(b)
     for block in blocks:
         coefficients = _by_groups(block.groups, own)
 
         def add(sums: Any, tile: Curvature, coefficients: list[Any] = coefficients) -> tuple[Any, None]:
-            pulled, extra, squares = _tile(tile, coefficients, own[n:], noise)
-            parts = [s + p for s, p in zip(sums[0], pulled, strict=True)]
+            near = [_cut(*own, axis=0) for own in zip(tile.groups, tile.spans, tile.starts, coefficients, strict=True)]
+            pulled, extra, squares = _tile(tile, near, dz_nuisance, noise)
+            parts = [_added(*own) for own in zip(tile.groups, tile.spans, tile.starts, sums[0], pulled, strict=True)]
             return (parts, sums[1] + extra, sums[2] + squares), None
 
         zero = [jnp.zeros((len(g.rows), g.size, b)) for g in block.groups]
         (parts, extra, square), _ = jax.lax.scan(add, (zero, jnp.zeros((system.n_nuisance, b)), square), block)
         total = _from_groups(block.groups, parts, total).at[n:].add(extra)
     return total.T, square
+
+
+def _cut(group: Group, span: int, start: Any, values: Any, axis: int) -> Any:
+    """What stands in a tile's columns, along `axis`."""
+    if group.spline is None or span == group.bases[0].size:
+        return values
+    window = jax.lax.dynamic_slice_in_dim(values, start, span, axis)
+    rest = jax.lax.slice_in_dim(values, group.bases[0].size, group.size, axis=axis)
+    return jnp.concatenate([window, rest], axis=axis)
+
+
+def _added(group: Group, span: int, start: Any, total: Any, part: Any) -> Any:
+    """`total` (rows, size, T) with a tile's columns added to their places."""
+    if group.spline is None or span == group.bases[0].size:
+        return total + part
+    near = jax.lax.dynamic_slice_in_dim(total, start, span, 1) + part[:, :span]
+    total = jax.lax.dynamic_update_slice_in_dim(total, near, start, 1)
+    return total.at[:, group.bases[0].size :].add(part[:, span:])
 
 
 def _tile(tile: Curvature, coefficients: list[Any], nuisance: Any, noise: Any) -> tuple[list[Any], Any, Any]:
@@ -221,7 +296,7 @@ def _tile(tile: Curvature, coefficients: list[Any], nuisance: Any, noise: Any) -
     pulled, first = [], 0
     for group, values in zip(tile.groups, tile.bases, strict=True):
         own = jnp.stack([slopes(first + i) for i in range(len(group.rows))])
-        back = jnp.broadcast_to(values.T[None], (len(group.rows), group.size, count))
+        back = jnp.broadcast_to(values.T[None], (len(group.rows), values.shape[1], count))
         pulled.append(back @ own)
         first += len(group.rows)
     if not nuisance.shape[0]:
