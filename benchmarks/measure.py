@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 REPEATS = 5
+TURN = 0.3  # seconds of every contestant per round, at least
 PATIENCE = 15.0  # seconds that one run of a contestant may take to be repeated in every round; slower ones run twice
 
 
@@ -38,21 +39,29 @@ class Row:
 def interleaved(
     contestants: dict[str, Callable[[], Any]], repeats: int = REPEATS, patience: float = PATIENCE
 ) -> dict[str, np.ndarray]:
-    """Seconds of every contestant in every round, after one round that warms up; very slow ones in the first round alone."""
+    """Seconds per run of every contestant in every round, after one round that warms up; very slow ones in the first alone."""
     times: dict[str, list[float]] = {name: [] for name in contestants}
     slow: set[str] = set()
     for number in range(repeats + 1):
         for name, run in contestants.items():
             if name in slow and number > 1:
                 continue
-            began = time.perf_counter()
-            run()
-            spent = time.perf_counter() - began
+            spent = _turn(run)
             if number:  # the first round compiles
                 times[name].append(spent)
                 if spent > patience:
                     slow.add(name)
     return {name: np.array(t) for name, t in times.items()}
+
+
+def _turn(run: Callable[[], Any]) -> float:
+    """Seconds per run: one that takes long, or as many as fill `TURN`, since the first ones after another contestant find a
+    processor whose caches hold something else."""
+    began, runs = time.perf_counter(), 0
+    while not runs or time.perf_counter() - began < TURN:
+        run()
+        runs += 1
+    return (time.perf_counter() - began) / runs
 
 
 def row(case: str, times: dict[str, np.ndarray], limit: str | None = None, **more: Any) -> Row:

@@ -32,6 +32,30 @@ def test_a_small_fit_with_its_summary_and_grid_imports_no_jax(tmp_path):
     )
 
 
+def test_a_small_fit_in_python_imports_no_jax():
+    run("import sys, volid\n" + FIT + "solution.functions()\nassert 'jax' not in sys.modules")
+
+
+def test_two_threads_may_use_jax_first():
+    run(
+        "import time\nfrom concurrent.futures import ThreadPoolExecutor\nfrom volid.lazy import jax, jnp\n"
+        "def later():\n    time.sleep(0.05)\n    return jnp.asarray([1.0]).sum()\n"
+        "with ThreadPoolExecutor(2) as pool:\n"
+        "    found = [pool.submit(lambda: jax.tree.leaves([1.0])), pool.submit(later)]\n"
+        "    assert [float(f.result()[0]) if i == 0 else float(f.result()) for i, f in enumerate(found)] == [1.0, 1.0]\n"
+    )
+
+
+def test_asking_whether_jax_is_installed_loses_nothing():
+    run(
+        "import importlib.util, volid\n"
+        + FIT
+        + "assert importlib.util.find_spec('jax')\nimport jax\n"
+        + LEAVES
+        + "assert jax.tree.leaves(solution.machine) == []\n"
+    )
+
+
 @pytest.mark.parametrize("order", ["import volid\n" + FIT + "import jax\n", "import jax\nimport volid\n" + FIT])
 def test_solutions_are_trees_whichever_comes_first(order):
     run(

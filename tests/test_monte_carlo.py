@@ -255,7 +255,7 @@ def test_robust_fits_search_their_outliers_again(tmp_path):
 
     solution = fit(load_campaign(make_campaign(tmp_path).manifest), robust=True)
     refitter = Refitter(solution)
-    noise = trial_noise(1, 0, 2, refitter.n_readings, 0, pseudo_of((), {}))[0]
+    noise = trial_noise(2, 0, 2, refitter.n_readings, 0, pseudo_of((), {}))[0]
     limit = critical_value(refitter.n_readings)
     clean = refitter.refit(noise)
     noise[1, 17] += 10 * limit / np.sqrt(refitter.redundancy()[17])

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from volid.lazy import jnp
 from volid.reverse import Recorded
 from volid.reverse import arctan2 as recorded_arctan2
 
@@ -26,8 +27,6 @@ def space(x: Any) -> Any:
     """The array functions that go with `x`: `numpy` or `jax.numpy`."""
     if is_plain(x):
         return np
-    import jax.numpy as jnp
-
     return jnp
 
 
@@ -73,8 +72,6 @@ def in_rows(parts: Sequence[Any], shape: tuple[int, ...]) -> Any:
         for i, part in enumerate(parts):
             result[i] = part
         return result
-    import jax.numpy as jnp
-
     if len(parts) == 1:
         return jnp.broadcast_to(parts[0], shape)[None]
     rows = jnp.zeros((len(parts), *shape))

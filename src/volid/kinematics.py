@@ -32,7 +32,7 @@ def _turned(frame: np.ndarray, x: Vector) -> Vector:
     return turned[0], turned[1], turned[2]
 
 
-class _Motion(NamedTuple):
+class ErrorMotion(NamedTuple):
     """Error motion of one body: translation and rotation vector about `point`, machine frame directions."""
 
     translation: Vector
@@ -40,17 +40,17 @@ class _Motion(NamedTuple):
     point: Vector
 
 
-def error_motion(machine: Machine, i: int, errors: Any) -> _Motion:
+def error_motion(machine: Machine, i: int, errors: Any) -> ErrorMotion:
     """Error motion number `i`: of axis i, or of the tool frame when i = n_axes."""
     translation, rotation = _components(errors, ROWS * i), _components(errors, ROWS * i + 3)
     if i == len(machine.axes):
-        return _Motion(translation, rotation, (0.0, 0.0, 0.0))
+        return ErrorMotion(translation, rotation, (0.0, 0.0, 0.0))
     axis = machine.axes[i]
     frame = axis.frame
-    return _Motion(_turned(frame, translation), _turned(frame, rotation), axis.error_point)
+    return ErrorMotion(_turned(frame, translation), _turned(frame, rotation), axis.error_point)
 
 
-def _error_factor(motion: _Motion, x: Vector, is_vector: bool, inverse: bool = False) -> Vector:
+def _error_factor(motion: ErrorMotion, x: Vector, is_vector: bool, inverse: bool = False) -> Vector:
     """D: x -> p + R (x - p) + e, or its inverse; only R for a free vector."""
     rotation = motion.rotation
     if inverse:

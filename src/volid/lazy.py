@@ -1,6 +1,7 @@
 """JAX, imported when it is first used: importing it takes as long as a fit of some thousand readings, which does without.
 
-`jax` and `jnp` stand for the modules, `jit` for `jax.jit` on functions at the top of a module.
+`jax` and `jnp` stand for the modules, `jit` for `jax.jit` on functions at the top of a module. Any thread may be the first to use
+them. Raise `ImportError` at the first use where JAX cannot be imported.
 """
 
 from __future__ import annotations
@@ -17,9 +18,13 @@ if TYPE_CHECKING:
 else:
 
     class _OnDemand(ModuleType):
-        """Stands for a module that is imported when something in it is asked for."""
+        """Stands for a module that is imported when something in it is asked for.
+
+        The package first: threads that begin with different modules of it would wait for each other.
+        """
 
         def __getattr__(self, name: str) -> Any:
+            import_module(self.__name__.partition(".")[0])
             value = getattr(import_module(self.__name__), name)
             setattr(self, name, value)  # asked for once
             return value
@@ -34,6 +39,9 @@ class Program:
         self._function, self._options = function, options
         update_wrapper(self, function)
 
+    def __reduce__(self) -> str:
+        return str(self._function.__qualname__)
+
     @cached_property
     def _compiled(self) -> Any:
         return jax.jit(self._function, **self._options)
@@ -43,7 +51,7 @@ class Program:
         return self._compiled(*args, **kwargs)
 
     def __getattr__(self, name: str) -> Any:
-        if name.startswith("__"):
+        if name.startswith("_"):  # also what is set in `__init__` and not there yet
             raise AttributeError(name)
         return getattr(self._compiled, name)
 

@@ -1,7 +1,7 @@
 """Uniform B-splines: bases, tensor products, and the linear functionals that a datum needs.
 
-A basis is a small hashable description; `evaluate` turns it into numbers for many positions at once, in JAX, so that the
-functions can be differentiated with respect to position.
+A basis is a small hashable description; `evaluate` turns it into numbers for many positions at once, in NumPy or in JAX, which
+can differentiate the functions with respect to position.
 """
 
 from __future__ import annotations

@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import importlib.util
 import sys
+import threading
 from collections.abc import Callable
 from dataclasses import fields, replace
+from functools import partial
 from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec
 from types import MappingProxyType, ModuleType
@@ -28,14 +30,14 @@ _waiting: list[type] = []
 
 def register_dataclass(kind: type[T]) -> type[T]:
     """As `jax.tree_util.register_dataclass`, without importing JAX."""
-    if _is_there():
+    if "jax" in sys.modules:  # where another thread imports it at this moment, Python waits here until that is done
         from jax.tree_util import register_dataclass as register
 
         register(kind)
     else:
-        if not _waiting:
-            sys.meta_path.insert(0, _WhenJaxComes())
         _waiting.append(kind)
+        if not any(isinstance(finder, _WhenJaxComes) for finder in sys.meta_path):
+            sys.meta_path.insert(0, _WhenJaxComes())
     return kind
 
 
@@ -45,29 +47,28 @@ def map_arrays(function: Callable[[Any], Any], tree: D) -> D:
     return replace(tree, **{name: function(getattr(tree, name)) for name in arrays})
 
 
-def _is_there() -> bool:
-    """Whether JAX has been imported to the end."""
-    return hasattr(sys.modules.get("jax.tree_util"), "register_dataclass")
-
-
 class _WhenJaxComes(MetaPathFinder):
-    """Finds nothing itself; makes the loader of JAX register what waits for it."""
+    """Finds nothing itself; makes the loader of JAX register what waits for it, whenever it is really imported."""
+
+    def __init__(self) -> None:
+        self._asking = threading.local()
 
     def find_spec(self, name: str, path: Any, target: ModuleType | None = None) -> ModuleSpec | None:
         """The specification of `jax` with a loader that registers afterwards; None for everything else."""
-        if name != "jax":
+        if name != "jax" or getattr(self._asking, "now", False):
             return None
-        sys.meta_path.remove(self)
-        spec = importlib.util.find_spec(name)
-        if spec is None or spec.loader is None:
-            return spec
-        loader = spec.loader
-        execute = loader.exec_module
-
-        def execute_and_register(module: ModuleType) -> None:
-            execute(module)
-            while _waiting:
-                module.tree_util.register_dataclass(_waiting.pop())
-
-        loader.exec_module = execute_and_register  # type: ignore[method-assign]
+        self._asking.now = True
+        try:
+            spec = importlib.util.find_spec(name)
+        finally:
+            self._asking.now = False
+        if spec is not None and spec.loader is not None:
+            spec.loader.exec_module = partial(_execute, spec.loader.exec_module)  # type: ignore[method-assign]
         return spec
+
+
+def _execute(execute: Callable[[ModuleType], None], module: ModuleType) -> None:
+    """Import JAX, then tell it what has waited."""
+    execute(module)
+    while _waiting:
+        module.tree_util.register_dataclass(_waiting.pop())

@@ -85,7 +85,7 @@ _Function = Callable[..., Any]
 
 
 @cache
-def _compiled(function: _Function) -> _Function:
+def _program(function: _Function) -> _Function:
     """The program that carries a function out on chunks (n_chunks, …, `CHUNK`), one after another."""
 
     def over_chunks(machine: Machine, layout: Layout, coefficients: Any, chunks: _Points, *extra: Any) -> Any:
@@ -106,12 +106,12 @@ def _calls(
         return _slices(m, INTERPRETED_CHUNK), lambda part: function(
             chain, model.layout, coefficients, _taken(points, part), *extra
         )
-    shared = jax.tree.map(jnp.asarray, (coefficients, *extra))
+    shared, program = jax.tree.map(jnp.asarray, (coefficients, *extra)), _program(function)
 
     def call(part: slice) -> np.ndarray:
         rows = np.minimum(np.arange(part.start, part.start + SLICE), m - 1)  # the last repeats the last point
         chunks = jax.tree.map(_in_chunks, _taken(points, rows))
-        found = np.asarray(_compiled(function)(chain, model.layout, shared[0], chunks, *shared[1:]))
+        found = np.asarray(program(chain, model.layout, shared[0], chunks, *shared[1:]))
         whole = np.moveaxis(found, 0, -2).reshape(*found.shape[1:-1], SLICE)
         return whole[..., : part.stop - part.start]
 
@@ -153,6 +153,8 @@ def _whole(
 def _squares(model: ErrorModel, coefficients: np.ndarray, factor: np.ndarray, points: _Points) -> np.ndarray:
     """|factor · gradient|² per component and point, (6, m); `factor` (r, n_coefficients)."""
     tables = spread.tables_of(model.layout, factor, points.q, points.direction)
+    if not tables:
+        return np.zeros((6, len(points.q)))
     if spread.worth_products(tables, len(points.q)):
         numbered = points._replace(number=np.stack([t.number for t in tables], axis=1))
         return _whole(_variances, model, coefficients, numbered, spread.products(tables))

@@ -107,7 +107,7 @@ def squares(groups: list[Tables], points: slice, partials: np.ndarray) -> np.nda
     for start in range(0, found.shape[1], CHUNK):
         part = slice(start, min(start + CHUNK, found.shape[1]))
         weights = np.ascontiguousarray(partials[:, :, part].transpose(2, 0, 1))
-        spread = np.zeros((len(weights), partials.shape[1], groups[0].table.shape[2] if groups else 0))
+        spread = np.zeros((len(weights), partials.shape[1], groups[0].table.shape[2]))
         for g in groups:
             spread[:, g.rows] += g.table[g.number[points][part]]
         found[:, part] = np.sum((weights @ spread) ** 2, axis=2).T

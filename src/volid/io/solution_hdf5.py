@@ -51,7 +51,7 @@ from volid.campaign import Campaign, ObservationSet
 from volid.error_model import LOCATION, MEAN, ErrorModel, build_model
 from volid.exceptions import InputError
 from volid.fitting.adequacy import Adequacy, GroupTest, SuspectReading
-from volid.fitting.solution import Residuals, Solution, Statistics
+from volid.fitting.solution import Residuals, Solution, Statistics, read_only
 from volid.io.atomic import atomic_output
 from volid.io.campaign_hdf5 import read_campaign_group, write_campaign_group
 from volid.io.hdf5_values import read_text, reading, to_json, write_array, write_text
@@ -258,7 +258,7 @@ def read_solution(path: str | Path) -> Solution:
             notes=tuple(read_text(file["notes"]).tolist()),
             options=json.loads(file.attrs["options"]),
             samples=_read_samples(file, str(path)),
-            prior_root=_read_array(file, "prior_root", (None, model.n_parameters), str(path))
+            prior_root=read_only(_read_array(file, "prior_root", (None, model.n_parameters), str(path)))
             if "prior_root" in file
             else None,
             provenance={key: str(value) for key, value in file["provenance"].attrs.items()},
@@ -313,7 +313,9 @@ def _read_numbers(file: h5py.File, model: ErrorModel, path: str) -> _Numbers:
         "null_space": ("identifiability/null_space", (n, None)),
         "held_directions": ("identifiability/held_directions", (None, None)),
     }
-    return _Numbers(**{name: _read_array(file, where, shape, path) for name, (where, shape) in places.items()})
+    return _Numbers(
+        **{name: read_only(_read_array(file, where, shape, path)) for name, (where, shape) in places.items()}
+    )
 
 
 def _read_array(file: h5py.File, where: str, shape: tuple[int | None, ...], path: str) -> np.ndarray:

@@ -11,6 +11,7 @@ from volid.observations.base import Nuisance
 from volid.observations.distributions import NORMAL, standardised
 from volid.observations.random_effects import Scatter, split_normal
 
+GENERATOR = "SFC64"
 ALIGNMENT = 64  # bytes, of arrays that JAX takes without a copy
 
 
@@ -48,11 +49,14 @@ def point_scatter(campaign: Campaign, random: list[list[tuple[Effect, np.ndarray
 
 def trial_generator(seed: int, trial: int) -> np.random.Generator:
     """Random numbers of one trial: SFC64, the fastest of NumPy's, seeded by a hash of both numbers."""
-    return np.random.Generator(np.random.SFC64(np.random.SeedSequence([seed, trial])))
+    return np.random.Generator(np.random.SFC64(np.random.SeedSequence(seed, spawn_key=(trial,))))
 
 
 def room_for(count: int, n_readings: int) -> np.ndarray:
-    """Memory for the noise of `count` trials that JAX reads where it stands, (count, n_readings)."""
+    """Memory for the noise of `count` trials, (count, n_readings), that JAX reads where it stands.
+
+    Whoever writes to it again waits until everything computed from it is there.
+    """
     whole = np.empty(count * n_readings + ALIGNMENT // 8)
     first = -(whole.ctypes.data // 8) % (ALIGNMENT // 8)
     return whole[first : first + count * n_readings].reshape(count, n_readings)
@@ -67,7 +71,10 @@ def trial_noise(
     pseudo: Pseudo,
     room: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Whitened noise of trials first … first + count - 1: (count, n_readings), in `room` if given, and (count, n_prior)."""
+    """Whitened noise of trials first … first + count - 1: (count, n_readings) and (count, n_prior).
+
+    `room`: where the first of them stands until the next call with the same room.
+    """
     noise = room_for(count, n_readings) if room is None else room[:count]
     prior = np.empty((count, n_prior))
     rest = np.sqrt(np.maximum(1.0 - sum(p.deviation**2 for p in pseudo.points), 0.0))

@@ -24,7 +24,7 @@ from volid.fitting.solution import Solution
 from volid.fitting.streamed import check_not_streamed
 from volid.observations.effects import effect_samples
 from volid.uncertainty.coverage import coverage_intervals, numerical_tolerance
-from volid.uncertainty.draws import Pseudo, point_scatter, pseudo_of, room_for, trial_noise
+from volid.uncertainty.draws import GENERATOR, Pseudo, point_scatter, pseudo_of, room_for, trial_noise
 from volid.uncertainty.outputs import Outputs, headline_outputs
 from volid.uncertainty.refit import AT_ONCE, Refitter, joined
 from volid.uncertainty.samples import Samples, TrialFolder
@@ -57,9 +57,8 @@ def run_of(solution: Solution, seed: int) -> Run:
 def run_trials(run: Run, first: int, count: int) -> dict[str, np.ndarray]:
     """Trials first … first + count - 1, as arrays by name."""
     refitter, found = run.refitter, []
-    room = room_for(
-        min(AT_ONCE, count), refitter.n_readings
-    )  # one for all: fresh memory would cost as much as the numbers
+    # one room for all: fresh memory would cost as much as the numbers
+    room = room_for(min(AT_ONCE, count), refitter.n_readings)
     for start in range(first, first + count, AT_ONCE):  # noise of so few trials stays in the cache
         number = min(AT_ONCE, first + count - start)
         noise = trial_noise(run.seed, start, number, refitter.n_readings, refitter.n_prior, run.pseudo, room)
@@ -105,7 +104,9 @@ def monte_carlo(
     if folder is None:
         keeper = tempfile.TemporaryDirectory(prefix="volid-trials-")
         folder = keeper.name
-    store = TrialFolder(Path(folder), {"seed": seed, "batch": BATCH, "solution": fingerprint(solution)}, resume)
+    store = TrialFolder(
+        Path(folder), {"seed": seed, "generator": GENERATOR, "batch": BATCH, "solution": fingerprint(solution)}, resume
+    )
     carry_out = _remote(solution, seed, scheduler) if scheduler else _local(run_of(solution, seed))
     if digits is None:
         total, reached = trials or TRIALS, float("nan")

@@ -34,14 +34,14 @@ LARGEST = 512 * 2**20  # bytes of Hessians that are kept
 SLICE = 4096  # rows whose second derivatives are formed at once
 THREADS = 2
 ROWS, TRIALS = 128, 128  # of one tile: its values stay in the processor's cache
-SINGLE = jnp.float32
+SINGLE = np.float32
 STEP = {"mm": 1e-4, "rad": 1e-7}  # of the differences; everything else is as small as an angle
 
 
 class Group(NamedTuple):
     """Error values with the same splines: all of them come from one product, bases (R, size) times coefficients (size, rows · T).
 
-    `bases`: constants and linear ones of any of the rows among them. `places`: every term with its first column and its row.
+    `bases`: all that any of the rows has. `places`: every term with its first column and its row.
     """
 
     rows: tuple[int, ...]
@@ -115,7 +115,8 @@ def _rows(layout: Layout) -> tuple[int, ...]:
 def curvatures(system: System, z: np.ndarray, numbers: list[Any], units: list[str]) -> list[Curvature]:
     """Curvature of every block at z; `numbers` (chunks, k, rows) of the readings, `units` of the nuisance parameters."""
     z = np.asarray(z)
-    return [_curvature(system, block, z, np.asarray(n), units) for block, n in zip(system.blocks, numbers, strict=True)]
+    used = [(block, np.asarray(n)) for block, n in zip(system.blocks, numbers, strict=True) if block.q.shape[0]]
+    return [_curvature(system, block, z, n, units) for block, n in used]
 
 
 def _curvature(system: System, block: Block, z: np.ndarray, numbers: np.ndarray, units: list[str]) -> Curvature:
@@ -299,8 +300,8 @@ def _tile(tile: Curvature, coefficients: list[Any], nuisance: Any, noise: Any) -
         back = jnp.broadcast_to(values.T[None], (len(group.rows), values.shape[1], count))
         pulled.append(back @ own)
         first += len(group.rows)
-    if not nuisance.shape[0]:
-        return pulled, nuisance, squares
+    if not tile.slots.shape[1]:
+        return pulled, jnp.zeros((nuisance.shape[0], trials)), squares
     hot = tile.slots.T.reshape(-1)[None, :] == jnp.arange(nuisance.shape[0])[:, None]
     extra = jnp.concatenate([slopes(first + i) for i in range(tile.slots.shape[1])])
     return pulled, hot.astype(SINGLE) @ extra, squares
