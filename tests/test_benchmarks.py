@@ -1,7 +1,9 @@
 """What the benchmarks say of their numbers: ratios, regressions, table. No time is asserted."""
 
 import numpy as np
+import pytest
 
+from benchmarks import measure
 from benchmarks.__main__ import NAMES, compare, table
 from benchmarks.measure import interleaved, row
 from volid.compensation.interpolation import interpolate
@@ -23,10 +25,28 @@ def test_ratios_are_taken_round_by_round():
     assert found["share_of_limit"] == 0.5 and found["volid"] == 2.0
 
 
-def test_contestants_take_turns():
+def test_contestants_take_turns(monkeypatch):
+    monkeypatch.setattr(measure, "TURN", 0.0)
     order = []
     times = interleaved({"a": lambda: order.append("a"), "b": lambda: order.append("b")}, 3)
     assert order == ["a", "b"] * 4 and all(len(t) == 3 for t in times.values())
+
+
+def test_quick_contestants_run_several_times_in_a_turn(monkeypatch):
+    clock, order = [0.0], []
+    monkeypatch.setattr(measure, "TURN", 0.1)
+    monkeypatch.setattr(measure.time, "perf_counter", lambda: clock[0])
+
+    def contestant(name, seconds):
+        def run():
+            order.append(name)
+            clock[0] += seconds
+
+        return run
+
+    times = interleaved({"a": contestant("a", 0.03), "b": contestant("b", 0.2)}, 1)
+    assert order == ["a", "a", "a", "a", "b"] * 2
+    assert times["a"][0] == pytest.approx(0.03) and times["b"][0] == pytest.approx(0.2)
 
 
 def test_a_regression_is_named_and_a_difference_within_the_noise_is_not():
