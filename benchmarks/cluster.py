@@ -2,36 +2,37 @@
 
 from __future__ import annotations
 
-import time
+from contextlib import ExitStack
 
 import numpy as np
 
 import volid
 from benchmarks import cases
-from benchmarks.measure import Row, peak_memory
+from benchmarks.measure import REPEATS, Row, interleaved, row
 from volid.uncertainty.monte_carlo import BATCH, monte_carlo
 
 BATCHES = 8
 
 
 def cluster_row(quick: bool) -> Row:
-    """Efficiency = time on one worker / (2 x time on two); each cluster has worked once before it is timed."""
+    """Efficiency = time on one worker / (2 x time on two), round by round; both clusters have worked before they are timed."""
     from distributed import LocalCluster
 
     solution = volid.fit(cases.three_axis("S" if quick else "M").campaign)
-    seconds = {}
-    for workers in (1, 2):
-        with LocalCluster(n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None) as cluster:
-            address = cluster.scheduler_address
-            monte_carlo(solution, 2 * workers * BATCH, seed=1, scheduler=address)
-            spent = []
-            for seed in range(2 if quick else 3):
-                began = time.perf_counter()
-                monte_carlo(solution, BATCHES * BATCH, seed=seed + 2, scheduler=address)
-                spent.append(time.perf_counter() - began)
-            seconds[workers] = float(np.median(spent))
-    result = Row(f"Dask, Monte Carlo {BATCHES * BATCH:,}, two workers", seconds[2], {"one worker": seconds[1]})
-    result.ratios = {"one worker": (seconds[1] / seconds[2],) * 3}
-    result.memory_mb = peak_memory()
-    result.notes.append(f"efficiency {seconds[1] / seconds[2] / 2:.2f}; workers compute on one thread each")
+    with ExitStack() as stack:
+        clusters = {
+            name: stack.enter_context(
+                LocalCluster(n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None)
+            )
+            for name, workers in (("volid", 2), ("one worker", 1))
+        }
+        trials = {name: iter(range(100)) for name in clusters}
+
+        def run(name: str) -> None:
+            monte_carlo(solution, BATCHES * BATCH, seed=next(trials[name]), scheduler=clusters[name].scheduler_address)
+
+        times = interleaved({name: lambda name=name: run(name) for name in clusters}, 2 if quick else REPEATS, np.inf)
+    result = row(f"Dask, Monte Carlo {BATCHES * BATCH:,}, two workers", times)
+    middle, low, high = (r / 2 for r in result.ratios["one worker"])
+    result.notes.append(f"efficiency {middle:.2f} ({low:.2f} … {high:.2f}); workers compute on one thread each")
     return result
