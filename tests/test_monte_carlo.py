@@ -16,7 +16,7 @@ from volid.fitting.fit import fit
 from volid.fitting.robust import critical_value
 from volid.io.solution_hdf5 import read_solution, write_solution
 from volid.observations.effects import effect_samples
-from volid.uncertainty import second_order
+from volid.uncertainty import curvature
 from volid.uncertainty.budget import budget
 from volid.uncertainty.draws import pseudo_of, trial_noise
 from volid.uncertainty.monte_carlo import BATCH, STAGE, _stage, fingerprint, monte_carlo, run_of, run_trials
@@ -24,6 +24,7 @@ from volid.uncertainty.outputs import headline_outputs
 from volid.uncertainty.refit import TOLERANCE, Refitter
 from volid.uncertainty.refit_steps import linear_step, turned
 from volid.uncertainty.samples import TrialFolder
+from volid.uncertainty.second_order import second_order
 from volid.uncertainty.statement import statement
 
 EFFECTS = (
@@ -118,10 +119,10 @@ def test_small_tiles_take_only_the_splines_of_their_cells(monkeypatch):
     steps = np.random.default_rng(0).standard_normal((8, len(refitter.u))) * refitter.u @ np.asarray(frozen.basis).T
     found, spans = [], []
     for rows in (8, 10_000):
-        monkeypatch.setattr(second_order, "ROWS", rows)
-        curvature = second_order.curvatures(frozen.system, frozen.z, frozen.numbers, units)
-        found.append(second_order.second_order(frozen.system, curvature, jnp.asarray(steps), turned(noise)))
-        spans.append(sum(sum(c.spans) for c in curvature))
+        monkeypatch.setattr(curvature, "ROWS", rows)
+        blocks = curvature.curvatures(frozen.system, frozen.z, frozen.numbers, units)
+        found.append(second_order(frozen.system, blocks, jnp.asarray(steps), turned(noise)))
+        spans.append(sum(sum(c.spans) for c in blocks))
     assert spans[0] < 0.75 * spans[1]
     for one, other in zip(*found, strict=True):
         scale = np.abs(other).max(axis=0)

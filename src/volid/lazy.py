@@ -7,7 +7,7 @@ them. Raise `ImportError` at the first use where JAX cannot be imported.
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cached_property, update_wrapper
+from functools import cache, wraps
 from importlib import import_module
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
@@ -32,30 +32,15 @@ else:
     jax, jnp = _OnDemand("jax"), _OnDemand("jax.numpy")
 
 
-class Program:
-    """A function that is compiled by JAX when it is first called; everything else is asked of the compiled one."""
+def jit(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
+    """As `jax.jit`, without importing JAX before the first call."""
 
-    def __init__(self, function: Callable[..., Any], **options: Any) -> None:
-        self._function, self._options = function, options
-        update_wrapper(self, function)
+    @cache
+    def compiled() -> Callable[..., Any]:
+        return jax.jit(function, **options)
 
-    def __reduce__(self) -> str:
-        return str(self._function.__qualname__)
+    @wraps(function)
+    def call(*args: Any, **kwargs: Any) -> Any:
+        return compiled()(*args, **kwargs)
 
-    @cached_property
-    def _compiled(self) -> Any:
-        return jax.jit(self._function, **self._options)
-
-    def __call__(self, *args: Any, **kwargs: Any) -> Any:
-        """The function's value."""
-        return self._compiled(*args, **kwargs)
-
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("_"):  # also what is set in `__init__` and not there yet
-            raise AttributeError(name)
-        return getattr(self._compiled, name)
-
-
-def jit(function: Callable[..., Any], **options: Any) -> Program:
-    """`jax.jit`, without importing JAX."""
-    return Program(function, **options)
+    return call

@@ -20,7 +20,7 @@ from volid.machine import Machine
 
 CHUNK, SLICE = 512, 16_384  # points of a program at once, whose values stay in the cache, and of one call
 INTERPRETED_CHUNK = 4096  # NumPy needs longer arrays
-THREADS = 2
+THREADS = 2  # that share a long computation, here and where others import it
 INTERPRETED = 20_000  # points: up to here NumPy is done before a program is traced
 ESTIMABLE = 1e-3  # 0.1 µm for an undetermined rotation of 0.1 mrad; see `identifiability.NAMED`
 
@@ -52,16 +52,17 @@ class _Points(NamedTuple):
     number: Any = None
 
 
+def _errors(layout: Layout, coefficients: Any, chunk: _Points) -> list[Any]:
+    return error_rows(layout, coefficients, evaluate_bases(layout, chunk.q, chunk.direction), chunk.q.shape[1])
+
+
 def _values(machine: Machine, layout: Layout, coefficients: Any, chunk: _Points) -> Any:
-    bases = evaluate_bases(layout, chunk.q, chunk.direction)
-    errors = error_rows(layout, coefficients, bases, chunk.q.shape[1])
-    return deviation(machine, chunk.q, tuple(chunk.tool), errors)
+    return deviation(machine, chunk.q, tuple(chunk.tool), _errors(layout, coefficients, chunk))
 
 
 def _partials(machine: Machine, layout: Layout, coefficients: Any, chunk: _Points) -> Any:
     """∂(deviation)/∂(error values), shape (6, error values, m)."""
-    bases = evaluate_bases(layout, chunk.q, chunk.direction)
-    errors = error_rows(layout, coefficients, bases, chunk.q.shape[1])
+    errors = _errors(layout, coefficients, chunk)
     return in_rows(partial_rows(machine, errors, chunk.q, chunk.tool), (len(errors), chunk.q.shape[1]))
 
 
@@ -71,9 +72,7 @@ def _gradients(machine: Machine, layout: Layout, coefficients: Any, chunk: _Poin
 
 def _variances(machine: Machine, layout: Layout, coefficients: Any, chunk: _Points, products: list[Any]) -> Any:
     """Variances of the deviation from covariances of the error values (`spread.products`), (6, m)."""
-    bases = evaluate_bases(layout, chunk.q, chunk.direction)
-    errors = error_rows(layout, coefficients, bases, chunk.q.shape[1])
-    partials = deviation_partials(machine, chunk.q, tuple(chunk.tool), errors)
+    partials = deviation_partials(machine, chunk.q, tuple(chunk.tool), _errors(layout, coefficients, chunk))
     own = [
         in_rows([in_rows([p[r] for r in rows], chunk.q.shape[1:]) for p in partials], (len(rows), chunk.q.shape[1]))
         for rows in map(spread.rows_of, spread.groups_of(layout).values())

@@ -31,6 +31,8 @@ from volid.fitting.system import System
 from volid.lazy import jnp
 from volid.observations.base import NuisanceTable
 from volid.observations.effects import groups_of
+from volid.uncertainty.curvature import LARGEST, Curvature, curvatures, hessian_bytes
+from volid.uncertainty.curvature import TRIALS as AT_ONCE
 from volid.uncertainty.draws import room_for
 from volid.uncertainty.refit_steps import (
     TRIALS,
@@ -42,8 +44,6 @@ from volid.uncertainty.refit_steps import (
     turned,
     weighted_rows,
 )
-from volid.uncertainty.second_order import LARGEST, Curvature, curvatures, hessian_bytes
-from volid.uncertainty.second_order import TRIALS as AT_ONCE
 
 TOLERANCE = 1e-6  # standard uncertainties
 LARGEST_ROWS = 256 * 2**20  # bytes of TᵀJᵀ that are kept

@@ -18,7 +18,8 @@ from volid.fitting.system import Block, System
 from volid.lazy import jax, jit, jnp
 from volid.observations.effects import predict_readings
 from volid.trees import register_dataclass
-from volid.uncertainty.second_order import Curvature, second_order
+from volid.uncertainty.curvature import Curvature
+from volid.uncertainty.second_order import second_order
 
 ROWS, TRIALS = 256, 64  # of one tile: its intermediate values stay in the processor's cache
 
