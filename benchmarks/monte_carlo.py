@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import Any
 
 import jax
@@ -15,7 +17,7 @@ from benchmarks import cases
 from benchmarks.ceres_peer import Ceres
 from benchmarks.fits import fastest_ceres
 from benchmarks.measure import Row, peak_memory
-from benchmarks.peers import Scaled, scipy_fit
+from benchmarks.peers import Scaled, optimistix_fit, scipy_fit
 from volid.fitting.interpreted import interpreted
 from volid.fitting.problem import build_problem
 from volid.fitting.solver import solve
@@ -83,9 +85,25 @@ class _Loops:
         self.ceres: Ceres | None = None
         problem = build_problem(solution.campaign, solution.model, find_starts(solution.campaign))
         self.problem = problem._replace(free=self.free)
-        self.scipy = name in cases.SIZES
-        if self.scipy:
+        self.peers: dict[str, Callable[[Any], Any]] = {}
+        if name in cases.SIZES:
             self.ceres = fastest_ceres(name, cases.three_axis(name), self.notes)
+            self.peers = self._peers(everyone=name == "S")
+
+    def _peers(self, everyone: bool) -> dict[str, Callable[[Any], Any]]:
+        """Fits of a problem from the solution on; optimistix too where 50 of its fits take minutes, not hours."""
+        scaled = Scaled(cases.Case(self.solution.campaign, self.problem, self.z), self.z)
+        peers = {f"scipy {method}": partial(scipy_fit, scaled, method) for method in ("dogbox", "trf")}
+        if everyone:
+            peers |= {f"optimistix {solver}": optimistix_fit(scaled, solver) for solver in ("GN", "LM")}
+        else:
+            self.notes.append("optimistix: no warm loop, 50 of its fits would take hours")
+
+        def of(fit: Callable[[], Any], problem: Any) -> Any:
+            scaled.system = jax.tree.map(jnp.asarray, problem.system)
+            return fit()
+
+        return {peer: partial(of, fit) for peer, fit in peers.items()}
 
     def drawn(self, number: int) -> Any:
         """The problem with the readings of one trial."""
@@ -141,16 +159,12 @@ def _round(solution: Any, loops: _Loops, trials: int, loop: int, number: int) ->
         seconds[what] = (time.perf_counter() - began) * trials / loop
     if loops.ceres is not None:
         seconds["Ceres warm loop"] = loops.ceres.loop(loop) * trials / loop
-    if loops.scipy:
-        few = problems
-        scaled = Scaled(cases.Case(solution.campaign, loops.problem, loops.z), loops.z)
-        scaled.system = jax.tree.map(jnp.asarray, few[0].system)
-        scipy_fit(scaled, "dogbox")
+    for peer, fit in loops.peers.items():
+        fit(problems[0])
         began = time.perf_counter()
-        for problem in few:
-            scaled.system = jax.tree.map(jnp.asarray, problem.system)
-            scipy_fit(scaled, "dogbox")
-        seconds["scipy dogbox warm loop"] = (time.perf_counter() - began) * trials / len(few)
+        for problem in problems:
+            fit(problem)
+        seconds[f"{peer} warm loop"] = (time.perf_counter() - began) * trials / loop
     return seconds
 
 

@@ -98,9 +98,10 @@ def optimistix_fit(scaled: Scaled, solver: str) -> Callable[[], np.ndarray]:
     """Stock Gauss-Newton or Levenberg-Marquardt, compiled on first use; z."""
     kind = {"GN": optx.GaussNewton, "LM": optx.LevenbergMarquardt}[solver]
     own = kind(rtol=TOLERANCE, atol=TOLERANCE)
-    args = (scaled.system, jnp.asarray(scaled.z0), jnp.asarray(scaled.free), jnp.asarray(scaled.origin))
+    fixed = (jnp.asarray(scaled.z0), jnp.asarray(scaled.free), jnp.asarray(scaled.origin))
 
     def run() -> np.ndarray:
+        args = (scaled.system, *fixed)
         found = optx.least_squares(plain_residual, own, jnp.asarray(scaled.origin), args, max_steps=100, throw=False)
         return np.asarray(scaled.z(np.asarray(found.value)))
 

@@ -103,6 +103,13 @@ def fitted(virtual: Virtual, **options):
     return replace(fit(load_campaign(virtual.manifest), **options), provenance=record)
 
 
+def pytest_collection_modifyitems(items):
+    """Long statistics take the time they take."""
+    for item in items:
+        if item.get_closest_marker("long"):
+            item.add_marker(pytest.mark.timeout(0))
+
+
 @pytest.fixture(autouse=True, scope="module")
 def forget_programs():
     """Compiled programs of one test file are of no use to the next; kept, they would fill gigabytes."""

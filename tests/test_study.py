@@ -8,6 +8,7 @@ import json
 import os
 import subprocess
 import sys
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -30,7 +31,7 @@ from volid.standard_plan import standard_plan
 from volid.study import COLUMNS, Study, Task, Truths, run_campaign, run_study, scaled_noise
 from volid.study_summary import FIELD, SUMMARY, summary
 from volid.truth import truth_of_solution
-from volid.uncertainty import distributed, monte_carlo
+from volid.uncertainty import distributed, monte_carlo, processes
 from volid.uncertainty.comparison import compare, covered
 from volid.uncertainty.processes import Died, in_processes
 
@@ -160,6 +161,23 @@ def test_tasks_whose_process_dies_are_done_again_and_then_named():
     code = "__import__('os')._exit(1) if i == 1 else i * i"  # eval is a function that every process has
     found = dict(in_processes(eval, [({"i": i},) for i in range(4)], code, 2))
     assert isinstance(found.pop(1), Died) and found == {0: 0, 2: 4, 3: 9}
+
+
+def test_processes_are_renewed_and_exceptions_are_raised(monkeypatch):
+    monkeypatch.setattr(processes, "RENEW", 2)
+    found = dict(in_processes(eval, [({"i": i},) for i in range(7)], "__import__('os').getpid(), i", 2))
+    assert [found[i][1] for i in range(7)] == list(range(7))
+    count = Counter(number for number, _ in found.values())
+    assert len(count) >= 4 and max(count.values()) <= 2
+    with pytest.raises(ZeroDivisionError):
+        list(in_processes(eval, [({"i": i},) for i in range(3)], "1 // i", 2))
+
+
+def test_every_process_of_many_may_die():
+    """Also while others are being started."""
+    code = "__import__('os')._exit(1) if i % 3 else i"
+    found = dict(in_processes(eval, [({"i": i},) for i in range(8)], code, 4))
+    assert {i: r for i, r in found.items() if not isinstance(r, Died)} == {0: 0, 3: 3, 6: 6} and len(found) == 8
 
 
 def test_a_script_without_main_guard_is_told(tmp_path):

@@ -10,7 +10,8 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -46,60 +47,96 @@ def in_processes(
 ) -> Iterator[tuple[int, Any]]:
     """(number, result) of function(shared, *task) for every task, as they finish, in `workers` processes.
 
-    `function`: at module level; `shared`: sent once to every process. Tasks of a process that dies (out of memory, killed) are
-    done again, alone; `Died` is the result when that fails too. Exceptions of `function` are raised. Raises `VolidError` when
-    no process can be started.
+    `function`: at module level; `shared`: sent once to every process. The task of a process that dies (out of memory, killed) is
+    done again at the end, alone; `Died` is the result when that fails too. Exceptions of `function` are raised. Raises
+    `VolidError` when no process can be started.
     """
-    waiting = list(range(len(tasks)))
-    while waiting:
-        part, waiting = waiting[: RENEW * workers], waiting[RENEW * workers :]
-        suspects, untouched = yield from _pool(function, tasks, part, shared, workers)
-        for i in suspects:
-            again, _ = yield from _pool(function, tasks, [i], shared, 1)
-            if again:
-                yield i, Died()
-        if len(untouched) == len(part):
-            raise VolidError("worker processes die before they do anything; is there enough memory?")
-        waiting = untouched + waiting
+    suspects = []
+    for i, result in _results(function, tasks, range(len(tasks)), shared, workers):
+        if isinstance(result, Died):
+            suspects.append(i)
+        else:
+            yield i, result
+    yield from _results(function, tasks, suspects, shared, 1)
 
 
-def _pool(
-    function: Callable[..., Any], tasks: Sequence[tuple[Any, ...]], part: list[int], shared: Any, workers: int
-) -> Generator[tuple[int, Any], None, tuple[list[int], list[int]]]:
-    """Results of a part of the tasks; returns those that were in work when a process died, and those not begun."""
-    before, left, running = set(multiprocessing.active_children()), list(part), dict[Future[Any], int]()
-    workers = min(workers, len(part))
-    context = multiprocessing.get_context("spawn")
+def _results(
+    function: Callable[..., Any], tasks: Sequence[tuple[Any, ...]], numbers: Sequence[int], shared: Any, workers: int
+) -> Iterator[tuple[int, Any]]:
+    """(number, result) of the tasks with these numbers, `Died` for those whose process died."""
+    before, left = set(multiprocessing.active_children()), deque(numbers)
+    running: dict[Future[Any], tuple[int, _Process]] = {}
+
+    def begin(process: _Process) -> None:
+        number = left.popleft()
+        running[process.submit(function, tasks[number])] = number, process
+
     with _environment(single_threaded()):
-        pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_begin, initargs=(shared,))
+        processes = [_Process(shared) for _ in range(min(workers, len(numbers)))]
         try:
-            _start(pool)
-            while left or running:
-                while left and len(running) < workers:
-                    running[pool.submit(_call, function, tasks[left[0]])] = left[0]
-                    left.pop(0)
+            for process in processes[:1]:
+                process.check()
+            for process in processes:
+                begin(process)
+            while running:
                 for future in wait(running, return_when=FIRST_COMPLETED).done:
-                    result = future.result()
-                    yield running.pop(future), result
-            pool.shutdown()
-        except BrokenProcessPool:
-            pool.shutdown(cancel_futures=True)
+                    number, process = running.pop(future)
+                    try:
+                        result = future.result()
+                    except BrokenProcessPool:
+                        result = Died()
+                    if left:
+                        begin(process)
+                    yield number, result
+            for process in processes:
+                process.end()
         except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
+            for process in processes:
+                process.end(wait=False)
             for child in set(multiprocessing.active_children()) - before:
                 child.terminate()
             raise
-    return list(running.values()), left
 
 
-def _start(pool: ProcessPoolExecutor) -> None:
-    try:
-        pool.submit(_ready).result()
-    except BrokenProcessPool:
-        raise VolidError(
-            'worker processes do not start; in a script, call this under `if __name__ == "__main__":`, since every process '
-            "reads the script"
-        ) from None
+class _Process:
+    """One process, replaced when it dies and after `RENEW` tasks.
+
+    A pool of its own for each: a pool of several that breaks while it starts another process waits for that one forever.
+    """
+
+    def __init__(self, shared: Any) -> None:
+        self._shared, self._tasks = shared, 0
+        self._pool = self._new()
+
+    def _new(self) -> ProcessPoolExecutor:
+        context = multiprocessing.get_context("spawn")
+        return ProcessPoolExecutor(1, mp_context=context, initializer=_begin, initargs=(self._shared,))
+
+    def check(self) -> None:
+        """Raises `VolidError` when the process does not start."""
+        try:
+            self._pool.submit(_ready).result()
+        except BrokenProcessPool:
+            raise VolidError(
+                'worker processes do not start; in a script, call this under `if __name__ == "__main__":`, since every '
+                "process reads the script; is there enough memory?"
+            ) from None
+
+    def submit(self, function: Callable[..., Any], task: tuple[Any, ...]) -> Future[Any]:
+        """The future result of a task, when the one before is done."""
+        if self._tasks < RENEW:
+            try:
+                self._tasks += 1
+                return self._pool.submit(_call, function, task)
+            except BrokenProcessPool:
+                pass
+        self.end()
+        self._pool, self._tasks = self._new(), 1
+        return self._pool.submit(_call, function, task)
+
+    def end(self, wait: bool = True) -> None:
+        """No more tasks."""
+        self._pool.shutdown(wait, cancel_futures=True)
 
 
 @contextmanager
