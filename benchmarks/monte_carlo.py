@@ -88,16 +88,13 @@ class _Loops:
         self.peers: dict[str, Callable[[Any], Any]] = {}
         if name in cases.SIZES:
             self.ceres = fastest_ceres(name, cases.three_axis(name), self.notes)
-            self.peers = self._peers(everyone=name == "S")
+            self.peers = self._peers()
 
-    def _peers(self, everyone: bool) -> dict[str, Callable[[Any], Any]]:
-        """Fits of a problem from the solution on; optimistix too where 50 of its fits take minutes, not hours."""
+    def _peers(self) -> dict[str, Callable[[Any], Any]]:
+        """Fits of a problem from the solution on."""
         scaled = Scaled(cases.Case(self.solution.campaign, self.problem, self.z), self.z)
         peers = {f"scipy {method}": partial(scipy_fit, scaled, method) for method in ("dogbox", "trf")}
-        if everyone:
-            peers |= {f"optimistix {solver}": optimistix_fit(scaled, solver) for solver in ("GN", "LM")}
-        else:
-            self.notes.append("optimistix: no warm loop, 50 of its fits would take hours")
+        peers |= {f"optimistix {solver}": optimistix_fit(scaled, solver) for solver in ("GN", "LM")}
 
         def of(fit: Callable[[], Any], problem: Any) -> Any:
             scaled.system = jax.tree.map(jnp.asarray, problem.system)
