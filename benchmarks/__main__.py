@@ -8,17 +8,16 @@ python -m benchmarks --compare benchmarks/baseline.json
 
 from __future__ import annotations
 
-import os
-
-os.environ.setdefault("OPENBLAS_NUM_THREADS", str(os.cpu_count()))  # peers get every processor; volid itself takes one
-
 import argparse
 import json
+import os
 import platform
 import subprocess
 import sys
 from pathlib import Path
 from typing import Any
+
+import numpy as np  # before volid: BLAS of the peers gets every processor, volid holds it to one thread for itself
 
 NAMES = (
     "process", "fit-S", "fit-M", "fit-L", "fit-L-lines", "fit-L-streamed", "fit-five-axis", "fit-mixed",
@@ -155,6 +154,7 @@ def main() -> int:
     record = {
         "machine": platform.processor() or platform.machine(),
         "cores": os.cpu_count(),
+        "numpy": np.__version__,
         "quick": args.quick,
         "rows": rows,
     }

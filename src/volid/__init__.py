@@ -19,9 +19,7 @@ from typing import Any as _Any
 _os.environ["JAX_ENABLE_X64"] = "1"
 if "jax" in _sys.modules:
     _sys.modules["jax"].config.update("jax_enable_x64", True)
-# The dense factorisations here are small (a few hundred columns); on a busy machine BLAS threads cost up to 700 times more
-# than they save. Has no effect when NumPy is already loaded, and an explicit setting wins.
-_os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+_import_module("volid.threads")  # before NumPy, which reads the number of threads as it is loaded
 
 if TYPE_CHECKING:
     from volid.campaign import Campaign, ObservationSet, Station

@@ -27,6 +27,7 @@ from volid.fitting.solution import Residuals, Solution, Statistics, read_only
 from volid.fitting.solver import Optimum, solve
 from volid.fitting.starts import find_starts
 from volid.machine import Datum, Machine
+from volid.threads import one_blas_thread
 
 Progress = Callable[[str], None]
 CHORD, OPTIMISTIX = "chord", "optimistix"
@@ -118,6 +119,7 @@ def breakdown_named() -> Iterator[None]:
         ) from problem
 
 
+@one_blas_thread()
 @breakdown_named()
 def fit(
     campaign: Campaign,

@@ -23,6 +23,7 @@ from volid.fitting.problem import Problem
 from volid.fitting.projection import FreeDirections
 from volid.fitting.system import Normal, System, halves, thinned
 from volid.lazy import jax, jnp
+from volid.threads import one_blas_thread
 
 TOLERANCE = 1e-7  # estimated distance to the minimum, in units of each parameter's conditional standard uncertainty
 SHRINK = (
@@ -149,6 +150,7 @@ def optimum_at(
     return Optimum(Objective(problem.system, free), z, cost, iterations, converged)
 
 
+@one_blas_thread()
 def solve(
     problem: Problem,
     start: np.ndarray | None = None,

@@ -26,6 +26,7 @@ from volid.fitting.solver import Objective, solve
 from volid.lazy import jax, jnp
 from volid.machine import Datum
 from volid.observations.base import NuisanceTable
+from volid.threads import one_blas_thread
 
 SAMPLE = 10_000  # rows that stations, rank and resolution are decided on
 STREAMED = "streamed"  # option of a solution: number of readings that it was made of
@@ -97,6 +98,7 @@ def _on_device(system: Any) -> Any:
     return jax.tree.map(jnp.asarray, system)
 
 
+@one_blas_thread()
 @breakdown_named()
 def fit_streamed(
     stream: Stream,

@@ -23,6 +23,7 @@ from volid.fitting.problem import random_effects
 from volid.fitting.solution import Solution
 from volid.fitting.streamed import check_not_streamed
 from volid.observations.effects import effect_samples
+from volid.threads import one_blas_thread
 from volid.uncertainty.coverage import coverage_intervals, numerical_tolerance
 from volid.uncertainty.draws import GENERATOR, Pseudo, point_scatter, pseudo_of, room_for, trial_noise
 from volid.uncertainty.outputs import Outputs, headline_outputs
@@ -66,6 +67,7 @@ def run_trials(run: Run, first: int, count: int) -> dict[str, np.ndarray]:
     return joined(found)._asdict()
 
 
+@one_blas_thread()
 def monte_carlo(
     solution: Solution,
     trials: int | None = None,

@@ -1,0 +1,49 @@
+"""One thread for BLAS: its products here are small, and its threads stand in the way of those of XLA and of volid.
+
+On two cores a fit of 10 ms took up to 150 ms with two BLAS threads. A NumPy that is loaded after this module begins with one
+thread; one that was loaded before is held to one while volid computes. OPENBLAS_NUM_THREADS in the environment wins.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from functools import cache
+from threading import Lock
+from typing import Any
+
+NUMPY_CAME_FIRST = "numpy" in sys.modules and "OPENBLAS_NUM_THREADS" not in os.environ
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+_lock, _limit = Lock(), ExitStack()
+_inside = 0
+
+
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Also a decorator: BLAS has one thread meanwhile; as many as before when all who entered have left."""
+    global _inside
+    if not NUMPY_CAME_FIRST:
+        yield
+        return
+    with _lock:
+        if not _inside:
+            _limit.enter_context(_blas().limit(limits=1))
+        _inside += 1
+    try:
+        yield
+    finally:
+        with _lock:
+            _inside -= 1
+            if not _inside:
+                _limit.close()
+
+
+@cache
+def _blas() -> Any:
+    import scipy.linalg as scipy_linalg  # brings a BLAS of its own
+    from threadpoolctl import ThreadpoolController
+
+    assert scipy_linalg
+    return ThreadpoolController().select(user_api="blas")
