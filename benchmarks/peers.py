@@ -26,7 +26,8 @@ STOCK = 1e-7  # of optimistix: with it, too; below 1e-9 Gauss-Newton goes on for
 class Scaled:
     """A case in y with z = start + free · (scale y), scale: conditional standard uncertainties, so that one tolerance suits all.
 
-    `origin`: y is 1 at the start, not 0: scipy's trust region would begin with a radius of 1 and creep.
+    `origin`: y is 10⁴ at the start, not 0: scipy's trust region would begin with a radius of 1 and creep. A relative tolerance of
+    1e-7 is 1e-3 of a scale.
     """
 
     def __init__(self, case: Case, start: np.ndarray | None = None) -> None:

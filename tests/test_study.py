@@ -182,8 +182,9 @@ def test_every_process_of_many_may_die():
 
 def test_a_script_without_main_guard_is_told(tmp_path):
     script = tmp_path / "script.py"
-    script.write_text(
-        "from volid.uncertainty.processes import in_processes\nprint(list(in_processes(eval, [({'i': 1},)], 'i', 1)))\n"
+    script.write_text(  # what is shared is larger than a pipe holds
+        "from volid.uncertainty.processes import in_processes\n"
+        "print(list(in_processes(eval, [({'i': 1},)], 'i' + 10**6 * ' ', 1)))\n"
     )
     environment = os.environ | {"PYTHONPATH": str(SOURCE)}
     done = subprocess.run([sys.executable, script], capture_output=True, text=True, env=environment, timeout=60)

@@ -54,15 +54,27 @@ def test_an_explicit_setting_wins():
 
 
 @pytest.mark.skipif((os.cpu_count() or 1) < 2, reason="one core, one thread")
-def test_the_last_one_to_leave_restores():
+def test_all_threads_come_back_when_the_last_one_leaves():
     script = """
-import volid
+import volid, threading
 from volid.threads import one_blas_thread
-first, second = one_blas_thread(), one_blas_thread()
-for step in (first.__enter__, second.__enter__, lambda: first.__exit__(None, None, None),
-             lambda: second.__exit__(None, None, None)):
-    step()
+entered, leave = threading.Event(), threading.Event()
+def other():
+    with one_blas_thread():
+        entered.set()
+        leave.wait()
+thread = threading.Thread(target=other)
+with one_blas_thread():
+    thread.start()
+    entered.wait()
     seen.append(threads())
+seen.append(threads())
+leave.set()
+thread.join()
+seen.append(threads())
+with one_blas_thread(), one_blas_thread():
+    seen.append(threads())
+seen.append(threads())
 """
     before, *counts = counted(NUMPY_FIRST + script)
-    assert counts == [1, 1, 1, before]
+    assert counts == [1, 1, before, 1, before]

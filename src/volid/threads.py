@@ -1,7 +1,7 @@
 """One thread for BLAS: its products here are small, and its threads stand in the way of those of XLA and of volid.
 
 On two cores a fit of 10 ms took up to 150 ms with two BLAS threads. A NumPy that is loaded after this module begins with one
-thread; one that was loaded before is held to one while volid computes. OPENBLAS_NUM_THREADS in the environment wins.
+thread; one that was loaded before is held to one within fits and Monte Carlo. OPENBLAS_NUM_THREADS in the environment wins.
 """
 
 from __future__ import annotations
@@ -16,8 +16,7 @@ from typing import Any
 
 NUMPY_CAME_FIRST = "numpy" in sys.modules and "OPENBLAS_NUM_THREADS" not in os.environ
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-_lock, _limit = Lock(), ExitStack()
-_inside = 0
+_lock, _inside, _limit = Lock(), 0, ExitStack()
 
 
 @contextmanager
@@ -29,7 +28,7 @@ def one_blas_thread() -> Iterator[None]:
         return
     with _lock:
         if not _inside:
-            _limit.enter_context(_blas().limit(limits=1))
+            _keeper().submit(lambda: _limit.enter_context(_blas().limit(limits=1))).result()
         _inside += 1
     try:
         yield
@@ -37,7 +36,15 @@ def one_blas_thread() -> Iterator[None]:
         with _lock:
             _inside -= 1
             if not _inside:
-                _limit.close()
+                _keeper().submit(_limit.close).result()
+
+
+@cache
+def _keeper() -> Any:
+    """The thread that sets and lifts the limit: nobody else may lift it."""
+    from concurrent.futures import ThreadPoolExecutor
+
+    return ThreadPoolExecutor(1, thread_name_prefix="volid-blas")
 
 
 @cache

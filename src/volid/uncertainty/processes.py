@@ -11,10 +11,10 @@ import os
 import signal
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import closing, contextmanager, suppress
 from multiprocessing.connection import wait as wait_for
 from typing import Any
 
@@ -52,18 +52,24 @@ def in_processes(
     `VolidError` when no process can be started.
     """
     suspects = []
-    for i, result in _results(function, tasks, range(len(tasks)), shared, workers):
-        if isinstance(result, Died):
-            suspects.append(i)
-        else:
-            yield i, result
+    with closing(_results(function, tasks, range(len(tasks)), shared, workers, check=True)) as results:
+        for i, result in results:
+            if isinstance(result, Died):
+                suspects.append(i)
+            else:
+                yield i, result
     yield from _results(function, tasks, suspects, shared, 1)
 
 
 def _results(
-    function: Callable[..., Any], tasks: Sequence[tuple[Any, ...]], numbers: Sequence[int], shared: Any, workers: int
-) -> Iterator[tuple[int, Any]]:
-    """(number, result) of the tasks with these numbers, `Died` for those whose process died."""
+    function: Callable[..., Any],
+    tasks: Sequence[tuple[Any, ...]],
+    numbers: Sequence[int],
+    shared: Any,
+    workers: int,
+    check: bool = False,
+) -> Generator[tuple[int, Any], None, None]:
+    """(number, result) of the tasks with these numbers, `Died` for those whose process died; `check` that one starts."""
     before, left = set(multiprocessing.active_children()), deque(numbers)
     running: dict[Future[Any], tuple[int, _Process]] = {}
 
@@ -72,10 +78,11 @@ def _results(
         running[process.submit(function, tasks[number])] = number, process
 
     with _environment(single_threaded()):
-        processes = [_Process(shared) for _ in range(min(workers, len(numbers)))]
+        processes: list[_Process] = []
         try:
-            for process in processes[:1]:
-                process.check()
+            processes.extend(_Process(shared) for _ in range(min(workers, len(numbers))))
+            if check and processes:
+                processes[0].check()
             for process in processes:
                 begin(process)
             while running:
@@ -85,9 +92,9 @@ def _results(
                         result = future.result()
                     except BrokenProcessPool:
                         result = Died()
+                    yield number, result
                     if left:
                         begin(process)
-                    yield number, result
             for process in processes:
                 process.end()
         except BaseException:
@@ -109,13 +116,15 @@ class _Process:
         self._pool = self._new()
 
     def _new(self) -> ProcessPoolExecutor:
-        context = multiprocessing.get_context("spawn")
-        return ProcessPoolExecutor(1, mp_context=context, initializer=_begin, initargs=(self._shared,))
+        pool = ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"), initializer=_begin)
+        # the first task, not an argument of the start: that would wait forever for a process that dies before it reads it
+        self._ready = pool.submit(_keep, self._shared)
+        return pool
 
     def check(self) -> None:
         """Raises `VolidError` when the process does not start."""
         try:
-            self._pool.submit(_ready).result()
+            self._ready.result()
         except BrokenProcessPool:
             raise VolidError(
                 'worker processes do not start; in a script, call this under `if __name__ == "__main__":`, since every '
@@ -124,15 +133,18 @@ class _Process:
 
     def submit(self, function: Callable[..., Any], task: tuple[Any, ...]) -> Future[Any]:
         """The future result of a task, when the one before is done."""
-        if self._tasks < RENEW:
-            try:
-                self._tasks += 1
+        self._tasks += 1
+        if self._tasks <= RENEW:
+            with suppress(BrokenProcessPool):
                 return self._pool.submit(_call, function, task)
-            except BrokenProcessPool:
-                pass
         self.end()
         self._pool, self._tasks = self._new(), 1
-        return self._pool.submit(_call, function, task)
+        try:
+            return self._pool.submit(_call, function, task)
+        except BrokenProcessPool as problem:  # died at once
+            failed: Future[Any] = Future()
+            failed.set_exception(problem)
+            return failed
 
     def end(self, wait: bool = True) -> None:
         """No more tasks."""
@@ -154,10 +166,8 @@ def _environment(settings: dict[str, str]) -> Iterator[None]:
                 os.environ[key] = value
 
 
-def _begin(shared: Any) -> None:
-    """First in every process: keep `shared`, end at Ctrl-C without words, and end with the parent."""
-    global _SHARED
-    _SHARED = shared
+def _begin() -> None:
+    """First in every process: end at Ctrl-C without words, and end with the parent."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
@@ -169,8 +179,9 @@ def _end_with_parent() -> None:
         os._exit(1)
 
 
-def _ready() -> None:
-    pass
+def _keep(shared: Any) -> None:
+    global _SHARED
+    _SHARED = shared
 
 
 def _call(function: Callable[..., Any], task: tuple[Any, ...]) -> Any:
