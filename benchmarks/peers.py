@@ -19,8 +19,8 @@ from volid.fitting.interpreted import interpreted
 from volid.fitting.system import System
 from volid.observations.effects import predict_readings
 
-TOLERANCE = 1e-10  # relative, of scipy: with it it ends as near to the minimum as volid does
-STOCK = 1e-7  # of optimistix: with it, too; below 1e-9 Gauss-Newton goes on for ever, since rounding moves its last steps by more
+TOLERANCE = 1e-10  # relative, of scipy, which then ends as near to the minimum as volid does
+STOCK = 1e-7  # of optimistix, which then does so, too; below 1e-9 rounding keeps Gauss-Newton going for ever
 
 
 class Scaled:

@@ -11,6 +11,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from functools import cache
+from importlib import import_module
 from threading import Lock
 from typing import Any
 
@@ -49,8 +50,7 @@ def _keeper() -> Any:
 
 @cache
 def _blas() -> Any:
-    import scipy.linalg as scipy_linalg  # brings a BLAS of its own
     from threadpoolctl import ThreadpoolController
 
-    assert scipy_linalg
+    import_module("scipy.linalg")  # brings a BLAS of its own
     return ThreadpoolController().select(user_api="blas")
