@@ -15,14 +15,14 @@ import numpy as np
 from scipy.stats import qmc
 
 from volid.campaign import Campaign, ObservationSet, Station
-from volid.error_functions import motion_names
-from volid.error_model import build_model
-from volid.fitting import resolution
-from volid.fitting.equations import predict_all
-from volid.fitting.identifiability import parameter_units
-from volid.fitting.problem import Problem, build_problem, scatter
-from volid.io.machine_toml import parse_machine
-from volid.machine import Machine
+from volid.fitting.diagnosis import resolution
+from volid.fitting.diagnosis.identifiability import parameter_units
+from volid.fitting.equations.compiled import predict_all
+from volid.fitting.equations.problem import Problem, build_problem, scatter
+from volid.io.machines import parse_machine
+from volid.model.error_functions import motion_names
+from volid.model.error_model import build_model
+from volid.model.machine import Machine
 
 U = 0.0005  # mm
 OFF = 5.0  # mm: how far stations and dead paths stand from the truth at the start
@@ -157,7 +157,7 @@ def mixed() -> Case:
 
 def _determined(plan: Campaign) -> Case:
     """A case restricted to what its readings determine."""
-    from volid.fitting.identifiability import analyse
+    from volid.fitting.diagnosis.identifiability import analyse
 
     carrier, automatic = resolution.limits(plan, {})
     segments = {**resolution.first_guess(carrier, automatic)}

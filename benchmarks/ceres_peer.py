@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.cases import Case
-from volid.error_model import LOCATION
-from volid.splines import design_matrix
+from volid.model.error_model import LOCATION
+from volid.model.splines import design_matrix
 
 SOURCE = Path(__file__).parent / "ceres" / "three_axis.cc"
 SOLVERS = ("dense", "sparse", "qr")

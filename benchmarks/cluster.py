@@ -9,7 +9,7 @@ import numpy as np
 import volid
 from benchmarks import cases
 from benchmarks.measure import REPEATS, Row, interleaved, row
-from volid.uncertainty.monte_carlo import BATCH, monte_carlo
+from volid.uncertainty.trials.monte_carlo import BATCH, monte_carlo
 
 BATCHES = 8
 

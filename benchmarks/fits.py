@@ -20,8 +20,8 @@ from benchmarks import cases
 from benchmarks.ceres_peer import SOLVERS, Ceres, build
 from benchmarks.measure import REPEATS, Row, interleaved, row
 from benchmarks.peers import Scaled, optimistix_fit, scipy_fit
-from volid.fitting.interpreted import interpreted
-from volid.fitting.solver import solve
+from volid.fitting.equations.interpreted import interpreted
+from volid.fitting.equations.solver import solve
 
 SLOW = 3  # rounds of a peer that takes seconds
 

@@ -10,8 +10,8 @@ import numpy as np
 import volid
 from benchmarks import cases
 from benchmarks.measure import REPEATS, Row, interleaved, peak_memory, row
-from volid.compensation.grid_intervals import with_intervals
-from volid.fitting.prediction import deviation_values
+from volid.compensation.grids.intervals import with_intervals
+from volid.fitting.prediction.deviations import deviation_values
 
 POINTS = (100, 60, 50)
 TOOL = (0.0, 0.0, -150.0)

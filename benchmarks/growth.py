@@ -15,10 +15,10 @@ import volid
 from benchmarks import cases
 from benchmarks.measure import peak_memory
 from volid.campaign import Campaign
-from volid.error_functions import motion_names
-from volid.error_model import build_model
-from volid.fitting.solver import solve
-from volid.uncertainty.monte_carlo import monte_carlo
+from volid.fitting.equations.solver import solve
+from volid.model.error_functions import motion_names
+from volid.model.error_model import build_model
+from volid.uncertainty.trials.monte_carlo import monte_carlo
 
 READINGS = (1_250, 2_500, 5_000, 10_000, 20_000, 40_000, 80_000, 160_000)
 SEGMENTS = (3, 5, 8, 11, 16, 22)

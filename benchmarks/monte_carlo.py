@@ -18,12 +18,12 @@ from benchmarks.ceres_peer import Ceres
 from benchmarks.fits import fastest_ceres
 from benchmarks.measure import Row, peak_memory
 from benchmarks.peers import Scaled, optimistix_fit, scipy_fit
-from volid.fitting.interpreted import interpreted
-from volid.fitting.problem import build_problem
-from volid.fitting.solver import solve
+from volid.fitting.equations.interpreted import interpreted
+from volid.fitting.equations.problem import build_problem
+from volid.fitting.equations.solver import solve
 from volid.fitting.starts import find_starts
-from volid.uncertainty.draws import trial_generator, trial_noise
-from volid.uncertainty.monte_carlo import BATCH, monte_carlo, run_of, run_trials
+from volid.uncertainty.trials.draws import trial_generator, trial_noise
+from volid.uncertainty.trials.monte_carlo import BATCH, monte_carlo, run_of, run_trials
 
 LOOP = 50  # trials of every warm loop that are really run
 

@@ -13,11 +13,11 @@ import optimistix as optx
 from scipy.optimize import least_squares
 
 from benchmarks.cases import Case
-from volid.error_model import error_values, evaluate_bases
-from volid.fitting.equations import jacobian, normal_equations, predict_all
-from volid.fitting.interpreted import interpreted
-from volid.fitting.system import System
-from volid.observations.effects import predict_readings
+from volid.effects.base import predict_readings
+from volid.fitting.equations.compiled import jacobian, normal_equations, predict_all
+from volid.fitting.equations.interpreted import interpreted
+from volid.fitting.equations.system import System
+from volid.model.error_model import error_values, evaluate_bases
 
 TOLERANCE = 1e-10  # relative, of scipy, which then ends as near to the minimum as volid does
 STOCK = 1e-7  # of optimistix, which then does so, too; below 1e-9 rounding keeps Gauss-Newton going for ever

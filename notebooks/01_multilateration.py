@@ -31,8 +31,8 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 import volid
-from volid.compensation.grids import linear_grid
-from volid.compensation.volume import predict_residual, volumetric_summary
+from volid.compensation.grids.linear import linear_grid
+from volid.compensation.residual.volume import predict_residual, volumetric_summary
 from volid.report.figures import error_functions, residual_plot, volume_sections
 from volid.report.summary import summary
 

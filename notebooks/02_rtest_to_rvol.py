@@ -29,7 +29,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 import volid
-from volid.compensation.rotary_grids import rotary_grids
+from volid.compensation.grids.rotary import rotary_grids
 from volid.fitting.location_errors import location_errors as table_of_location_errors
 from volid.report.figures import angle_map, error_functions, location_errors, rotary_grid
 from volid.report.summary import summary

@@ -32,10 +32,10 @@ from volid.campaign import Effect
 from volid.report.budget_text import format_budget
 from volid.report.figures_uncertainty import budget_bars, coverage_bands, volume_distribution
 from volid.uncertainty.budget import budget, budget_lines, headline_rows
-from volid.uncertainty.comparison import compare, covered
 from volid.uncertainty.lack_of_fit import lack_of_fit
 from volid.uncertainty.outputs import headline_outputs
 from volid.uncertainty.statement import format_statement, statement
+from volid.virtual.comparison import compare, covered
 
 dataset = Path("../datasets/vertical_multilateration")
 if not dataset.exists():  # run from the project's root

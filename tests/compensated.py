@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 
 from volid.compensation.base import base_of
 from volid.compensation.package import compensate
-from volid.compensation.sampling import Sampling
-from volid.io.compensation_files import load_control, save_compensation
-from volid.iso230 import parse
+from volid.compensation.tables.sampling import Sampling
+from volid.io.compensations import load_control, save_compensation
+from volid.model.iso230 import parse
 
 MACHINES = {
     "three-axis": "w X' Y' b Z t",

@@ -97,7 +97,7 @@ def fitted(virtual: Virtual, **options):
 
     from volid.fitting.fit import fit
     from volid.io import load_campaign
-    from volid.io.provenance import provenance
+    from volid.io.basics.provenance import provenance
 
     record = provenance([virtual.manifest], ["volid", "fit"], options)
     return replace(fit(load_campaign(virtual.manifest), **options), provenance=record)
@@ -182,7 +182,7 @@ def rotary_solution(tmp_path_factory):
 @pytest.fixture(scope="session")
 def solution_file(solution, tmp_path_factory) -> Path:
     """`solution` as a file."""
-    from volid.io.solution_hdf5 import write_solution
+    from volid.io.solutions import write_solution
 
     path = tmp_path_factory.mktemp("files") / "solution.h5"
     write_solution(solution, path)

@@ -10,13 +10,13 @@ from exact_chain import ExactMachine, Truth, machine_toml, random_truth
 from exact_chain import apply as carried
 
 from volid.campaign import Campaign, ObservationSet
-from volid.error_functions import spline_axes
-from volid.error_model import build_model
-from volid.fitting.adequacy import Adequacy
+from volid.fitting.diagnosis.adequacy import Adequacy
 from volid.fitting.solution import Residuals, Solution, Statistics
-from volid.io.machine_toml import parse_machine
-from volid.iso230 import parse
-from volid.machine import Datum, Machine
+from volid.io.machines import parse_machine
+from volid.model.error_functions import spline_axes
+from volid.model.error_model import build_model
+from volid.model.iso230 import parse
+from volid.model.machine import Datum, Machine
 
 LINEAR = {"X": (-400.0, 400.0), "Y": (-350.0, 350.0), "Z": (-200.0, 500.0)}
 TILTING = (-100.0, 100.0)

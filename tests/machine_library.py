@@ -11,17 +11,17 @@ from exact_chain import ExactMachine, Truth, apply, random_truth
 from five_axis import TOOLS, rotary_only
 
 from volid.campaign import Campaign
-from volid.error_functions import motion_names, settings_for
-from volid.error_model import build_model
-from volid.fitting.adequacy import Adequacy
-from volid.fitting.equations import normal_equations
-from volid.fitting.identifiability import analyse
+from volid.fitting.diagnosis.adequacy import Adequacy
+from volid.fitting.diagnosis.identifiability import analyse
+from volid.fitting.equations.compiled import normal_equations
+from volid.fitting.equations.problem import build_problem
 from volid.fitting.prior import prior_of
-from volid.fitting.problem import build_problem
 from volid.fitting.solution import Residuals, Solution, Statistics
 from volid.fitting.starts import find_starts
-from volid.io.machine_toml import parse_machine
-from volid.machine import Machine
+from volid.io.machines import parse_machine
+from volid.model.error_functions import motion_names, settings_for
+from volid.model.error_model import build_model
+from volid.model.machine import Machine
 from volid.planning.rtest import rtest_static_grid
 
 MODELS = Path(__file__).parents[1] / "models"

@@ -7,7 +7,7 @@ from exact_chain import LINEAR, ROTARY, ExactMachine, Truth, apply, random_truth
 from virtual_campaigns import volid_machine
 
 from volid.campaign import Campaign, ObservationSet
-from volid.machine import Machine
+from volid.model.machine import Machine
 
 TRAVEL = {"X": (-350, 350), "Y": (-350, 350), "Z": (-250, 550), "A": (-100, 40), "B": (-95, 95), "C": (-180, 180)}
 LAYOUTS = {

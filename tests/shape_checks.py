@@ -6,5 +6,5 @@ JAX and tracers pass there alike, and shapes stand in the docstrings.
 
 from beartype import BeartypeConf, beartype
 
-MODULES = ["volid.ranging"]
+MODULES = ["volid.multilateration.one_station"]
 checked = beartype(conf=BeartypeConf(is_pep484_tower=True))  # an int counts as a float, PEP 484

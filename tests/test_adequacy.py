@@ -9,10 +9,10 @@ from exact_chain import Smooth, Truth, random_truth, tracker_campaign
 from scipy.stats import chi2, kstest
 from virtual_campaigns import VERTICAL, distance_campaign, fixed, spline_truth, volid_machine
 
-from volid.error_functions import motion_names
-from volid.error_model import build_model
-from volid.fitting.adequacy import assess
+from volid.fitting.diagnosis.adequacy import assess
 from volid.fitting.fit import fit
+from volid.model.error_functions import motion_names
+from volid.model.error_model import build_model
 
 MACHINE = volid_machine(VERTICAL, fixed(4))
 SEEDS = 60

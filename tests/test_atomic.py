@@ -7,8 +7,8 @@ import sys
 import pytest
 
 from volid.exceptions import InputError, OutputError
-from volid.io.atomic import atomic_folder, atomic_output
-from volid.io.provenance import provenance
+from volid.io.basics.atomic import atomic_folder, atomic_output
+from volid.io.basics.provenance import provenance
 
 
 def names(folder):
@@ -33,7 +33,7 @@ def test_nothing_is_left_after_a_failure(tmp_path):
 
 def test_what_a_killed_process_left_is_removed_at_the_next_writing(tmp_path):
     script = (
-        "import os, sys; from volid.io.atomic import atomic_output, atomic_folder\n"
+        "import os, sys; from volid.io.basics.atomic import atomic_output, atomic_folder\n"
         "with atomic_output(sys.argv[1]) as one, atomic_folder(sys.argv[2]) as two:\n"
         "    one.write_text('half'); (two / 'x').write_text('half'); os.kill(os.getpid(), 9)\n"
     )

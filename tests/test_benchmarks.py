@@ -6,8 +6,8 @@ import pytest
 from benchmarks import measure
 from benchmarks.__main__ import NAMES, compare, table
 from benchmarks.measure import interleaved, row
-from volid.compensation.interpolation import interpolate
-from volid.even_points import even_points, radical_inverse
+from volid.backend.even_points import even_points, radical_inverse
+from volid.compensation.grids.interpolation import interpolate
 
 
 def line(ratio=6.0, share=0.5):

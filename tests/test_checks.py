@@ -8,9 +8,9 @@ from campaign_files import MACHINE, csv_text, grid, level_rows, volume_rows, wri
 from work import calls
 
 from volid.campaign import Campaign, ObservationSet, Station
-from volid.checks import check_campaign, closures
 from volid.exceptions import InputError
 from volid.io import parse_machine, read_manifest
+from volid.plausibility.checks import check_campaign, closures
 
 ANGLES = np.linspace(0.0, 2 * np.pi, 100, endpoint=False)
 CIRCLE = np.array([500.0, 300.0, -200.0]) + 150.0 * np.stack([np.cos(ANGLES), np.sin(ANGLES), 0 * ANGLES], axis=1)

@@ -22,11 +22,11 @@ from volid.cli.common import input_files
 from volid.cli.environment import cache_folder
 from volid.cli.interrupts import Interrupts
 from volid.io import load_campaign
-from volid.io.grid_files import read_grid
-from volid.io.provenance import sha256
-from volid.io.solution_hdf5 import read_solution, write_solution
-from volid.io.tables_csv import read_functions
-from volid.machine import Datum
+from volid.io.basics.provenance import sha256
+from volid.io.functions_csv import read_functions
+from volid.io.grids import read_grid
+from volid.io.solutions import read_solution, write_solution
+from volid.model.machine import Datum
 
 MINE = sorted(set(VERBS) - {"simulate", "multilaterate"})
 SOURCE = Path(volid.__file__).parents[1]
@@ -615,6 +615,6 @@ def test_public_names(solution, solution_file, tmp_path):
 
 
 def test_simulate_is_the_function_whatever_was_imported_before():
-    code = "from volid.simulate import STATION_ERROR; import volid; assert callable(volid.simulate), volid.simulate"
+    code = "from volid.virtual.simulate import STATION_ERROR; import volid; assert callable(volid.simulate), volid.simulate"
     done = python(code)
     assert done.returncode == 0, done.stderr

@@ -8,9 +8,9 @@ import numpy as np
 from exact_chain import ExactMachine, gauge_free, machine_toml, random_truth, tracker_campaign, write_campaign
 
 from volid.cli import main
-from volid.compensation.volume import predict_residual
-from volid.io.grid_files import read_grid
-from volid.io.solution_hdf5 import read_solution
+from volid.compensation.residual.volume import predict_residual
+from volid.io.grids import read_grid
+from volid.io.solutions import read_solution
 
 APPLY = Path(__file__).with_name("apply_grid.py")
 TOOL = (0.0, 0.0, -150.0)

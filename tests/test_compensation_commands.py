@@ -11,9 +11,9 @@ from compensated import MACHINES, TOOL, machine_of
 
 from volid.cli import main
 from volid.fitting.solution import Residuals, Statistics
-from volid.io.compensation_files import load_control
-from volid.io.grid_files import read_grid
-from volid.io.solution_hdf5 import write_solution
+from volid.io.compensations import load_control
+from volid.io.grids import read_grid
+from volid.io.solutions import write_solution
 from volid.io.table_reader import read_table, tables_in
 
 ORIGIN = "0,0,-150"

@@ -13,9 +13,9 @@ from exact_chain import gauge_free
 
 from volid.compensation.base import base_of
 from volid.compensation.orientation import distance_from_pole, side_rotation
-from volid.compensation.residual import forecast
-from volid.compensation.sampling import Sampling
-from volid.compensation.volume_fields import Places
+from volid.compensation.residual.fields import Places
+from volid.compensation.residual.forecast import forecast
+from volid.compensation.tables.sampling import Sampling
 
 SECOND_ORDER = 2e-4  # mm: 0.2 µm, (100 µrad)² × 1 m and 100 µrad × 50 µm are below 0.02 µm; rotary chains add several
 ANGLE = 2e-7  # rad

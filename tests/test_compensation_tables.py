@@ -10,22 +10,22 @@ import pytest
 from compensated import TOOL, machine_of, only
 
 from volid.compensation.base import base_of
-from volid.compensation.effect_grids import effect_grids
-from volid.compensation.error_table import ErrorTable
-from volid.compensation.grid_sampling import grid_interpolation
-from volid.compensation.grids import Grid
+from volid.compensation.grids.by_effects import effect_grids
+from volid.compensation.grids.linear import Grid
+from volid.compensation.grids.sampling import grid_interpolation
 from volid.compensation.package import compensate
 from volid.compensation.rounding import round_to
-from volid.compensation.sampling import Sampling, choose_nodes, interpolation_error
 from volid.compensation.superposition import add_grid, add_tables
-from volid.compensation.tables import error_tables
+from volid.compensation.tables.by_function import error_tables
+from volid.compensation.tables.error_table import ErrorTable
+from volid.compensation.tables.sampling import Sampling, choose_nodes, interpolation_error
 from volid.compensation.types import TYPES, select
 from volid.exceptions import InputError, NotDeterminedError
-from volid.io.compensation_files import load_control, save_compensation
-from volid.io.grid_files import read_grid, save_grid
-from volid.io.table_files import TableForm, increments, table_header, table_sheet, written_values
+from volid.io.compensations import load_control, save_compensation
+from volid.io.functions_csv import write_csv
+from volid.io.grids import read_grid, save_grid
 from volid.io.table_reader import read_table
-from volid.io.tables_csv import write_csv
+from volid.io.tables import TableForm, increments, table_header, table_sheet, written_values
 
 
 def table_of(positions, forward, reverse=None, function="EXX", **changes):

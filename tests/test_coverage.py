@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from volid.observations.distributions import DISTRIBUTIONS, HALF_WIDTH, standardised
+from volid.effects.distributions import DISTRIBUTIONS, HALF_WIDTH, standardised
 from volid.uncertainty.coverage import coverage_intervals, gum_validity, numerical_tolerance
 
 M = 1_000_000

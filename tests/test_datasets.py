@@ -12,10 +12,10 @@ from exact_chain import gauge_free
 from scipy.stats import chi2
 
 from volid.campaign import Campaign
-from volid.checks import check_campaign, closures
 from volid.fitting.fit import fit
-from volid.fitting.prediction import gradient_matrix
+from volid.fitting.prediction.deviations import gradient_matrix
 from volid.io import load_campaign
+from volid.plausibility.checks import check_campaign, closures
 
 DATASETS = Path(__file__).parents[1] / "datasets"
 NAMES = sorted(path.parent.name for path in DATASETS.glob("*/campaign.toml"))

@@ -11,8 +11,8 @@ from virtual_campaigns import VERTICAL, distance_campaign, fixed, gauge_basis, v
 from volid.exceptions import InputError
 from volid.fitting.datum import parse_datum
 from volid.fitting.fit import fit
-from volid.fitting.prediction import gradient_matrix
-from volid.machine import Datum, Machine
+from volid.fitting.prediction.deviations import gradient_matrix
+from volid.model.machine import Datum, Machine
 
 DATUMS = {
     "primary Z, secondary X": Datum("Z", "X"),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from exact_chain import ExactMachine, gauge_free, machine_toml, random_truth, tracker_campaign, write_campaign
 
-from volid.compensation.grids import linear_grid
+from volid.compensation.grids.linear import linear_grid
 from volid.exceptions import NotDeterminedError
 from volid.fitting.fit import fit
 from volid.io import load_campaign

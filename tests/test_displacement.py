@@ -20,12 +20,12 @@ from rtest_campaigns import (
 from test_campaign_hdf5 import assert_same_set
 
 from volid.campaign import Campaign, standard_uncertainty
-from volid.checks import check_campaign
 from volid.exceptions import InputError, OutputError
 from volid.fitting.fit import fit
 from volid.io import load_campaign, write_campaign, write_manifest
 from volid.observations import KINDS
 from volid.observations.base import NuisanceTable
+from volid.plausibility.checks import check_campaign
 
 THIRD_ORDER = 3e-10  # mm: rotations of 100 µrad enter to second order, over 1 m
 

@@ -16,7 +16,7 @@ from volid.fitting.starts import nominal_reflector
 from volid.io import load_campaign, write_campaign, write_manifest
 from volid.observations import KINDS
 from volid.observations.base import NuisanceTable
-from volid.simulate import simulate
+from volid.virtual.simulate import simulate
 
 TILTING = "tilting table C'A'"
 STATION, REFLECTOR = np.array([700.0, -300.0, 250.0]), np.array([60.0, -90.0, 80.0])

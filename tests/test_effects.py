@@ -8,14 +8,14 @@ from campaign_files import MANIFEST, edited, write_files
 from virtual_campaigns import VERTICAL, fixed, judge, simulated
 
 from volid.campaign import Campaign, Effect, ObservationSet, Station
+from volid.effects.base import NODES
 from volid.exceptions import InputError
-from volid.fitting.equations import normal_equations, predict_all
+from volid.fitting.equations.compiled import normal_equations, predict_all
+from volid.fitting.equations.problem import build_problem, scatter, with_random_effects
 from volid.fitting.fit import fit
-from volid.fitting.problem import build_problem, scatter, with_random_effects
-from volid.io.campaign_text import read_manifest
-from volid.io.machine_toml import parse_machine
-from volid.observations.effects import NODES
-from volid.simulate import simulate
+from volid.io.campaign.manifest import read_manifest
+from volid.io.machines import parse_machine
+from volid.virtual.simulate import simulate
 
 MACHINE = parse_machine(
     'format = "volid-machine/1"\nname = "m"\nstructure = "w b X Y Z t"\n[axis.X]\ntravel = [0.0, 1000.0]\n[axis.Y]\n'
@@ -60,8 +60,8 @@ def change(campaign: Campaign, values: dict[str, float]) -> np.ndarray:
 
 
 def _model():
-    from volid.error_functions import motion_names
-    from volid.error_model import build_model
+    from volid.model.error_functions import motion_names
+    from volid.model.error_model import build_model
 
     return build_model(MACHINE, {n: (2,) for n in motion_names(MACHINE)})
 

@@ -16,12 +16,12 @@ from virtual_campaigns import (
     volid_machine,
 )
 
-from volid.error_functions import motion_names
-from volid.error_model import build_model
+from volid.fitting.equations.problem import build_problem
+from volid.fitting.equations.solver import solve
 from volid.fitting.fit import fit
-from volid.fitting.problem import build_problem
-from volid.fitting.solver import solve
 from volid.fitting.starts import find_starts
+from volid.model.error_functions import motion_names
+from volid.model.error_model import build_model
 
 NANOMETRE = 1e-6
 PICOMETRE = 1e-9

@@ -10,13 +10,13 @@ from exact_chain import COMPONENTS, LINEAR, ExactMachine, Truth, random_truth, t
 from scipy.interpolate import BSpline
 from virtual_campaigns import distance_campaign, fixed, volid_machine
 
-from volid.error_functions import motion_names, squareness_effect, squareness_names
-from volid.error_model import build_model, error_values, evaluate_bases
 from volid.exceptions import InputError
-from volid.fitting.identifiability import analyse
-from volid.fitting.problem import build_problem
+from volid.fitting.diagnosis.identifiability import analyse
+from volid.fitting.equations.problem import build_problem
 from volid.fitting.starts import find_starts
-from volid.machine import Datum, FunctionSettings
+from volid.model.error_functions import motion_names, squareness_effect, squareness_names
+from volid.model.error_model import build_model, error_values, evaluate_bases
+from volid.model.machine import Datum, FunctionSettings
 
 TRAVEL = {"X": (0.0, 1000.0), "Y": (-100.0, 500.0), "Z": (-500.0, 0.0)}
 EXACT = ExactMachine("w Y' b X Z t", TRAVEL, reference={"X": 300.0, "Y": 0.0, "Z": -100.0})
@@ -55,7 +55,7 @@ def along(machine, letter, x, **at):
 
 
 def least_squares_slope(x_of, travel):
-    """Slope of a function of position by Gauss-Legendre quadrature on 20 intervals, independent of volid.splines."""
+    """Slope of a function of position by Gauss-Legendre quadrature on 20 intervals, independent of volid.model.splines."""
     node, weight = np.polynomial.legendre.leggauss(6)
     edges = np.linspace(*travel, 21)
     half = (edges[1] - edges[0]) / 2

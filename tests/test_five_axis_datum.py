@@ -20,11 +20,11 @@ from five_axis import (
 from scipy.spatial.transform import Rotation
 
 from volid.exceptions import InputError
-from volid.fitting.equations import predict_all
+from volid.fitting.equations.compiled import predict_all
+from volid.fitting.equations.problem import build_problem
 from volid.fitting.location_errors import location_errors, motions_with_mean, split_mean
-from volid.fitting.prediction import gradient_rows
-from volid.fitting.problem import build_problem
-from volid.machine import Datum
+from volid.fitting.prediction.deviations import gradient_rows
+from volid.model.machine import Datum
 
 ALL = {**STRUCTURES, "four axes": ROTARY_TABLE}
 OTHER = Datum("Z", "X", "end_point", (("C", 40.0), ("X", -100.0)))

@@ -11,10 +11,10 @@ from exact_chain import Truth
 from exact_chain import apply as carried
 from five_axis import SPHERES, STRUCTURES, TOOLS, RTest, exact_machine, r_test, r_test_campaign, volid_machine
 
-from volid.error_model import build_model
 from volid.fitting.datum import split_null_space
-from volid.fitting.identifiability import analyse
-from volid.fitting.problem import build_problem
+from volid.fitting.diagnosis.identifiability import analyse
+from volid.fitting.equations.problem import build_problem
+from volid.model.error_model import build_model
 from volid.planning import iso10791_path
 
 TILTING = STRUCTURES["tilting table C'A'"]

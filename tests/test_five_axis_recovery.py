@@ -18,7 +18,7 @@ from five_axis import (
     volid_machine,
 )
 
-from volid.compensation.rotary_grids import rotary_grids
+from volid.compensation.grids.rotary import rotary_grids
 from volid.fitting.fit import fit
 
 # 13 positions of the tilting axis carry no more than 13 coefficients

@@ -12,7 +12,7 @@ import pytest
 from exact_chain import Truth
 from five_axis import NUTATING, ROTARY_TABLE, STRUCTURES, THREE_ROTARY, exact_machine, made_up, truth_of, volid_machine
 
-from volid.fitting.prediction import deviation_values
+from volid.fitting.prediction.deviations import deviation_values
 
 ALL = {**STRUCTURES, **NUTATING, "four axes": ROTARY_TABLE, "three rotary axes": THREE_ROTARY}
 # 15 µm and 60 µrad at 900 mm: products of two errors, and errors at the corrected instead of the commanded position

@@ -8,10 +8,10 @@ import pytest
 from exact_chain import random_truth
 from five_axis import STRUCTURES, exact_machine, r_test, r_test_campaign, rotary_only, volid_machine
 
-from volid.fitting.equations import predict_all
+from volid.fitting.diagnosis.hold_out import by_angle, rotary_poses, total
+from volid.fitting.equations.compiled import predict_all
+from volid.fitting.equations.problem import build_problem, scatter
 from volid.fitting.fit import fit
-from volid.fitting.holdout import by_angle, rotary_poses, total
-from volid.fitting.problem import build_problem, scatter
 from volid.report.summary import summary_data
 from volid.report.summary_text import format_summary
 

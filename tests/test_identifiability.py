@@ -7,14 +7,14 @@ import pytest
 from exact_chain import COMPONENTS, LINEAR, ExactMachine, Truth, random_truth, tracker_campaign
 from virtual_campaigns import distance_campaign, fixed, judge, spline_truth, volid_machine
 
-from volid.error_functions import motion_names
-from volid.error_model import build_model
 from volid.exceptions import InputError
+from volid.fitting.diagnosis.identifiability import analyse, parameter_units
+from volid.fitting.equations.problem import build_problem
 from volid.fitting.fit import fit
-from volid.fitting.identifiability import analyse, parameter_units
-from volid.fitting.prediction import estimable
-from volid.fitting.problem import build_problem
+from volid.fitting.prediction.deviations import estimable
 from volid.fitting.starts import find_starts
+from volid.model.error_functions import motion_names
+from volid.model.error_model import build_model
 
 TRAVEL = {"X": (0.0, 1000.0), "Y": (0.0, 600.0), "Z": (-500.0, 0.0)}
 BED_XYZ = ExactMachine("w b X Y Z t", TRAVEL)

@@ -9,10 +9,11 @@ from rtest_campaigns import LAYOUTS, exact_machine, rtest
 from test_problem import everything
 from virtual_campaigns import VERTICAL, fixed, simulated
 
-from volid.error_model import coefficient_rows, error_values, evaluate_bases
-from volid.fitting import interpreted as interpreted_module
-from volid.fitting import prediction
-from volid.fitting.equations import (
+from volid.backend.reverse import Recorded, gradients
+from volid.effects.base import predict_readings
+from volid.fitting.diagnosis.hold_out import _projected
+from volid.fitting.equations import interpreted as interpreted_module
+from volid.fitting.equations.compiled import (
     jacobian,
     normal_equations,
     nuisance_equations,
@@ -20,12 +21,11 @@ from volid.fitting.equations import (
     quadratic_forms,
     slope,
 )
+from volid.fitting.equations.interpreted import interpreted
+from volid.fitting.equations.problem import build_problem
 from volid.fitting.fit import fit
-from volid.fitting.holdout import _projected
-from volid.fitting.interpreted import interpreted
-from volid.fitting.problem import build_problem
-from volid.observations.effects import predict_readings
-from volid.reverse import Recorded, gradients
+from volid.fitting.prediction import deviations as prediction
+from volid.model.error_model import coefficient_rows, error_values, evaluate_bases
 
 
 def five_axis():
@@ -33,8 +33,8 @@ def five_axis():
     exact = exact_machine(LAYOUTS["split C and B"])
     truth = random_truth(exact, np.random.default_rng(1))
     campaign = rtest(exact, truth, n=(3, 4), extra="[model]\nsegments = 2\n", rotation_u=1e-3, scale_u=1e-3, nest_u=0.1)
-    from volid.error_functions import motion_names
-    from volid.error_model import build_model
+    from volid.model.error_functions import motion_names
+    from volid.model.error_model import build_model
 
     model = build_model(campaign.machine, {n: (4,) for n in motion_names(campaign.machine)})
     problem = build_problem(campaign, model)
@@ -203,7 +203,7 @@ def test_recorded_operations_have_their_derivatives():
 
 
 def test_coefficient_rows_sum_to_summed_rows(case):
-    from volid.error_model import evaluate_bases, summed_rows
+    from volid.model.error_model import evaluate_bases, summed_rows
 
     problem, _ = case
     block, layout = problem.system.blocks[0], problem.system.layout

@@ -17,17 +17,17 @@ from rtest_campaigns import NO_LINEAR
 from virtual_campaigns import VERTICAL, fixed, simulated, spline_truth
 
 from volid.campaign import Campaign, Effect
-from volid.compensation.grids import linear_grid
-from volid.compensation.parts import full_positions, tool_reaching
-from volid.compensation.rotary_grids import rotary_grids
+from volid.compensation.grids.linear import linear_grid
+from volid.compensation.grids.parts import full_positions, tool_reaching
+from volid.compensation.grids.rotary import rotary_grids
 from volid.fitting.fit import fit
-from volid.fitting.prediction import deviation_values, gradient_matrix
+from volid.fitting.prediction.deviations import deviation_values, gradient_matrix
 from volid.fitting.solution import Solution
 from volid.uncertainty.lack_of_fit import lack_of_fit
-from volid.uncertainty.monte_carlo import monte_carlo
 from volid.uncertainty.outputs import headline_outputs
-from volid.uncertainty.refit import Refitter
 from volid.uncertainty.statement import statement
+from volid.uncertainty.trials.monte_carlo import monte_carlo
+from volid.uncertainty.trials.refit import Refitter
 
 pytestmark = pytest.mark.slow
 

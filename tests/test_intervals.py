@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from volid.cli import main
-from volid.compensation.grid_intervals import with_intervals
-from volid.compensation.rotary_grids import rotary_grids
-from volid.io.grid_files import read_grid
-from volid.io.solution_hdf5 import write_solution
-from volid.io.tables_csv import DEVIATIONS, read_deviations, read_functions
+from volid.compensation.grids.intervals import with_intervals
+from volid.compensation.grids.rotary import rotary_grids
+from volid.io.functions_csv import DEVIATIONS, read_deviations, read_functions
+from volid.io.grids import read_grid
+from volid.io.solutions import write_solution
 from volid.uncertainty.budget import Line
 from volid.uncertainty.intervals import deviation_intervals, function_intervals
-from volid.uncertainty.samples import Samples
 from volid.uncertainty.statement import statement
+from volid.uncertainty.trials.samples import Samples
 
 TRIALS = 4000
 # of an end point at 2.5 %, in u: sqrt(0.025 · 0.975/M)/φ(1.96) = 0.042; five times that over hundreds of values
@@ -166,7 +166,7 @@ def test_intervals_of_a_rotary_grid(rotary_solution):
 
 def test_many_outputs_go_through_memory_in_parts(sampled, monkeypatch):
     whole = statement(sampled)
-    monkeypatch.setattr("volid.uncertainty.samples.LARGEST", 3 * TRIALS)
+    monkeypatch.setattr("volid.uncertainty.trials.samples.LARGEST", 3 * TRIALS)
     parts = statement(sampled)
     numbers = (np.array([r[2:10] for r in s.rows]) for s in (parts, whole))
     np.testing.assert_allclose(*numbers, rtol=1e-12)  # a matrix product of another width differs in its last digit

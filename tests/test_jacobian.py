@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from volid import load_machine
-from volid.jacobian import deviation_partials
-from volid.kinematics import ROWS, deviation
+from volid.model.jacobian import deviation_partials
+from volid.model.kinematics import ROWS, deviation
 
 FILES = sorted((Path(__file__).parents[1] / "models").glob("*.toml"))
 POINTS = 7

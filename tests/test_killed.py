@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from conftest import fitted, make_campaign
 
-from volid.io.solution_hdf5 import read_solution, write_solution
+from volid.io.solutions import read_solution, write_solution
 
 pytestmark = pytest.mark.slow
 

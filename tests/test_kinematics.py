@@ -10,8 +10,8 @@ from exact_chain import LINEAR, ExactMachine, Truth, apply, random_truth
 from virtual_campaigns import VERTICAL, fixed, simulated, volid_machine
 
 from volid.fitting.fit import fit
-from volid.geometry import rotate_small
-from volid.kinematics import deviation, functional_point, nominal_point, transform
+from volid.model.geometry import rotate_small
+from volid.model.kinematics import deviation, functional_point, nominal_point, transform
 
 TRAVEL = {"X": (0.0, 1000.0), "Y": (0.0, 600.0), "Z": (-500.0, 0.0), "A": (-120, 30), "B": (-90, 90), "C": (0, 360)}
 ARRANGEMENTS = [

@@ -38,7 +38,7 @@ def test_a_small_fit_in_python_imports_no_jax():
 
 def test_two_threads_may_use_jax_first():
     run(
-        "import time\nfrom concurrent.futures import ThreadPoolExecutor\nfrom volid.lazy import jax, jnp\n"
+        "import time\nfrom concurrent.futures import ThreadPoolExecutor\nfrom volid.backend.lazy import jax, jnp\n"
         "def later():\n    time.sleep(0.05)\n    return jnp.asarray([1.0]).sum()\n"
         "with ThreadPoolExecutor(2) as pool:\n"
         "    found = [pool.submit(lambda: jax.tree.leaves([1.0])), pool.submit(later)]\n"

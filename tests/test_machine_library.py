@@ -22,7 +22,7 @@ from machine_library import (
     truth_of,
 )
 
-from volid.uncertainty.refit import Refitter
+from volid.uncertainty.trials.refit import Refitter
 
 pytestmark = pytest.mark.slow
 

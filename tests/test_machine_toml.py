@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from campaign_files import MACHINE
 
-from volid.error_functions import location_names
 from volid.exceptions import InputError
 from volid.io import format_machine, parse_machine, read_machine
-from volid.machine import Axis, FunctionSettings, Machine
+from volid.model.error_functions import location_names
+from volid.model.machine import Axis, FunctionSettings, Machine
 
 FIVE_AXIS = """\
 format = "volid-machine/1"

@@ -9,7 +9,7 @@ import pytest
 from exact_chain import ExactMachine
 
 from volid.io import read_machine
-from volid.kinematics import deviation, functional_point, transform
+from volid.model.kinematics import deviation, functional_point, transform
 
 MODELS = Path(__file__).parents[1] / "models"
 FILES = sorted(MODELS.glob("*.toml"))

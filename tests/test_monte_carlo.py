@@ -11,21 +11,21 @@ from virtual_campaigns import VERTICAL, fixed, simulated
 
 from volid.campaign import Campaign, Effect
 from volid.cli import main
+from volid.effects.base import effect_samples
 from volid.exceptions import InputError
+from volid.fitting.diagnosis.robust import critical_value
 from volid.fitting.fit import fit
-from volid.fitting.robust import critical_value
-from volid.io.solution_hdf5 import read_solution, write_solution
-from volid.observations.effects import effect_samples
-from volid.uncertainty import curvature
+from volid.io.solutions import read_solution, write_solution
 from volid.uncertainty.budget import budget
-from volid.uncertainty.draws import pseudo_of, trial_noise
-from volid.uncertainty.monte_carlo import BATCH, STAGE, _stage, fingerprint, monte_carlo, run_of, run_trials
 from volid.uncertainty.outputs import headline_outputs
-from volid.uncertainty.refit import TOLERANCE, Refitter
-from volid.uncertainty.refit_steps import linear_step, turned
-from volid.uncertainty.samples import TrialFolder
-from volid.uncertainty.second_order import second_order
 from volid.uncertainty.statement import statement
+from volid.uncertainty.trials import curvature
+from volid.uncertainty.trials.draws import pseudo_of, trial_noise
+from volid.uncertainty.trials.monte_carlo import BATCH, STAGE, _stage, fingerprint, monte_carlo, run_of, run_trials
+from volid.uncertainty.trials.refit import TOLERANCE, Refitter
+from volid.uncertainty.trials.refit_steps import linear_step, turned
+from volid.uncertainty.trials.samples import TrialFolder
+from volid.uncertainty.trials.second_order import second_order
 
 EFFECTS = (
     Effect("refraction", "scale", 2e-6, "station", {"distribution": "rectangular"}),
@@ -160,7 +160,7 @@ def test_trials_far_away_go_on_with_the_exact_gradient(run, monkeypatch):
 def test_trials_that_do_not_converge_are_solved_anew(run, monkeypatch):
     noise, prior = trial_noise(7, 0, 3, run.refitter.n_readings, run.refitter.n_prior, run.pseudo)
     good = run.refitter.refit(noise, prior)
-    monkeypatch.setattr("volid.uncertainty.refit.STEPS", 0)
+    monkeypatch.setattr("volid.uncertainty.trials.refit.STEPS", 0)
     again = run.refitter.refit(noise, prior)
     assert again.solved.all()
     seen = run.refitter.u > 0

@@ -10,7 +10,7 @@ import pytest
 
 from volid.cli import multilaterate
 from volid.exceptions import InputError, OutputError
-from volid.io.network_csv import network_from_csv
+from volid.io.networks import network_from_csv
 
 TEXTBOOK = json.loads((Path(__file__).parent / "literature/textbook_networks.json").read_text(encoding="utf-8"))
 

@@ -5,7 +5,7 @@ import pytest
 from work import calls
 
 from volid.exceptions import InputError
-from volid.multilateration import trilaterate
+from volid.multilateration.trilateration import trilaterate
 
 VOLUME = np.array([1000.0, 600.0, 500.0])  # mm, a mid-size machining centre
 
@@ -209,7 +209,7 @@ def test_impossible_input_is_named():
 def test_shapes_in_signatures_are_checked_under_pytest():
     from jaxtyping import TypeCheckError
 
-    from volid.ranging import closed_form
+    from volid.multilateration.one_station import closed_form
 
     with pytest.raises(TypeCheckError):
         closed_form(np.zeros(3))

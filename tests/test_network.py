@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from volid.exceptions import InputError
-from volid.network import adjust_network, starting_coordinates
+from volid.multilateration import adjust_network, starting_coordinates
 
 LITERATURE = Path(__file__).parent / "literature"
 GAMA = json.loads((LITERATURE / "free_network_gama.json").read_text(encoding="utf-8"))

@@ -7,7 +7,7 @@ import pytest
 
 from volid.cli import main
 from volid.exceptions import InputError
-from volid.network import adjust_network, network_trials
+from volid.multilateration import adjust_network, network_trials
 
 TRIALS = 8192
 STATIONS = {"A": (0.0, 0.0, 0.0), "B": (3000.0, 0.0, 0.0), "C": (0.0, 2500.0, 0.0)}

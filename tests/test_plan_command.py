@@ -10,8 +10,8 @@ from test_models import exact_machine
 from volid.cli import main
 from volid.exceptions import InputError, OutputError
 from volid.io import load_campaign, read_machine, write_manifest
-from volid.io.solution_hdf5 import read_solution
-from volid.io.truth_hdf5 import load_truth
+from volid.io.solutions import read_solution
+from volid.io.truths import load_truth
 from volid.planning import iso10791_path, rtest_static_grid
 
 MODELS = Path(__file__).parents[1] / "models"

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from test_models import exact_machine
 
-from volid.checks import check_campaign
 from volid.exceptions import InputError
 from volid.io import load_campaign, read_machine, write_manifest
 from volid.planning import cone_frustum, iso10791_path, rtest_static_grid
 from volid.planning.following import follow, one_turn
-from volid.simulate import simulate
+from volid.plausibility.checks import check_campaign
+from volid.virtual.simulate import simulate
 
 MODELS = Path(__file__).parents[1] / "models"
 ROUNDING = 1e-10  # mm, over metres

@@ -17,7 +17,7 @@ from volid.fitting.fit import fit
 from volid.io import load_campaign, write_manifest
 from volid.observations import KINDS
 from volid.observations.base import NuisanceTable
-from volid.simulate import simulate
+from volid.virtual.simulate import simulate
 
 PLACE, TURN = (
     np.array([-900.0, 400.0, 300.0]),

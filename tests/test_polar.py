@@ -12,13 +12,13 @@ from test_point import PLACE, TURN, points
 from virtual_campaigns import VERTICAL, fixed, judge
 
 from volid.campaign import Campaign, ObservationSet, Station
-from volid.checks import check_campaign
 from volid.exceptions import InputError
 from volid.io import load_campaign, write_campaign, write_manifest
 from volid.observations import KINDS
 from volid.observations.base import NuisanceTable
 from volid.observations.point import cartesian
-from volid.simulate import simulate
+from volid.plausibility.checks import check_campaign
+from volid.virtual.simulate import simulate
 
 U = {"u_range": 0.001, "u_azimuth": 1e-4, "u_elevation": 1.5e-4}  # mm, degrees: 2 to 4 µm at 1.5 m
 

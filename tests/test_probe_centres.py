@@ -5,10 +5,10 @@ import pytest
 from exact_chain import Truth, machine_toml
 from five_axis import STRUCTURES, exact_machine, following, index_grid
 
-from volid.checks import check_campaign, closures
 from volid.exceptions import InputError
 from volid.fitting.fit import fit
 from volid.io import read_manifest, write_manifest
+from volid.plausibility.checks import check_campaign, closures
 
 TOOL = np.array([0.0, 0.0, -230.0])
 SPHERE = np.array([40.0, -60.0, 90.0])

@@ -10,11 +10,11 @@ from exact_chain import ExactMachine, Truth, apply, rigid
 from virtual_campaigns import spline_truth, volid_machine
 
 from volid.campaign import Campaign, ObservationSet, Station
-from volid.error_functions import motion_names, spline_axes
-from volid.error_model import LOCATION, build_model
-from volid.fitting import problem as problems
-from volid.fitting.equations import jacobian, normal_equations, predict_all
-from volid.fitting.problem import build_problem, reweight, scatter
+from volid.fitting.equations import problem as problems
+from volid.fitting.equations.compiled import jacobian, normal_equations, predict_all
+from volid.fitting.equations.problem import build_problem, reweight, scatter
+from volid.model.error_functions import motion_names, spline_axes
+from volid.model.error_model import LOCATION, build_model
 
 EXACT = ExactMachine("w Y' b X Z (C) t", {"X": (0, 1000), "Y": (0, 600), "Z": (-500, 0)})
 EXTRA = """[model.functions]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.linalg import block_diag
 
-from volid.fitting.projection import FreeDirections
+from volid.fitting.equations.free_directions import FreeDirections
 
 RNG = np.random.default_rng(0)
 

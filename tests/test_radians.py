@@ -9,10 +9,10 @@ from five_axis import STRUCTURES, exact_machine, index_grid, r_test, r_test_camp
 from machine_library import MODELS, exact_of
 from test_probe_centres import COUNTS, TCP, probed, write
 
-from volid.checks import check_campaign
 from volid.exceptions import InputError
 from volid.io import read_machine, read_manifest
 from volid.planning import cone_frustum
+from volid.plausibility.checks import check_campaign
 
 LAYOUTS = ("tilting table C'A'", "table and head", "fork head CB")
 

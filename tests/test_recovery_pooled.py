@@ -21,9 +21,9 @@ from test_recovery import LARGEST, MANY, TOOL_ROTATION, volume
 from virtual_campaigns import MACHINES, gauge_basis, simulated
 
 from volid.fitting.fit import fit
-from volid.fitting.prediction import deviation_values, gradient_matrix
+from volid.fitting.prediction.deviations import deviation_values, gradient_matrix
 from volid.fitting.solution import Solution
-from volid.uncertainty.refit import Refits, Refitter
+from volid.uncertainty.trials.refit import Refits, Refitter
 
 pytestmark = pytest.mark.slow
 

@@ -15,19 +15,19 @@ from volid.cli import main
 from volid.compensation.alignment import aligned_to_spindle
 from volid.compensation.base import base_of
 from volid.compensation.control import Control, asked_motion, asked_speed, check_motion
-from volid.compensation.grids import linear_grid
+from volid.compensation.grids.linear import linear_grid
 from volid.compensation.orientation import PoleRule, distance_from_pole, poles
 from volid.compensation.package import compensate
-from volid.compensation.residual import forecast
+from volid.compensation.residual.fields import QUANTITIES, Places, volume_places
+from volid.compensation.residual.forecast import forecast
+from volid.compensation.residual.volume import predict_residual
 from volid.compensation.rigid import best_rigid
-from volid.compensation.sampling import Sampling
+from volid.compensation.tables.sampling import Sampling
 from volid.compensation.types import TYPES, select
-from volid.compensation.volume import predict_residual
-from volid.compensation.volume_fields import QUANTITIES, Places, volume_places
 from volid.exceptions import InputError, NotDeterminedError
 from volid.fitting.solution import Residuals, Statistics
-from volid.io.solution_hdf5 import write_solution
-from volid.uncertainty.samples import Samples
+from volid.io.solutions import write_solution
+from volid.uncertainty.trials.samples import Samples
 
 SECOND_ORDER = 5e-5  # mm: (100 µrad)² × 1 m is 0.01 µm; products of several errors add up
 TRUTHS = 24

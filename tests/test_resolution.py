@@ -11,15 +11,15 @@ from five_axis import exact_machine, r_test, r_test_campaign
 from five_axis import volid_machine as five_axis_machine
 from virtual_campaigns import VERTICAL, distance_campaign, fixed, simulated, volid_machine
 
-from volid.error_functions import motion_names
-from volid.error_model import build_model
 from volid.exceptions import InputError
-from volid.fitting import resolution
-from volid.fitting.equations import jacobian, predict_all
+from volid.fitting.diagnosis import resolution
+from volid.fitting.diagnosis.identifiability import WEAKEST
+from volid.fitting.equations.compiled import jacobian, predict_all
+from volid.fitting.equations.problem import build_problem, scatter
 from volid.fitting.fit import fit
-from volid.fitting.identifiability import WEAKEST
-from volid.fitting.problem import build_problem, scatter
 from volid.fitting.starts import find_starts
+from volid.model.error_functions import motion_names
+from volid.model.error_model import build_model
 
 AXES = VERTICAL.axes
 
@@ -91,7 +91,7 @@ def test_stated_segments_of_a_cross_effect_need_a_number_for_each_axis():
 
 
 def _default():
-    from volid.machine import FunctionSettings
+    from volid.model.machine import FunctionSettings
 
     return FunctionSettings()
 

@@ -7,8 +7,7 @@ import pytest
 from exact_chain import random_truth, tracker_campaign
 from virtual_campaigns import VERTICAL, distance_campaign, fixed, judge, volid_machine
 
-from volid.fitting.fit import fit
-from volid.fitting.robust import (
+from volid.fitting.diagnosis.robust import (
     HUBER,
     Weighted,
     critical_value,
@@ -18,6 +17,7 @@ from volid.fitting.robust import (
     set_aside,
     spread,
 )
+from volid.fitting.fit import fit
 
 
 class RepeatedReadings:

@@ -7,8 +7,8 @@ import pytest
 from exact_chain import apply as carried
 from five_axis import LINEAR_OFF, NUTATING, ROTARY_TABLE, STRUCTURES, exact_machine, made_up, truth_of, volid_machine
 
-from volid.compensation.grids import linear_grid
-from volid.compensation.rotary_grids import deviation_from_grids, rotary_grids
+from volid.compensation.grids.linear import linear_grid
+from volid.compensation.grids.rotary import deviation_from_grids, rotary_grids
 from volid.exceptions import InputError, NotDeterminedError
 
 ALL = {**STRUCTURES, **NUTATING, "four axes": ROTARY_TABLE, "single head": "w Y' X' b Z B t"}

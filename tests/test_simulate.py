@@ -16,16 +16,16 @@ from scipy.stats import chi2
 from volid.campaign import Campaign, ObservationSet, Station
 from volid.cli import simulate as command
 from volid.exceptions import InputError, OutputError
-from volid.fitting.equations import predict_all
+from volid.fitting.equations.compiled import predict_all
+from volid.fitting.equations.problem import build_problem, scatter
 from volid.fitting.fit import fit
-from volid.fitting.problem import build_problem, scatter
 from volid.io import load_campaign, parse_machine, read_machine
-from volid.io.solution_hdf5 import write_solution
-from volid.io.truth_hdf5 import load_truth, read_truth, write_truth
-from volid.random_truth import random_truth
-from volid.simulate import simulate
-from volid.standard_plan import standard_plan
-from volid.truth import Table, Truth, truth_of_solution
+from volid.io.solutions import write_solution
+from volid.io.truths import load_truth, read_truth, write_truth
+from volid.planning.standard import standard_plan
+from volid.virtual.random_truth import random_truth
+from volid.virtual.simulate import simulate
+from volid.virtual.truth import Table, Truth, truth_of_solution
 
 MODELS = Path(__file__).parents[1] / "models"
 SECOND_ORDER = 1e-6  # mm: third order of rotations of 100 µrad over metres is 1e-9, the rest is interpolation

@@ -9,13 +9,13 @@ import pytest
 from test_models import MODELS, exact_machine
 from test_planning import CASES, grid
 
-from volid.error_model import build_model
 from volid.io import parse_machine, read_machine
-from volid.io.truth_hdf5 import read_truth, write_truth
-from volid.random_truth import random_truth
-from volid.simulate import simulate
-from volid.splines import design_matrix
-from volid.truth import Truth
+from volid.io.truths import read_truth, write_truth
+from volid.model.error_model import build_model
+from volid.model.splines import design_matrix
+from volid.virtual.random_truth import random_truth
+from volid.virtual.simulate import simulate
+from volid.virtual.truth import Truth
 
 TABLES = 1e-6  # mm: cubic interpolation in the truth's tables, as for linear axes
 ZERO_AND_CROSS = '\n[model.functions]\nEC0C = true\nEXC = { over = ["C", "A"] }\nECC = { reversal = true }\n'

@@ -13,11 +13,11 @@ import pytest
 from test_checks import VOLUME, distances, moved
 
 from volid.campaign import Campaign
-from volid.checks import check_campaign
 from volid.cli import main
 from volid.exceptions import InputError
 from volid.fitting.fit import breakdown_named
 from volid.io import parse_machine, read_manifest
+from volid.plausibility.checks import check_campaign
 
 DATASET = Path(__file__).parents[1] / "datasets" / "vertical_multilateration"
 AXES, TOOL = ("X", "Y", "Z"), ("tool_x", "tool_y", "tool_z")

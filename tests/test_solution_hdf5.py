@@ -12,9 +12,9 @@ from scipy.interpolate import NdBSpline
 
 from volid.exceptions import InputError, OutputError
 from volid.io import write_campaign
-from volid.io.solution_hdf5 import read_solution, write_solution
-from volid.machine import Datum
-from volid.uncertainty.samples import Samples
+from volid.io.solutions import read_solution, write_solution
+from volid.model.machine import Datum
+from volid.uncertainty.trials.samples import Samples
 
 SOLUTIONS = (
     "solution",

@@ -10,15 +10,15 @@ from scipy.optimize import least_squares
 from virtual_campaigns import fixed, simulated
 
 from volid.campaign import Campaign
-from volid.error_functions import motion_names
-from volid.error_model import build_model
 from volid.exceptions import InputError
-from volid.fitting.equations import jacobian, normal_equations, predict_all
+from volid.fitting.equations.compiled import jacobian, normal_equations, predict_all
+from volid.fitting.equations.optimistix_solver import solve_by_optimistix
+from volid.fitting.equations.problem import build_problem, scatter
+from volid.fitting.equations.solver import solve
 from volid.fitting.fit import fit
-from volid.fitting.optimistix_solver import solve_by_optimistix
-from volid.fitting.problem import build_problem, scatter
-from volid.fitting.solver import solve
 from volid.fitting.starts import find_starts
+from volid.model.error_functions import motion_names
+from volid.model.error_model import build_model
 
 EXACT = ExactMachine("w X' b Y Z t", {"X": (0, 700), "Y": (0, 400), "Z": (-400, 0)})
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 
-from volid.splines import (
+from volid.model.splines import (
     Basis,
     Spline,
     design_matrix,

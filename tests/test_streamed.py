@@ -11,11 +11,11 @@ from volid.campaign import Effect
 from volid.exceptions import InputError
 from volid.fitting.fit import fit
 from volid.fitting.streamed import fit_streamed
-from volid.io.campaign_hdf5 import write_campaign
-from volid.io.campaign_stream import CampaignStream
-from volid.io.solution_hdf5 import read_solution, write_solution
+from volid.io.campaign.hdf5 import write_campaign
+from volid.io.campaign.stream import CampaignStream
+from volid.io.solutions import read_solution, write_solution
 from volid.uncertainty.budget import budget
-from volid.uncertainty.monte_carlo import monte_carlo
+from volid.uncertainty.trials.monte_carlo import monte_carlo
 
 EXACT = ExactMachine("w X' b Y Z t", {"X": (0, 700), "Y": (0, 400), "Z": (-400, 0)})
 

@@ -18,22 +18,23 @@ import pytest
 from distributed import LocalCluster
 
 import volid
+from volid.backend import processes
+from volid.backend.processes import Died, in_processes
 from volid.cli import main
 from volid.exceptions import InputError, VolidError
 from volid.fitting.fit import fit
-from volid.io.machine_toml import parse_machine
+from volid.io.machines import parse_machine
+from volid.io.studies import read_study
 from volid.io.study_results import CampaignFolder, places
-from volid.io.study_toml import read_study
-from volid.machine import Datum
-from volid.random_truth import random_truth
-from volid.simulate import simulate
-from volid.standard_plan import standard_plan
-from volid.study import COLUMNS, Study, Task, Truths, run_campaign, run_study, scaled_noise
-from volid.study_summary import FIELD, SUMMARY, summary
-from volid.truth import truth_of_solution
-from volid.uncertainty import distributed, monte_carlo, processes
-from volid.uncertainty.comparison import compare, covered
-from volid.uncertainty.processes import Died, in_processes
+from volid.model.machine import Datum
+from volid.planning.standard import standard_plan
+from volid.study.campaigns import COLUMNS, Study, Task, Truths, run_campaign, run_study, scaled_noise
+from volid.study.summary import FIELD, SUMMARY, summary
+from volid.uncertainty.trials import distributed, monte_carlo
+from volid.virtual.comparison import compare, covered
+from volid.virtual.random_truth import random_truth
+from volid.virtual.simulate import simulate
+from volid.virtual.truth import truth_of_solution
 
 MACHINE = """format = "volid-machine/1"
 name = "small"
@@ -183,7 +184,7 @@ def test_every_process_of_many_may_die():
 def test_a_script_without_main_guard_is_told(tmp_path):
     script = tmp_path / "script.py"
     script.write_text(  # what is shared is larger than a pipe holds
-        "from volid.uncertainty.processes import in_processes\n"
+        "from volid.backend.processes import in_processes\n"
         "print(list(in_processes(eval, [({'i': 1},)], 'i' + 10**6 * ' ', 1)))\n"
     )
     environment = os.environ | {"PYTHONPATH": str(SOURCE)}

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from conftest import SINGLE_TOOL
 
-from volid.compensation.volume import volumetric_summary
+from volid.compensation.residual.volume import volumetric_summary
 from volid.report.summary import most_used_tool, summary, summary_data
 from volid.report.summary_text import decimals, format_summary
 from volid.report.text import WIDTH, micro, table, vector

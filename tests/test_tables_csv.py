@@ -10,11 +10,10 @@ import pytest
 from conftest import SINGLE_TOOL
 from exact_chain import gauge_free
 
-from volid.compensation.grids import linear_grid
+from volid.compensation.grids.linear import linear_grid
 from volid.exceptions import InputError, OutputError
-from volid.io.grid_files import grid_header, grid_sheet, read_grid, save_grid
-from volid.io.provenance import sha256
-from volid.io.tables_csv import (
+from volid.io.basics.provenance import sha256
+from volid.io.functions_csv import (
     deviations_sheet,
     functions_sheet,
     read_deviations,
@@ -23,6 +22,7 @@ from volid.io.tables_csv import (
     text_output,
     write_csv,
 )
+from volid.io.grids import grid_header, grid_sheet, read_grid, save_grid
 
 TOOLS = np.array([[0.0, 0.0, -150.0], [80.0, 0.0, -250.0], [0.0, 90.0, -200.0]])
 POINTS = """\

@@ -19,7 +19,7 @@ def threads():
 NUMPY_FIRST = f"import numpy, scipy.linalg\n{COUNT}\nseen = [threads()]\n"
 FIT = f"""
 import volid
-from volid.fitting import solver
+from volid.fitting.equations import solver
 factorise = solver._factorise
 def counting(*arguments):
     seen.append(threads())
@@ -57,7 +57,7 @@ def test_an_explicit_setting_wins():
 def test_all_threads_come_back_when_the_last_one_leaves():
     script = """
 import volid, threading
-from volid.threads import one_blas_thread
+from volid.backend.threads import one_blas_thread
 entered, leave = threading.Event(), threading.Event()
 def other():
     with one_blas_thread():

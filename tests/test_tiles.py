@@ -5,13 +5,13 @@ import pytest
 from test_problem import EXTRA
 from virtual_campaigns import VERTICAL, fixed, simulated
 
-from volid.error_functions import motion_names, spline_axes
-from volid.error_model import build_model
-from volid.fitting import tiles as tiles_module
-from volid.fitting.equations import normal_equations
-from volid.fitting.interpreted import interpreted
-from volid.fitting.problem import build_problem, reweight
-from volid.fitting.solver import solve
+from volid.fitting.equations import tiles as tiles_module
+from volid.fitting.equations.compiled import normal_equations
+from volid.fitting.equations.interpreted import interpreted
+from volid.fitting.equations.problem import build_problem, reweight
+from volid.fitting.equations.solver import solve
+from volid.model.error_functions import motion_names, spline_axes
+from volid.model.error_model import build_model
 
 ROWS = 500  # readings per station
 

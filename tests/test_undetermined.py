@@ -8,8 +8,8 @@ from conftest import TRAVEL, make_campaign
 from exact_chain import ExactMachine, default_stations, gauge_free
 
 from volid.cli import main
-from volid.io.grid_files import read_grid
-from volid.io.solution_hdf5 import read_solution
+from volid.io.grids import read_grid
+from volid.io.solutions import read_solution
 
 STATIONS = default_stations(ExactMachine("w Y' X' b Z (C) t", TRAVEL))
 ON_AXIS = [(0.0, 0.0, -150.0), (0.0, 0.0, -250.0), (0.0, 0.0, -80.0)]

@@ -19,11 +19,11 @@ from exact_chain import (
 from scipy.interpolate import BSpline
 
 from volid.campaign import Campaign, ObservationSet, Station
-from volid.error_model import ErrorModel
-from volid.fitting.prediction import gradient_matrix
+from volid.fitting.prediction.deviations import gradient_matrix
 from volid.fitting.solution import Solution
-from volid.io.machine_toml import parse_machine
-from volid.machine import Machine
+from volid.io.machines import parse_machine
+from volid.model.error_model import ErrorModel
+from volid.model.machine import Machine
 
 # The machines of models/: cross-table vertical, gantry of 3 m, horizontal with Z table.
 VERTICAL = ExactMachine("w X' Y' b Z (C) t", {"X": (0, 760), "Y": (0, 430), "Z": (-460, 0)})

@@ -19,22 +19,21 @@ from typing import Any as _Any
 _os.environ["JAX_ENABLE_X64"] = "1"
 if "jax" in _sys.modules:
     _sys.modules["jax"].config.update("jax_enable_x64", True)
-_import_module("volid.threads")  # before NumPy, which reads the number of threads as it is loaded
+_import_module("volid.backend.threads")  # before NumPy, which reads the number of threads as it is loaded
 
 if TYPE_CHECKING:
     from volid.campaign import Campaign, ObservationSet, Station
-    from volid.checks import check_campaign, closures
     from volid.compensation.base import base_of as compensation_base
     from volid.compensation.control import Control
-    from volid.compensation.error_table import ErrorTable
-    from volid.compensation.grids import Grid, linear_grid
+    from volid.compensation.grids.linear import Grid, linear_grid
+    from volid.compensation.grids.rotary import RotaryGrid, rotary_grids
     from volid.compensation.package import Compensation, compensate
-    from volid.compensation.residual import Forecast, forecast
+    from volid.compensation.residual.forecast import Forecast, forecast
+    from volid.compensation.residual.volume import predict_residual, volumetric_summary
     from volid.compensation.rigid import best_rigid
-    from volid.compensation.rotary_grids import RotaryGrid, rotary_grids
-    from volid.compensation.tables import error_tables
+    from volid.compensation.tables.by_function import error_tables
+    from volid.compensation.tables.error_table import ErrorTable
     from volid.compensation.types import TYPES as COMPENSATION_TYPES
-    from volid.compensation.volume import predict_residual, volumetric_summary
     from volid.exceptions import InputError, NotDeterminedError, OutputError, VolidError
     from volid.fitting.datum import parse_datum
     from volid.fitting.fit import fit
@@ -44,19 +43,20 @@ if TYPE_CHECKING:
     from volid.io import load_campaign
     from volid.io import read_machine as load_machine
     from volid.io import write_campaign as save_campaign
-    from volid.io.campaign_stream import CampaignStream
-    from volid.io.compensation_files import load_control, save_compensation
-    from volid.io.grid_files import read_grid as load_grid
-    from volid.io.grid_files import save_grid
-    from volid.io.solution_hdf5 import read_solution as load_solution
-    from volid.io.solution_hdf5 import write_solution as save_solution
+    from volid.io.campaign.stream import CampaignStream
+    from volid.io.compensations import load_control, save_compensation
+    from volid.io.grids import read_grid as load_grid
+    from volid.io.grids import save_grid
+    from volid.io.solutions import read_solution as load_solution
+    from volid.io.solutions import write_solution as save_solution
     from volid.io.table_reader import read_table as load_table
-    from volid.machine import Datum, Machine
-    from volid.random_truth import random_truth
+    from volid.model.machine import Datum, Machine
+    from volid.planning.standard import standard_plan
+    from volid.plausibility.checks import check_campaign, closures
     from volid.report.summary import summary
-    from volid.simulate import simulate
-    from volid.standard_plan import standard_plan
-    from volid.truth import Truth
+    from volid.virtual.random_truth import random_truth
+    from volid.virtual.simulate import simulate
+    from volid.virtual.truth import Truth
 
 __all__ = [  # in the order of the work  # noqa: RUF022
     # machine and campaign
@@ -116,18 +116,18 @@ __all__ = [  # in the order of the work  # noqa: RUF022
 ]
 _PLACES = {
     "volid.campaign": ("Campaign", "ObservationSet", "Station"),
-    "volid.checks": ("check_campaign", "closures"),
+    "volid.plausibility.checks": ("check_campaign", "closures"),
     "volid.compensation.control": ("Control",),
     "volid.compensation.base": ("base_of as compensation_base",),
-    "volid.compensation.grids": ("Grid", "linear_grid"),
+    "volid.compensation.grids.linear": ("Grid", "linear_grid"),
     "volid.compensation.package": ("Compensation", "compensate"),
-    "volid.compensation.residual": ("Forecast", "forecast"),
+    "volid.compensation.residual.forecast": ("Forecast", "forecast"),
     "volid.compensation.rigid": ("best_rigid",),
-    "volid.compensation.rotary_grids": ("RotaryGrid", "rotary_grids"),
-    "volid.compensation.error_table": ("ErrorTable",),
-    "volid.compensation.tables": ("error_tables",),
+    "volid.compensation.grids.rotary": ("RotaryGrid", "rotary_grids"),
+    "volid.compensation.tables.error_table": ("ErrorTable",),
+    "volid.compensation.tables.by_function": ("error_tables",),
     "volid.compensation.types": ("TYPES as COMPENSATION_TYPES",),
-    "volid.compensation.volume": ("predict_residual", "volumetric_summary"),
+    "volid.compensation.residual.volume": ("predict_residual", "volumetric_summary"),
     "volid.exceptions": ("VolidError", "InputError", "OutputError", "NotDeterminedError"),
     "volid.fitting.datum": ("parse_datum",),
     "volid.fitting.fit": ("fit",),
@@ -135,17 +135,17 @@ _PLACES = {
     "volid.fitting.solution": ("Solution",),
     "volid.fitting.streamed": ("fit_streamed",),
     "volid.io": ("load_campaign", "read_machine as load_machine", "write_campaign as save_campaign"),
-    "volid.io.campaign_stream": ("CampaignStream",),
-    "volid.io.compensation_files": ("load_control", "save_compensation"),
-    "volid.io.grid_files": ("read_grid as load_grid", "save_grid"),
-    "volid.io.solution_hdf5": ("read_solution as load_solution", "write_solution as save_solution"),
+    "volid.io.campaign.stream": ("CampaignStream",),
+    "volid.io.compensations": ("load_control", "save_compensation"),
+    "volid.io.grids": ("read_grid as load_grid", "save_grid"),
+    "volid.io.solutions": ("read_solution as load_solution", "write_solution as save_solution"),
     "volid.io.table_reader": ("read_table as load_table",),
-    "volid.machine": ("Datum", "Machine"),
-    "volid.random_truth": ("random_truth",),
+    "volid.model.machine": ("Datum", "Machine"),
+    "volid.virtual.random_truth": ("random_truth",),
     "volid.report.summary": ("summary",),
-    "volid.simulate": ("simulate",),
-    "volid.standard_plan": ("standard_plan",),
-    "volid.truth": ("Truth",),
+    "volid.virtual.simulate": ("simulate",),
+    "volid.planning.standard": ("standard_plan",),
+    "volid.virtual.truth": ("Truth",),
 }
 # public name: (module, name there)
 _SOURCES = {n.split(" as ")[-1]: (module, n.split(" as ")[0]) for module, names in _PLACES.items() for n in names}
@@ -172,9 +172,9 @@ def _complete_solution() -> None:
     """Give `Solution` the methods whose work is done in layers above it: `save`, `grid` and `monte_carlo`."""
     loaded = _sys.modules.get("volid.fitting.solution")
     if loaded is not None and not hasattr(loaded.Solution, "save"):
-        loaded.Solution.save = _import_module("volid.io.solution_hdf5").write_solution
-        loaded.Solution.monte_carlo = _import_module("volid.uncertainty.monte_carlo").monte_carlo
-        loaded.Solution.grid = _import_module("volid.compensation.grids").linear_grid
+        loaded.Solution.save = _import_module("volid.io.solutions").write_solution
+        loaded.Solution.monte_carlo = _import_module("volid.uncertainty.trials.monte_carlo").monte_carlo
+        loaded.Solution.grid = _import_module("volid.compensation.grids.linear").linear_grid
 
 
 class _Package(_ModuleType):

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from volid.machine import WORKPIECE, Machine
+from volid.model.machine import WORKPIECE, Machine
 
 ROW_ARRAYS = (
     "positions",

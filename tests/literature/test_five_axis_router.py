@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 from reference_data import reference_file
 
-from volid.checks import closures
 from volid.cli import main
-from volid.fitting.holdout import rotary_poses
+from volid.fitting.diagnosis.hold_out import rotary_poses
 from volid.io import load_campaign
-from volid.io.solution_hdf5 import read_solution
-from volid.kinematics import nominal_point
+from volid.io.solutions import read_solution
+from volid.model.kinematics import nominal_point
+from volid.plausibility.checks import closures
 
 FOLDER = Path(__file__).parents[2] / "datasets" / "five_axis_router"
 

@@ -76,9 +76,9 @@ def folder(solution, tmp_path_factory):
     """L-POS tables every 25 mm with both directions, zero at the lower end, increments as published."""
     from volid.compensation.base import base_of
     from volid.compensation.package import compensate
-    from volid.compensation.sampling import Sampling
-    from volid.io.compensation_files import save_compensation
-    from volid.io.table_files import TableForm
+    from volid.compensation.tables.sampling import Sampling
+    from volid.io.compensations import save_compensation
+    from volid.io.tables import TableForm
 
     made = compensate(solution, ["L-POS"], base_of(solution, (0.0, 0.0, 0.0)), tables=Sampling(step=STEP))
     place = tmp_path_factory.mktemp("tables") / "out"
@@ -104,8 +104,8 @@ def test_the_corrected_machine_is_below_one_micrometre(solution, folder):
     after L-POS with reversal less than 1 µm at and between the points, in both directions; with one reversal value, not."""
     from exact_chain import ExactMachine, Truth
 
-    from volid.compensation.error_table import with_one_reversal
-    from volid.io.compensation_files import load_control
+    from volid.compensation.tables.error_table import with_one_reversal
+    from volid.io.compensations import load_control
 
     exact = ExactMachine("w X' Y' b Z (C) t", {"X": (0, 500), "Y": (0, 200), "Z": (0, 325)})
     mean, reversal = {}, {}

@@ -58,8 +58,8 @@ def run(args: argparse.Namespace) -> int:
     check_output(args.output, args.force, [args.solution, *([args.at] if args.at else [])])
     with Progress() as progress:
         progress("reading the solution")
-        from volid.io.solution_hdf5 import read_solution
-        from volid.io.tables_csv import budget_sheet
+        from volid.io.functions_csv import budget_sheet
+        from volid.io.solutions import read_solution
         from volid.report.budget_text import format_budget
         from volid.uncertainty.budget import budget, budget_lines
         from volid.uncertainty.lack_of_fit import lack_of_fit
@@ -80,7 +80,7 @@ def _rows(solution: Solution, args: argparse.Namespace) -> Rows:
     """The outputs asked for."""
     import numpy as np
 
-    from volid.io.tables_csv import read_points
+    from volid.io.functions_csv import read_points
     from volid.report.summary import most_used_tool
     from volid.uncertainty.budget import headline_rows, point_rows
     from volid.uncertainty.outputs import headline_outputs

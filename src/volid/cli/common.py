@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from volid.fitting.solution import Solution
-    from volid.io.tables_csv import Sheet
+    from volid.io.functions_csv import Sheet
 
 HDF5 = (".h5", ".hdf5")
 
@@ -56,7 +56,7 @@ def check_output(path: str | Path | None, overwrite: bool, inputs: Iterable[str 
     Raises `OutputError`, also when `path` is one of the `inputs`, even with `overwrite`.
     """
     from volid.exceptions import OutputError
-    from volid.io.atomic import atomic_output
+    from volid.io.basics.atomic import atomic_output
 
     if path is None:
         return
@@ -73,8 +73,8 @@ def check_output(path: str | Path | None, overwrite: bool, inputs: Iterable[str 
 
 def input_files(paths: Sequence[str]) -> list[Path]:
     """Every file that campaigns are made of: HDF5 files as they are, manifests with their machine and CSV files."""
-    from volid.io.hdf5_values import is_hdf5
-    from volid.io.toml_table import parse_toml, read_text
+    from volid.io.basics.hdf5_values import is_hdf5
+    from volid.io.basics.toml_table import parse_toml, read_text
 
     found: list[Path] = []
     for path in map(Path, paths):
@@ -92,7 +92,7 @@ def write_sheet(sheet: Sheet, args: argparse.Namespace) -> None:
 
 def write_sheets(sheets: Sequence[Sheet], paths: Sequence[Path], args: argparse.Namespace, key: str = "") -> None:
     """Tables to their paths as CSV, or one to standard output; with --json as a list under `key`, or one without it."""
-    from volid.io.tables_csv import text_output, write_csv
+    from volid.io.functions_csv import text_output, write_csv
 
     sheets = [sheet._replace(rows=list(sheet.rows)) for sheet in sheets]
     for sheet, path in zip(sheets, paths, strict=False):

@@ -10,7 +10,7 @@ from volid.cli.common import tool_vector
 
 if TYPE_CHECKING:
     from volid.compensation.base import Base
-    from volid.compensation.sampling import Sampling
+    from volid.compensation.tables.sampling import Sampling
     from volid.fitting.solution import Solution
 
 
@@ -116,7 +116,7 @@ def add_rounding(parser: argparse.ArgumentParser, kind: str) -> None:
 
 def sampling_of(args: argparse.Namespace, spacing: str = "equal") -> Sampling:
     """How tables or grids are sampled. Raises `InputError`."""
-    from volid.compensation.sampling import Sampling
+    from volid.compensation.tables.sampling import Sampling
 
     return Sampling(args.step, args.max_points, args.max_error, spacing, args.offset)
 

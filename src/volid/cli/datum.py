@@ -39,10 +39,10 @@ def run(args: argparse.Namespace) -> int:
     check_output(args.output, args.force, [args.solution])
     with Progress() as progress:
         progress("reading the solution")
-        from volid.compensation.grids import describe_datum
+        from volid.compensation.grids.linear import describe_datum
         from volid.fitting.datum import parse_datum
-        from volid.io.provenance import sha256
-        from volid.io.solution_hdf5 import read_solution, write_solution
+        from volid.io.basics.provenance import sha256
+        from volid.io.solutions import read_solution, write_solution
 
         solution = read_solution(args.solution)
         progress("changing the datum")

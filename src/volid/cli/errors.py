@@ -38,8 +38,8 @@ def run(args: argparse.Namespace) -> int:
     check_output(args.output, args.force, [args.solution, args.at])
     with Progress() as progress:
         progress("reading")
-        from volid.io.solution_hdf5 import read_solution
-        from volid.io.tables_csv import deviations_sheet, read_points
+        from volid.io.functions_csv import deviations_sheet, read_points
+        from volid.io.solutions import read_solution
 
         solution = read_solution(args.solution)
         points = read_points(args.at, solution.machine)

@@ -93,8 +93,8 @@ def _solve(args: argparse.Namespace, progress: Progress) -> Solution:
     from volid.fitting.datum import parse_datum
     from volid.fitting.fit import fit
     from volid.io import load_campaign
-    from volid.io.provenance import provenance
-    from volid.io.solution_hdf5 import read_solution, write_solution
+    from volid.io.basics.provenance import provenance
+    from volid.io.solutions import read_solution, write_solution
 
     prior = read_solution(args.prior) if args.prior else None
     if args.stream:
@@ -122,7 +122,7 @@ def _stream(args: argparse.Namespace, prior: Solution | None, progress: Progress
     from volid.exceptions import InputError
     from volid.fitting.datum import parse_datum
     from volid.fitting.streamed import fit_streamed
-    from volid.io.campaign_stream import CampaignStream
+    from volid.io.campaign.stream import CampaignStream
 
     if len(args.campaign) > 1:
         raise InputError(f"--stream reads one campaign; {len(args.campaign)} are given. Expected one HDF5 file")

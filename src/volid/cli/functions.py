@@ -39,8 +39,8 @@ def run(args: argparse.Namespace) -> int:
     if args.step is not None and not 1e-3 <= args.step < float("inf"):
         raise InputError(f"--step is {args.step:g}; expected a spacing of at least 0.001 in mm or degrees")
     check_output(args.output, args.force, [args.solution])
-    from volid.io.solution_hdf5 import read_solution
-    from volid.io.tables_csv import functions_sheet
+    from volid.io.functions_csv import functions_sheet
+    from volid.io.solutions import read_solution
 
     solution = read_solution(args.solution)
     rows, intervals = solution.functions(step=args.step), None

@@ -36,7 +36,7 @@ from volid.cli.progress import Progress
 
 if TYPE_CHECKING:
     from volid.fitting.solution import Solution
-    from volid.io.grid_files import AnyGrid
+    from volid.io.grids import AnyGrid
 
 HELP = "spatial grid of compensation (or error) values over the working volume"
 
@@ -99,7 +99,7 @@ def run(args: argparse.Namespace) -> int:
     check_output(args.output, args.force, [args.solution])
     with Progress() as progress:
         progress("reading the solution")
-        from volid.io.solution_hdf5 import read_solution
+        from volid.io.solutions import read_solution
 
         solution = read_solution(args.solution)
         progress("evaluating the grid")
@@ -174,7 +174,7 @@ def _grids(solution: Solution, args: argparse.Namespace) -> tuple[tuple[AnyGrid,
         refuse_extrapolation(solution, grids, base, ranges)
     notes += cut_notes(solution, ranges, [a for g in grids for a in g.axes])
     if args.intervals:
-        from volid.compensation.grid_intervals import with_intervals
+        from volid.compensation.grids.intervals import with_intervals
 
         grids = tuple(with_intervals(solution, grid) for grid in grids)
     angle = None if args.angle_increment is None else radians(args.angle_increment)
@@ -185,7 +185,7 @@ def _superimposed(grids: tuple[AnyGrid, ...], args: argparse.Namespace) -> tuple
     """Grids on top of the existing ones of --add-to, matched by side. Raises `InputError` for one that has no partner."""
     from volid.compensation.superposition import add_grid
     from volid.exceptions import InputError
-    from volid.io.grid_files import read_grid
+    from volid.io.grids import read_grid
 
     found = list(grids)
     for path in args.add_to or []:
@@ -206,7 +206,7 @@ def _superimposed(grids: tuple[AnyGrid, ...], args: argparse.Namespace) -> tuple
 def _write(grids: tuple[AnyGrid, ...], solution: Solution, args: argparse.Namespace, notes: list[str]) -> list[Path]:
     """The grids to their files, or one to standard output; the paths. Raises `InputError` for two without a file."""
     from volid.exceptions import InputError
-    from volid.io.grid_files import COMPENSATION, ERROR, grid_header, grid_paths, grid_sheet, write_grid_hdf5
+    from volid.io.grids import COMPENSATION, ERROR, grid_header, grid_paths, grid_sheet, write_grid_hdf5
 
     if len(grids) > 1 and not (args.output or args.json):
         raise InputError(

@@ -9,7 +9,7 @@ from volid.report.text import vector
 
 if TYPE_CHECKING:
     from volid.fitting.solution import Solution
-    from volid.io.grid_files import AnyGrid
+    from volid.io.grids import AnyGrid
 
 LINEAR, ROTARY = "L-VOL", "R-VOL"
 
@@ -30,7 +30,7 @@ def described(grid: AnyGrid, args: argparse.Namespace) -> str:
 
 def messages_of(grid: AnyGrid, args: argparse.Namespace, several: bool) -> list[str]:
     """What of a grid needs attention."""
-    from volid.compensation.parts import LEFT_OUT
+    from volid.compensation.grids.parts import LEFT_OUT
 
     what = f"{getattr(grid, 'side', 'linear')}: " if several else ""
     messages = [f"{what}{note}" for note in grid.notes if note.startswith(LEFT_OUT)]

@@ -30,8 +30,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Read, check, write. Raises `InputError`, `OutputError`."""
-    from volid.checks import check_campaign
     from volid.io import load_campaign, write_campaign
+    from volid.plausibility.checks import check_campaign
 
     check_output(args.output, args.force, args.manifest)
     campaign = load_campaign(*args.manifest)

@@ -42,8 +42,8 @@ def run(args: argparse.Namespace) -> int:
     check_output(args.output, args.force, [args.solution])
     from volid.exceptions import InputError
     from volid.fitting.location_errors import location_errors
-    from volid.io.location_csv import locations_sheet
-    from volid.io.solution_hdf5 import read_solution
+    from volid.io.locations import locations_sheet
+    from volid.io.solutions import read_solution
 
     solution = read_solution(args.solution)
     if all(axis.is_linear for axis in solution.machine.axes):

@@ -9,7 +9,7 @@ import sys
 import numpy as np
 
 from volid.exceptions import InputError
-from volid.io.network_csv import (
+from volid.io.networks import (
     Network,
     Spread,
     coordinates_csv,
@@ -17,7 +17,7 @@ from volid.io.network_csv import (
     write_coordinates,
     write_residuals,
 )
-from volid.network import NetworkSolution, network_trials
+from volid.multilateration import NetworkSolution, network_trials
 
 HELP = "coordinates of a distance network, free or with fixed points, without a machine model"
 

@@ -11,7 +11,7 @@ from volid.report.text import vector
 
 if TYPE_CHECKING:
     from volid.campaign import Campaign
-    from volid.machine import Machine
+    from volid.model.machine import Machine
 
 HELP = "what to measure: a standard path or grid as a manifest without readings"
 
@@ -151,7 +151,7 @@ def _test(machine: Machine, name: str | None) -> str:
 def _plan(machine: Machine, test: str, args: argparse.Namespace) -> Campaign:
     from volid.exceptions import InputError
     from volid.planning import cone_frustum, iso10791_path, rtest_static_grid
-    from volid.standard_plan import standard_plan
+    from volid.planning.standard import standard_plan
 
     given = _given(test, args)
     n = args.points

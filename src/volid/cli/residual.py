@@ -22,7 +22,7 @@ from volid.cli.compensation_options import add_base, add_range, assignments, bas
 from volid.cli.progress import Progress
 
 if TYPE_CHECKING:
-    from volid.compensation.residual import Forecast
+    from volid.compensation.residual.forecast import Forecast
     from volid.fitting.solution import Solution
 
 HELP = "what each compensation type leaves over the working volume, side by side, with intervals"
@@ -95,7 +95,7 @@ def run(args: argparse.Namespace) -> int:
         progress("reading the solution")
         import numpy as np
 
-        from volid.io.solution_hdf5 import read_solution
+        from volid.io.solutions import read_solution
 
         solution = read_solution(args.solution)
         progress("predicting")
@@ -121,7 +121,7 @@ def _forecast(solution: Solution, args: argparse.Namespace) -> tuple[Forecast, l
     import numpy as np
 
     from volid.compensation.orientation import PoleRule
-    from volid.compensation.residual import forecast
+    from volid.compensation.residual.forecast import forecast
     from volid.compensation.types import select
     from volid.report.summary import most_used_tool
 
@@ -154,7 +154,7 @@ def _check_limits(found: Forecast, solution: Solution, feeds: Any, args: argpars
 
 
 def _draw(found: Forecast, solution: Solution, args: argparse.Namespace) -> None:
-    from volid.io.atomic import atomic_output
+    from volid.io.basics.atomic import atomic_output
     from volid.report.residual import forecast_figure
 
     figure = forecast_figure(found, solution.machine.name)
@@ -164,7 +164,7 @@ def _draw(found: Forecast, solution: Solution, args: argparse.Namespace) -> None
 
 
 def _write(found: Forecast, solution: Solution, feeds: Any, notes: list[str], args: argparse.Namespace) -> None:
-    from volid.io.tables_csv import Sheet, source_lines
+    from volid.io.functions_csv import Sheet, source_lines
     from volid.report.residual import COLUMNS, forecast_data, forecast_rows, forecast_text
 
     header = {

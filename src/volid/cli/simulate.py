@@ -11,8 +11,8 @@ from volid.cli.progress import Progress
 
 if TYPE_CHECKING:
     from volid.campaign import Campaign
-    from volid.machine import Machine
-    from volid.truth import Truth
+    from volid.model.machine import Machine
+    from volid.virtual.truth import Truth
 
 HELP = "a campaign measured on a virtual machine, with the truth stored beside it"
 MANIFEST = "campaign.toml"
@@ -50,10 +50,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Simulate, write, summarise; 1 when the plan needs attention. Raises `InputError`, `OutputError`."""
-    from volid.checks import check_campaign
     from volid.io import load_campaign, read_machine, write_campaign, write_manifest
-    from volid.io.truth_hdf5 import write_truth
-    from volid.simulate import simulate
+    from volid.io.truths import write_truth
+    from volid.plausibility.checks import check_campaign
+    from volid.virtual.simulate import simulate
 
     paths = _places(Path(args.output))
     _check_places(paths, args)
@@ -80,8 +80,8 @@ def _truth(args: argparse.Namespace, machine: Machine) -> Truth:
     """The errors of the file, on the machine that is measured; random ones without a file."""
     from dataclasses import replace
 
-    from volid.io.truth_hdf5 import load_truth
-    from volid.random_truth import random_truth
+    from volid.io.truths import load_truth
+    from volid.virtual.random_truth import random_truth
 
     return random_truth(machine, args.seed) if args.truth is None else replace(load_truth(args.truth), machine=machine)
 

@@ -56,10 +56,10 @@ def run(args: argparse.Namespace) -> int:
         check_output(path, args.force, [args.study])
     with Progress() as progress:
         progress("reading the study")
-        from volid.io.provenance import provenance
-        from volid.io.study_toml import read_study, study_files
-        from volid.study import run_study
-        from volid.study_summary import summary
+        from volid.io.basics.provenance import provenance
+        from volid.io.studies import read_study, study_files
+        from volid.study.campaigns import run_study
+        from volid.study.summary import summary
 
         study = read_study(args.study)
         files, plans = study_files(args.study)
@@ -90,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _lines(rows: list[dict[str, Any]]) -> list[str]:
     """The deviation field of every machine, design and noise, in µm."""
-    from volid.study_summary import FIELD
+    from volid.study.summary import FIELD
 
     lines = ["deviation field, 3-D [µm]        campaigns  failed  rejected   bias  spread    rms      u  coverage"]
     for r in rows:
@@ -105,7 +105,7 @@ def _lines(rows: list[dict[str, Any]]) -> list[str]:
 
 
 def _failures(failed: list[dict[str, Any]]) -> list[str]:
-    from volid.study import Task
+    from volid.study.campaigns import Task
 
     names = Task._fields
     messages = [f"{Task(*(r[n] for n in names))} failed: {r['error']}" for r in failed[:NAMED]]

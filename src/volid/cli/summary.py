@@ -44,8 +44,8 @@ def run(args: argparse.Namespace) -> int:
     check_output(args.output, args.force, [args.solution])
     with Progress() as progress:
         progress("reading the solution")
-        from volid.io.solution_hdf5 import read_solution
-        from volid.io.tables_csv import text_output
+        from volid.io.functions_csv import text_output
+        from volid.io.solutions import read_solution
         from volid.report.summary import summary_data
         from volid.report.summary_text import format_summary
 

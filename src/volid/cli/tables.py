@@ -29,10 +29,10 @@ from volid.cli.compensation_options import (
 from volid.cli.progress import Progress
 
 if TYPE_CHECKING:
-    from volid.compensation.error_table import ErrorTable
+    from volid.compensation.tables.error_table import ErrorTable
     from volid.fitting.solution import Solution
-    from volid.io.table_files import TableForm
-    from volid.io.tables_csv import Sheet
+    from volid.io.functions_csv import Sheet
+    from volid.io.tables import TableForm
 
 HELP = "error or compensation tables per function, for controls that know single-axis functions"
 
@@ -86,13 +86,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Read, tabulate, write; 1 when values need attention. Raises `InputError`, `OutputError`, `NotDeterminedError`."""
-    from volid.io.atomic import atomic_folder
+    from volid.io.basics.atomic import atomic_folder
 
     form = _form(args)
     _refuse_existing(args)
     with Progress() as progress:
         progress("reading the solution")
-        from volid.io.solution_hdf5 import read_solution
+        from volid.io.solutions import read_solution
 
         solution = read_solution(args.solution)
         progress("tabulating")
@@ -121,7 +121,7 @@ def _refuse_existing(args: argparse.Namespace) -> None:
 def _form(args: argparse.Namespace) -> TableForm:
     from math import radians
 
-    from volid.io.table_files import TableForm
+    from volid.io.tables import TableForm
 
     angle = None if args.angle_increment is None else radians(args.angle_increment)
     return TableForm(args.errors, args.incremental, args.reversal, args.increment, angle)
@@ -130,7 +130,7 @@ def _form(args: argparse.Namespace) -> TableForm:
 def _tables(solution: Solution, args: argparse.Namespace) -> tuple[tuple[ErrorTable, ...], list[str]]:
     from volid.compensation.ranges import cut_notes, refuse_extrapolation
     from volid.compensation.superposition import add_tables
-    from volid.compensation.tables import error_tables
+    from volid.compensation.tables.by_function import error_tables
     from volid.compensation.types import select
     from volid.exceptions import InputError
     from volid.io.table_reader import tables_in
@@ -158,7 +158,7 @@ def _tables(solution: Solution, args: argparse.Namespace) -> tuple[tuple[ErrorTa
 def _sheets(
     tables: tuple[ErrorTable, ...], form: TableForm, solution: Solution, args: argparse.Namespace, notes: list[str]
 ) -> dict[str, Sheet]:
-    from volid.io.table_files import table_header, table_sheet
+    from volid.io.tables import table_header, table_sheet
 
     sheets = {}
     for table in tables:
@@ -179,7 +179,7 @@ def _refuse_others(folder: Path, sheets: dict[str, Sheet]) -> None:
 
 
 def _write(sheets: dict[str, Sheet], folder: Path) -> None:
-    from volid.io.tables_csv import write_csv
+    from volid.io.functions_csv import write_csv
 
     for name, sheet in sheets.items():
         with (folder / name).open("w", newline="", encoding="utf-8") as stream:
@@ -187,7 +187,7 @@ def _write(sheets: dict[str, Sheet], folder: Path) -> None:
 
 
 def _print(tables: tuple[ErrorTable, ...], form: TableForm, args: argparse.Namespace) -> None:
-    from volid.io.table_files import written_values
+    from volid.io.tables import written_values
     from volid.report.text import micro, table, unit_of
 
     rows = []

@@ -91,9 +91,9 @@ def _sampled(args: argparse.Namespace, progress: Progress) -> Solution:
     progress("reading the solution")
     import shutil
 
-    from volid.io.provenance import provenance
-    from volid.io.solution_hdf5 import read_solution, write_solution
-    from volid.uncertainty.monte_carlo import monte_carlo
+    from volid.io.basics.provenance import provenance
+    from volid.io.solutions import read_solution, write_solution
+    from volid.uncertainty.trials.monte_carlo import monte_carlo
 
     solution = read_solution(args.solution)
     folder = Path(f"{args.output}.trials") if args.output else None

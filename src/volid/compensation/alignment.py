@@ -20,11 +20,11 @@ from dataclasses import replace
 import numpy as np
 
 from volid.compensation.base import Base, model_errors
-from volid.compensation.nominal import influence
-from volid.compensation.parts import TABLE, rotary_letters
+from volid.compensation.grids.parts import TABLE, rotary_letters
 from volid.exceptions import InputError, NotDeterminedError
 from volid.fitting.solution import Solution
-from volid.iso230 import ROTARY_AXES
+from volid.model.iso230 import ROTARY_AXES
+from volid.model.nominal import influence
 
 
 def spindle_turn(solution: Solution) -> np.ndarray:

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from volid.error_functions import reference_of
-from volid.error_model import ROWS
 from volid.exceptions import InputError
 from volid.fitting.solution import Solution
-from volid.iso230 import LINEAR_AXES, SPINDLE, ErrorName, parse
-from volid.splines import Basis, design_matrix
+from volid.model.error_functions import reference_of
+from volid.model.error_model import ROWS
+from volid.model.iso230 import LINEAR_AXES, SPINDLE, ErrorName, parse
+from volid.model.splines import Basis, design_matrix
 
 
 @dataclass(frozen=True, eq=False)

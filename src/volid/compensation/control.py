@@ -13,16 +13,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from volid.compensation.error_table import ITSELF, MODEL, ErrorTable
-from volid.compensation.grids import Grid
-from volid.compensation.nominal import axis_directions, influence, nominal_point, side_rotation
+from volid.compensation.grids.linear import Grid
+from volid.compensation.grids.parts import lever_points, rotated_tool
+from volid.compensation.grids.rotary import RotaryGrid
 from volid.compensation.orientation import PoleRule, rotary_turns
-from volid.compensation.parts import lever_points, rotated_tool
-from volid.compensation.rotary_grids import RotaryGrid
-from volid.error_model import ROWS
+from volid.compensation.tables.error_table import ITSELF, MODEL, ErrorTable
 from volid.exceptions import InputError
-from volid.iso230 import SPINDLE, parse
-from volid.machine import Machine
+from volid.model.error_model import ROWS
+from volid.model.iso230 import SPINDLE, parse
+from volid.model.machine import Machine
+from volid.model.nominal import axis_directions, influence, nominal_point, side_rotation
 
 FOR = "FOR"
 TURNING = (FOR, "L-VOL+", "R-VOL+")

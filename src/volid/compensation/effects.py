@@ -19,8 +19,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from volid.compensation.base import Base, model_errors
-from volid.compensation.nominal import influence
-from volid.compensation.parts import HEAD, rotary_letters
+from volid.compensation.grids.parts import HEAD, rotary_letters
 from volid.compensation.types import (
     ANG,
     LINEAR_EFFECTS,
@@ -35,10 +34,11 @@ from volid.compensation.types import (
     SQU,
     STR,
 )
-from volid.error_model import ROWS
 from volid.fitting.solution import Solution
-from volid.iso230 import LINEAR_AXES, SPINDLE, ErrorName
-from volid.machine import Axis, Machine
+from volid.model.error_model import ROWS
+from volid.model.iso230 import LINEAR_AXES, SPINDLE, ErrorName
+from volid.model.machine import Axis, Machine
+from volid.model.nominal import influence
 
 # Gauss-Legendre quadrature of the slope of a straightness line, uniform over the travel as the datum's
 PANELS, PANEL_NODES = 60, 3

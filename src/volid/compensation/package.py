@@ -8,16 +8,16 @@ from typing import Any
 
 from volid.compensation.base import Base
 from volid.compensation.control import Control
-from volid.compensation.effect_grids import Rule, effect_grids
-from volid.compensation.error_table import ErrorTable
-from volid.compensation.grids import Grid
-from volid.compensation.rotary_grids import RotaryGrid
-from volid.compensation.sampling import Sampling
-from volid.compensation.tables import error_tables
+from volid.compensation.grids.by_effects import Rule, effect_grids
+from volid.compensation.grids.linear import Grid
+from volid.compensation.grids.rotary import RotaryGrid
+from volid.compensation.tables.by_function import error_tables
+from volid.compensation.tables.error_table import ErrorTable
+from volid.compensation.tables.sampling import Sampling
 from volid.compensation.types import GRID, TABLES, TYPES, CompensationType, select
 from volid.exceptions import InputError
 from volid.fitting.solution import Solution
-from volid.machine import Machine
+from volid.model.machine import Machine
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,14 +11,14 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 from volid.compensation.base import Base
-from volid.compensation.error_table import ErrorTable
-from volid.compensation.grids import Grid
-from volid.compensation.rotary_grids import RotaryGrid
+from volid.compensation.grids.linear import Grid
+from volid.compensation.grids.rotary import RotaryGrid
+from volid.compensation.tables.error_table import ErrorTable
 from volid.compensation.types import LINE, TYPES
 from volid.exceptions import InputError
 from volid.fitting.solution import Solution
-from volid.iso230 import LINEAR_AXES, SPINDLE
-from volid.machine import Axis
+from volid.model.iso230 import LINEAR_AXES, SPINDLE
+from volid.model.machine import Axis
 
 Ranges = Mapping[str, tuple[float, float]]
 

@@ -6,11 +6,11 @@ from collections.abc import Collection
 
 import numpy as np
 
-from volid.compensation.grids import Grid
-from volid.compensation.parts import part_letters
-from volid.compensation.rotary_grids import RotaryGrid
+from volid.compensation.grids.linear import Grid
+from volid.compensation.grids.parts import part_letters
+from volid.compensation.grids.rotary import RotaryGrid
 from volid.fitting.solution import Solution
-from volid.iso230 import parse
+from volid.model.iso230 import parse
 
 NONE = "none: the model has no reversal"
 DENSE = 201  # positions per axis at which the largest reversal is looked for

@@ -12,13 +12,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from volid.backend.even_points import even_points
+from volid.backend.lazy import jnp
 from volid.compensation.base import model_errors
-from volid.compensation.nominal import influence
-from volid.error_model import build_model
-from volid.even_points import even_points
 from volid.fitting.solution import Solution
-from volid.lazy import jnp
-from volid.machine import FunctionSettings, ModelSettings
+from volid.model.error_model import build_model
+from volid.model.machine import FunctionSettings, ModelSettings
+from volid.model.nominal import influence
 
 POINTS = 2048
 RELATIVE_RANK = 1e-9  # of the singular values of scaled columns

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from volid.compensation.grids import Grid
-from volid.compensation.rotary_grids import RotaryGrid
+from volid.compensation.grids.linear import Grid
+from volid.compensation.grids.rotary import RotaryGrid
 from volid.exceptions import InputError
 
 

@@ -12,9 +12,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from volid.compensation.error_table import ErrorTable
-from volid.compensation.grids import Grid, grid_positions
-from volid.compensation.rotary_grids import RotaryGrid
+from volid.compensation.grids.linear import Grid, grid_positions
+from volid.compensation.grids.rotary import RotaryGrid
+from volid.compensation.tables.error_table import ErrorTable
 from volid.exceptions import InputError
 
 AnyGrid = Grid | RotaryGrid

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from volid.exceptions import InputError
-from volid.iso230 import LINEAR_AXES
-from volid.machine import Machine
+from volid.model.iso230 import LINEAR_AXES
+from volid.model.machine import Machine
 
 # effects: of linear axes, of rotary axes, and orientation turned by the rotary axes
 POS, STR, SQU, ANG = "positioning", "straightness", "squareness", "angular"

@@ -11,13 +11,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from volid.campaign import Campaign
-from volid.error_model import LOCATION, ErrorModel
 from volid.exceptions import InputError
-from volid.fitting.identifiability import UNIT, parameter_units
-from volid.fitting.prediction import gradient_matrix
-from volid.iso230 import DIRECTIONS, LINEAR_AXES, ROTARY_AXES
-from volid.kinematics import nominal_point, transform
-from volid.machine import BED, WORKPIECE, Datum, Machine
+from volid.fitting.diagnosis.identifiability import UNIT, parameter_units
+from volid.fitting.prediction.deviations import gradient_matrix
+from volid.model.error_model import LOCATION, ErrorModel
+from volid.model.iso230 import DIRECTIONS, LINEAR_AXES, ROTARY_AXES
+from volid.model.kinematics import nominal_point, transform
+from volid.model.machine import BED, WORKPIECE, Datum, Machine
 from volid.observations.base import Nuisance
 
 ARM = 500.0  # mm: weighs rotations against translations in the comparison of two fields

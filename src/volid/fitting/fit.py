@@ -10,24 +10,24 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
+from volid.backend.threads import one_blas_thread
 from volid.campaign import Campaign
-from volid.checks import check_campaign
-from volid.error_functions import motion_names
-from volid.error_model import build_model
 from volid.exceptions import InputError
-from volid.fitting import resolution
-from volid.fitting.adequacy import SuspectReading, assess, reading_label
+from volid.fitting.diagnosis import resolution
+from volid.fitting.diagnosis.adequacy import SuspectReading, assess, reading_label
+from volid.fitting.diagnosis.identifiability import NAMED, analyse
+from volid.fitting.diagnosis.robust import down_weight, name_outliers, set_aside
+from volid.fitting.equations.interpreted import interpreted, is_small
+from volid.fitting.equations.problem import Prior, Problem, build_problem, with_random_effects
+from volid.fitting.equations.solver import Optimum, solve
 from volid.fitting.fitter import Fitter, Method
-from volid.fitting.identifiability import NAMED, analyse
-from volid.fitting.interpreted import interpreted, is_small
 from volid.fitting.prior import check_prior, prior_notes, prior_of, shared_names
-from volid.fitting.problem import Prior, Problem, build_problem, with_random_effects
-from volid.fitting.robust import down_weight, name_outliers, set_aside
 from volid.fitting.solution import Residuals, Solution, Statistics, read_only
-from volid.fitting.solver import Optimum, solve
 from volid.fitting.starts import find_starts
-from volid.machine import Datum, Machine
-from volid.threads import one_blas_thread
+from volid.model.error_functions import motion_names
+from volid.model.error_model import build_model
+from volid.model.machine import Datum, Machine
+from volid.plausibility.checks import check_campaign
 
 Progress = Callable[[str], None]
 CHORD, OPTIMISTIX = "chord", "optimistix"
@@ -156,7 +156,7 @@ def _method(solver: str) -> Method:
         raise InputError(f"solver is '{solver}'; expected '{CHORD}' or '{OPTIMISTIX}'")
     if solver == CHORD:
         return solve
-    from volid.fitting.optimistix_solver import solve_by_optimistix  # takes a second to import
+    from volid.fitting.equations.optimistix_solver import solve_by_optimistix  # takes a second to import
 
     return solve_by_optimistix
 

@@ -8,12 +8,12 @@ import numpy as np
 
 from volid.campaign import Campaign
 from volid.exceptions import InputError, VolidError
-from volid.fitting.equations import predict_all, quadratic_forms
-from volid.fitting.holdout import held_out_residuals
-from volid.fitting.identifiability import Identifiability, analyse
-from volid.fitting.problem import Problem, pad_rows, reweight, scatter
-from volid.fitting.robust import Weighted
-from volid.fitting.solver import Optimum, solve
+from volid.fitting.diagnosis.hold_out import held_out_residuals
+from volid.fitting.diagnosis.identifiability import Identifiability, analyse
+from volid.fitting.diagnosis.robust import Weighted
+from volid.fitting.equations.compiled import predict_all, quadratic_forms
+from volid.fitting.equations.problem import Problem, pad_rows, reweight, scatter
+from volid.fitting.equations.solver import Optimum, solve
 
 Method = Callable[..., Optimum]  # as `solver.solve`
 

@@ -12,11 +12,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from volid.error_functions import reference_of
 from volid.exceptions import InputError
 from volid.fitting.solution import FunctionValue, Solution
-from volid.iso230 import DIRECTIONS, ROTARY_AXES
-from volid.machine import Axis
+from volid.model.error_functions import reference_of
+from volid.model.iso230 import DIRECTIONS, ROTARY_AXES
+from volid.model.machine import Axis
 
 MACHINE = "machine"
 

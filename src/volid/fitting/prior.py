@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from volid.error_functions import motion_names, settings_for
-from volid.error_model import ErrorModel
 from volid.exceptions import InputError
-from volid.fitting.identifiability import parameter_units
-from volid.fitting.problem import Prior
+from volid.fitting.diagnosis.identifiability import parameter_units
+from volid.fitting.equations.problem import Prior
 from volid.fitting.solution import Solution
-from volid.iso230 import SPINDLE, parse
-from volid.machine import Machine
+from volid.model.error_functions import motion_names, settings_for
+from volid.model.error_model import ErrorModel
+from volid.model.iso230 import SPINDLE, parse
+from volid.model.machine import Machine
 
 EXACT = 1e-12  # eigenvalues of the scaled covariance below this share of the largest carry no information
 

@@ -8,22 +8,22 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from volid.backend.lazy import jnp
+from volid.backend.pytrees import STATIC, register_dataclass
 from volid.campaign import Campaign
-from volid.error_functions import reference_of
-from volid.error_model import ErrorModel, build_model, error_values, evaluate_bases
-from volid.fitting.adequacy import Adequacy, SuspectReading
 from volid.fitting.datum import s_transformation, workpiece_rows
-from volid.fitting.determination import known_deviations
-from volid.fitting.identifiability import NAMED, parameter_units
-from volid.fitting.prediction import ESTIMABLE, chain_of
-from volid.fitting.spread import linear_uncertainty
-from volid.iso230 import describe, parse
-from volid.kinematics import deviation
-from volid.lazy import jnp
-from volid.machine import Datum, Machine
+from volid.fitting.diagnosis.adequacy import Adequacy, SuspectReading
+from volid.fitting.diagnosis.identifiability import NAMED, parameter_units
+from volid.fitting.prediction.determination import known_deviations
+from volid.fitting.prediction.deviations import ESTIMABLE, chain_of
+from volid.fitting.prediction.spread import linear_uncertainty
+from volid.model.error_functions import reference_of
+from volid.model.error_model import ErrorModel, build_model, error_values, evaluate_bases
+from volid.model.iso230 import describe, parse
+from volid.model.kinematics import deviation
+from volid.model.machine import Datum, Machine
+from volid.model.splines import design_matrix
 from volid.observations.base import Nuisance
-from volid.splines import design_matrix
-from volid.trees import STATIC, register_dataclass
 
 
 class Deviations(NamedTuple):

@@ -8,9 +8,9 @@ import numpy as np
 
 from volid.campaign import Campaign, ObservationSet, Station
 from volid.exceptions import InputError
-from volid.kinematics import functional_point, transform
-from volid.machine import Machine
-from volid.multilateration import StationEstimate, trilaterate
+from volid.model.kinematics import functional_point, transform
+from volid.model.machine import Machine
+from volid.multilateration.trilateration import StationEstimate, trilaterate
 from volid.observations.distance import sees_tool, target_body, target_place
 
 

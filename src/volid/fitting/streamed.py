@@ -13,20 +13,20 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from volid.backend.lazy import jax, jnp
+from volid.backend.threads import one_blas_thread
 from volid.campaign import Campaign
 from volid.exceptions import InputError
-from volid.fitting.adequacy import Tally
-from volid.fitting.equations import predict_all, quadratic_forms
+from volid.fitting.diagnosis.adequacy import Tally
+from volid.fitting.equations.compiled import predict_all, quadratic_forms
+from volid.fitting.equations.free_directions import FreeDirections
+from volid.fitting.equations.interpreted import interpreted, is_small
+from volid.fitting.equations.problem import Problem, build_problem, pad_rows, scatter, with_random_effects
+from volid.fitting.equations.solver import Objective, solve
 from volid.fitting.fit import Progress, Stages, breakdown_named
-from volid.fitting.interpreted import interpreted, is_small
-from volid.fitting.problem import Problem, build_problem, pad_rows, scatter, with_random_effects
-from volid.fitting.projection import FreeDirections
 from volid.fitting.solution import Solution
-from volid.fitting.solver import Objective, solve
-from volid.lazy import jax, jnp
-from volid.machine import Datum
+from volid.model.machine import Datum
 from volid.observations.base import NuisanceTable
-from volid.threads import one_blas_thread
 
 SAMPLE = 10_000  # rows that stations, rank and resolution are decided on
 STREAMED = "streamed"  # option of a solution: number of readings that it was made of

@@ -1,9 +1,9 @@
 """Files: machines, campaigns, and how every output is written (whole or not at all)."""
 
-from volid.io.campaign_hdf5 import read_campaign, write_campaign
-from volid.io.campaign_text import read_manifest, write_manifest
-from volid.io.campaigns import load_campaign
-from volid.io.machine_toml import format_machine, parse_machine, read_machine
+from volid.io.campaign.files import load_campaign
+from volid.io.campaign.hdf5 import read_campaign, write_campaign
+from volid.io.campaign.manifest import read_manifest, write_manifest
+from volid.io.machines import format_machine, parse_machine, read_machine
 
 __all__ = [
     "format_machine",

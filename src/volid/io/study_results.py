@@ -16,11 +16,11 @@ from typing import Any, NamedTuple
 import h5py
 
 from volid.exceptions import InputError, OutputError
-from volid.io.atomic import atomic_output
-from volid.io.hdf5_values import write_array, write_text
-from volid.io.tables_csv import Sheet, text_output, write_csv
-from volid.study import COLUMNS, Record, Study, Task
-from volid.study_summary import SUMMARY
+from volid.io.basics.atomic import atomic_output
+from volid.io.basics.hdf5_values import write_array, write_text
+from volid.io.functions_csv import Sheet, text_output, write_csv
+from volid.study.campaigns import COLUMNS, Record, Study, Task
+from volid.study.summary import SUMMARY
 
 FORMAT = "volid-study-results/1"
 ENDINGS = (".h5", ".hdf5", ".csv")

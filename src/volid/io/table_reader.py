@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from volid.compensation.error_table import ITSELF, MODEL, ErrorTable
+from volid.compensation.tables.error_table import ITSELF, MODEL, ErrorTable
 from volid.exceptions import InputError
-from volid.io.csv_table import CsvTable, read_csv
-from volid.io.table_files import ABSOLUTE, COMPENSATION, ERROR, FORMAT, INCREMENTAL
-from volid.io.tables_csv import OUTSIDE, read_flags
-from volid.io.toml_table import read_text
-from volid.iso230 import parse
+from volid.io.basics.csv_table import CsvTable, read_csv
+from volid.io.basics.toml_table import read_text
+from volid.io.functions_csv import OUTSIDE, read_flags
+from volid.io.tables import ABSOLUTE, COMPENSATION, ERROR, FORMAT, INCREMENTAL
+from volid.model.iso230 import parse
 
 
 def read_table(path: str | Path) -> ErrorTable:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from volid.campaign import Campaign, ObservationSet
-from volid.machine import Machine
+from volid.model.machine import Machine
 
 
 class Prediction(Protocol):

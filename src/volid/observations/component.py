@@ -10,13 +10,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from volid.backend.elementary import in_rows
 from volid.campaign import Campaign, ObservationSet
-from volid.elementary import in_rows
 from volid.exceptions import InputError
-from volid.geometry import Vector
-from volid.iso230 import DIRECTIONS, ROTATIONS
-from volid.kinematics import deviation
-from volid.machine import Machine
+from volid.model.geometry import Vector
+from volid.model.iso230 import DIRECTIONS, ROTATIONS
+from volid.model.kinematics import deviation
+from volid.model.machine import Machine
 from volid.observations.base import Group, Kind, NuisanceTable
 
 SPREAD = {"mm": 0.01, "rad": 1e-4}  # of a line's offset; a virtual instrument draws from it

@@ -16,12 +16,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from volid.backend.elementary import in_rows
 from volid.campaign import Campaign, ObservationSet
-from volid.elementary import in_rows
 from volid.exceptions import InputError
-from volid.geometry import Vector, add, rotate_small, subtract
-from volid.kinematics import functional_point, to_tool_frame, transform
-from volid.machine import Machine
+from volid.model.geometry import Vector, add, rotate_small, subtract
+from volid.model.kinematics import functional_point, to_tool_frame, transform
+from volid.model.machine import Machine
 from volid.observations.base import Group, Kind, NuisanceTable
 
 SPREAD = {"nest": 0.1, "rotation": 5e-3, "scale": 1e-3}  # of what is unknown of a virtual sensor [mm, rad, 1]

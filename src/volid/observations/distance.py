@@ -14,12 +14,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from volid.backend.elementary import in_rows
 from volid.campaign import Campaign, ObservationSet, Station
-from volid.elementary import in_rows
 from volid.exceptions import InputError
-from volid.geometry import Vector, add, norm, rotate_small, subtract
-from volid.kinematics import functional_point, transform
-from volid.machine import TOOL, Machine
+from volid.model.geometry import Vector, add, norm, rotate_small, subtract
+from volid.model.kinematics import functional_point, transform
+from volid.model.machine import TOOL, Machine
 from volid.observations.base import Group, Kind, NuisanceTable
 
 

@@ -15,12 +15,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from volid.backend.elementary import arctan2, in_rows, sqrt, whole
 from volid.campaign import Campaign, ObservationSet, Station
-from volid.elementary import arctan2, in_rows, sqrt, whole
 from volid.exceptions import InputError
-from volid.geometry import Vector, rotate_small, subtract
-from volid.kinematics import functional_point, transform
-from volid.machine import Machine
+from volid.model.geometry import Vector, rotate_small, subtract
+from volid.model.kinematics import functional_point, transform
+from volid.model.machine import Machine
 from volid.observations.base import Group, Kind, NuisanceTable
 
 SPREAD = 1e-3  # rad: a virtual station's orientation is drawn within

@@ -12,7 +12,7 @@ import numpy as np
 
 from volid.campaign import Campaign, ObservationSet, Station
 from volid.exceptions import InputError
-from volid.machine import Machine
+from volid.model.machine import Machine
 from volid.planning.following import follow, one_turn, rotary_axes, with_rotary, within_travel
 from volid.planning.places import reachable
 

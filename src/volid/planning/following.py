@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from volid.exceptions import InputError
-from volid.iso230 import LINEAR_AXES
-from volid.kinematics import nominal_point, transform
-from volid.machine import Axis, Machine
+from volid.model.iso230 import LINEAR_AXES
+from volid.model.kinematics import nominal_point, transform
+from volid.model.machine import Axis, Machine
 
 _PARALLEL = 1e-6  # determinant of the three directions
 

@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from volid.iso230 import LINEAR_AXES
-from volid.kinematics import nominal_point
-from volid.machine import Machine
+from volid.model.iso230 import LINEAR_AXES
+from volid.model.kinematics import nominal_point
+from volid.model.machine import Machine
 from volid.planning.following import follow, rotary_axes
 
 Vector = Sequence[float]

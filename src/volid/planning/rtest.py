@@ -12,7 +12,7 @@ import numpy as np
 
 from volid.campaign import Campaign, ObservationSet
 from volid.exceptions import InputError
-from volid.machine import Axis, Machine
+from volid.model.machine import Axis, Machine
 from volid.observations.displacement import RANGE
 from volid.planning.following import follow, one_turn, rotary_axes, with_rotary, within_travel
 from volid.planning.places import spheres_and_tools

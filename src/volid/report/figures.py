@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from volid.compensation.rotary_grids import RotaryGrid
+from volid.compensation.grids.rotary import RotaryGrid
 from volid.fitting.solution import Solution
-from volid.iso230 import DIRECTIONS, ROTARY_AXES, describe, motion, parse
+from volid.model.iso230 import DIRECTIONS, ROTARY_AXES, describe, motion, parse
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

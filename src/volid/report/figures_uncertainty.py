@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from volid.fitting.solution import FunctionValue, Solution
-from volid.iso230 import parse
+from volid.model.iso230 import parse
 from volid.uncertainty.budget import Line
 from volid.uncertainty.coverage import coverage_intervals
 from volid.uncertainty.intervals import function_intervals

@@ -10,9 +10,9 @@ import numpy as np
 
 from volid.compensation.control import asked_speed
 from volid.compensation.orientation import poles
-from volid.compensation.residual import Column, Forecast
-from volid.compensation.volume_fields import ANGLES, LENGTHS, QUANTITIES
-from volid.machine import Machine
+from volid.compensation.residual.fields import ANGLES, LENGTHS, QUANTITIES
+from volid.compensation.residual.forecast import Column, Forecast
+from volid.model.machine import Machine
 from volid.report.text import table, vector
 
 if TYPE_CHECKING:

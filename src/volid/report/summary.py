@@ -14,18 +14,18 @@ from typing import Any
 import numpy as np
 
 from volid.campaign import Campaign, ObservationSet
-from volid.checks import closures
-from volid.compensation.grids import describe_datum, linear_grid
-from volid.compensation.parts import left_out
-from volid.compensation.rotary_grids import rotary_grids
-from volid.compensation.volume import predict_residual, volumetric_summary
+from volid.compensation.grids.linear import describe_datum, linear_grid
+from volid.compensation.grids.parts import left_out
+from volid.compensation.grids.rotary import rotary_grids
+from volid.compensation.residual.volume import predict_residual, volumetric_summary
 from volid.exceptions import InputError, NotDeterminedError
-from volid.fitting.adequacy import SuspectReading
-from volid.fitting.holdout import by_angle, rotary_poses, total
+from volid.fitting.diagnosis.adequacy import SuspectReading
+from volid.fitting.diagnosis.hold_out import by_angle, rotary_poses, total
 from volid.fitting.solution import FunctionValue, Solution
-from volid.iso230 import DIRECTIONS, LINEAR_AXES, ROTARY_AXES, ROTATIONS, SPINDLE, describe, parse
+from volid.model.iso230 import DIRECTIONS, LINEAR_AXES, ROTARY_AXES, ROTATIONS, SPINDLE, describe, parse
 from volid.observations import KINDS
 from volid.observations.distance import sees_tool
+from volid.plausibility.checks import closures
 from volid.report.summary_text import format_summary
 from volid.uncertainty.lack_of_fit import lack_of_fit
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from volid.iso230 import DIRECTIONS, ROTATIONS
+from volid.model.iso230 import DIRECTIONS, ROTATIONS
 from volid.report.text import bullets, micro, paragraph, table, unit_of, vector
 
 _LISTED = 10

@@ -16,15 +16,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from volid.fitting.equations import normal_equations
-from volid.fitting.prediction import gradient_matrix
+from volid.backend.lazy import jnp
+from volid.fitting.equations.compiled import normal_equations
+from volid.fitting.prediction.deviations import gradient_matrix
+from volid.fitting.prediction.spread import linear_uncertainty
 from volid.fitting.solution import Solution
-from volid.fitting.spread import linear_uncertainty
 from volid.fitting.streamed import check_not_streamed
-from volid.lazy import jnp
 from volid.observations import KINDS
 from volid.uncertainty.outputs import Outputs
-from volid.uncertainty.refit import Refitter
+from volid.uncertainty.trials.refit import Refitter
 
 COMPONENTS = ("ex", "ey", "ez", "ea", "eb", "ec")
 

@@ -12,11 +12,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from volid.error_model import ErrorModel
-from volid.fitting.prediction import THREADS, gradient_matrix
+from volid.fitting.prediction.deviations import THREADS, gradient_matrix
 from volid.fitting.solution import FunctionValue, Solution
+from volid.model.error_model import ErrorModel
 from volid.uncertainty.coverage import Intervals, coverage_intervals
-from volid.uncertainty.samples import Samples
+from volid.uncertainty.trials.samples import Samples
 
 PIECE = 256  # points of one piece: 6 components of 10,000 samples are 125 MB
 

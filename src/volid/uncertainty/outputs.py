@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from volid.fitting.prediction import deviation_values, gradient_matrix
+from volid.fitting.prediction.deviations import deviation_values, gradient_matrix
+from volid.fitting.prediction.working_volume import volume_positions
 from volid.fitting.solution import Solution
-from volid.fitting.working_volume import volume_positions
-from volid.iso230 import parse
+from volid.model.iso230 import parse
 
 POSITIONS = 7  # of every error motion
 

@@ -7,12 +7,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from volid.fitting.prediction.spread import linear_uncertainty
 from volid.fitting.solution import Solution
-from volid.fitting.spread import linear_uncertainty
 from volid.uncertainty.coverage import PROBABILITY, Intervals, coverage_intervals, gum_validity
 from volid.uncertainty.lack_of_fit import LackOfFit, lack_of_fit
 from volid.uncertainty.outputs import FIELD, Outputs, headline_outputs
-from volid.uncertainty.samples import Samples
+from volid.uncertainty.trials.samples import Samples
 
 
 class Row(NamedTuple):

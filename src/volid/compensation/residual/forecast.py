@@ -1,0 +1,187 @@
+"""What each compensation type leaves over the working volume, with coverage intervals (ISO/TR 16907 11.1).
+
+At points over the travel, for every draw of the parameters,
+
+    remaining = e(draw) + what the altered command moves,    the command from tables and grids of the estimate, as a control
+    holds them,
+
+so that uncertainty of the solution, interpolation, least increment, wrong tool data, poles and all that a type cannot reach come
+together. Translations are the functional point's less their least-squares rigid motion of the workpiece frame; the orientation
+less its rotation. Draws are the Monte Carlo samples of the solution when it has them, else normal ones from its covariance.
+Not included: repeatability and thermal change of the machine, which bound what can be reached.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from volid.compensation.base import Base
+from volid.compensation.control import Control, Motion, asked_motion
+from volid.compensation.grids.by_effects import Rule
+from volid.compensation.package import Compensation, compensate
+from volid.compensation.residual.fields import LENGTHS, Field, Places, moved_by, quantities, volume_places
+from volid.compensation.reversal import NONE as NO_REVERSAL
+from volid.compensation.reversal import reversal_text
+from volid.compensation.tables.sampling import Sampling
+from volid.fitting.solution import Solution
+from volid.model.machine import Machine
+from volid.uncertainty.coverage import coverage_intervals
+
+DRAWS = 400
+MOST_SAMPLES = 2000
+NONE = "none"
+
+
+class Prediction(NamedTuple):
+    """What one compensation leaves for one tool vector, each (10,) in the order of `QUANTITIES` [mm, rad].
+
+    `value`: mean over the draws of the largest and RMS length, the length that 95 % of the points keep, the largest |X|, |Y|,
+    |Z| and the largest |A|, |B|, |C| of the orientation and the largest tilt of the tool axis, which is what a turning tool
+    feels; `low`, `high`: 95 % coverage interval; `exact`: if the solution were exact. NaN: not determined by the data.
+    """
+
+    value: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    exact: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Column:
+    """Predictions of one list of types: one per tool vector; `motion`: what it asks of the axes; `unintended`: largest motion
+    of the functional point by turned rotary axes [mm], corrected unless FOR stands alone."""
+
+    name: str
+    predictions: tuple[Prediction, ...]
+    motion: Motion
+    unintended: float
+    compensation: Compensation
+
+
+@dataclass(frozen=True, eq=False)
+class Forecast:
+    """Columns from "none" to the last list of types. `tools`: tool vectors (k, 3) [mm]. `draws`: how many, `source`: from
+    where."""
+
+    columns: tuple[Column, ...]
+    tools: np.ndarray
+    draws: int
+    source: str
+    notes: tuple[str, ...] = field(default_factory=tuple)
+
+
+def forecast(
+    solution: Solution,
+    lists: Sequence[Sequence[str]],
+    base: Base,
+    tools: np.ndarray | None = None,
+    *,
+    places: Places | None = None,
+    tables: Sampling | None = None,
+    grids: Sampling | None = None,
+    points: int | None = None,
+    form: str | None = None,
+    rule: Rule | None = None,
+    control: Mapping[str, Any] | None = None,
+    tool_error: Sequence[float] = (0.0, 0.0, 0.0),
+    seed: int = 0,
+    ranges: Mapping[str, tuple[float, float]] | None = None,
+) -> Forecast:
+    """Predictions for each list of types, after "none", for each tool vector (default: the base tool).
+
+    `control`: options of `Control`: increment, clamped, poles, correct_motion. `tool_error`: what the control believes less
+    the true tool vector [mm]. Others as in `compensate`. Raises `InputError`, and `NotDeterminedError` when the data do not
+    determine the deviation of the functional point over the volume.
+    """
+    tools = base.tool[None] if tools is None else np.atleast_2d(tools)
+    places = volume_places(solution.machine) if places is None else places
+    draws, source = parameter_draws(solution, seed)
+    fields = [Field(solution, places, tool, base) for tool in tools]
+    columns = []
+    for names in ((), *lists):
+        made = compensate(
+            solution,
+            names,
+            base,
+            tables=tables,
+            grids=grids,
+            points=points,
+            form=form,
+            rule=rule,
+            uncertainty=False,
+            ranges=ranges,
+        )
+        columns.append(
+            _column(solution.machine, names, made, fields, draws, dict(control or {}), np.asarray(tool_error))
+        )
+    return Forecast(tuple(columns), tools, len(draws), source, _notes(solution, columns))
+
+
+def _notes(solution: Solution, columns: Sequence[Column]) -> tuple[str, ...]:
+    texts = {reversal_text(solution, g): None for c in columns for g in c.compensation.grids}
+    return tuple(f"grids hold no reversal, what is left is predicted: {t}" for t in texts if t != NO_REVERSAL)
+
+
+def parameter_draws(solution: Solution, seed: int = 0) -> tuple[np.ndarray, str]:
+    """Draws of θ less its estimate, (s, n), and from where they are."""
+    theta = np.asarray(solution.parameters)
+    if solution.samples is not None:
+        values = solution.samples.outputs(lambda x: x[:, : len(theta)])[:MOST_SAMPLES]
+        return values - theta, "Monte Carlo samples of the solution"
+    values, vectors = np.linalg.eigh(solution.parameter_covariance)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    return np.random.default_rng(seed).standard_normal(
+        (DRAWS, root.shape[1])
+    ) @ root.T, "the covariance of the solution"
+
+
+def _column(
+    machine: Machine,
+    names: Sequence[str],
+    made: Compensation,
+    fields: Sequence[Field],
+    draws: np.ndarray,
+    options: dict[str, Any],
+    tool_error: np.ndarray,
+) -> Column:
+    found, unintended = [], 0.0
+    for own in fields:
+        acting = made.control(machine, **_told(options, own.tool, tool_error))
+        altered = acting.command(own.places.positions, own.tool, own.places.directions)
+        found.append(_prediction(own, moved_by(machine, own.places.positions, altered, own.tool), draws))
+        unintended = max(
+            unintended, float(np.linalg.norm(acting.unintended_motion(own.places.positions, own.tool), axis=1).max())
+        )
+    motion = asked_motion(
+        _told_control(made, machine, options, fields[0], tool_error), fields[0].places.positions, fields[0].tool
+    )
+    return Column(" + ".join(names) or NONE, tuple(found), motion, unintended, made)
+
+
+def _told(options: dict[str, Any], tool: np.ndarray, tool_error: np.ndarray) -> dict[str, Any]:
+    return {**options, "tool": tuple(tool + tool_error)} if tool_error.any() else options
+
+
+def _told_control(
+    made: Compensation, machine: Machine, options: dict[str, Any], own: Field, tool_error: np.ndarray
+) -> Control:
+    """The control whose motions are looked at: without the steps of its least increment, which have no speed."""
+    smooth = {k: v for k, v in _told(options, own.tool, tool_error).items() if k != "increment"}
+    return made.control(machine, **smooth)
+
+
+def _prediction(own: Field, moved: np.ndarray, draws: np.ndarray) -> Prediction:
+    centre = (own.estimate + moved)[None]
+    exact = quantities(own.without_rigid_motion(centre), own.tool_axis)[0]
+    spread = (draws @ own.gradient.reshape(-1, draws.shape[1]).T).reshape(len(draws), -1, 6)
+    values = quantities(own.without_rigid_motion(centre + spread), own.tool_axis)
+    bounds = coverage_intervals(values)
+    result = [values.mean(axis=0), bounds.low, bounds.high, exact]
+    if not own.angles_known:
+        for numbers in result:
+            numbers[len(LENGTHS) :] = np.nan
+    return Prediction(*result)

@@ -1,0 +1,97 @@
+"""One error function as a control holds it: positions, values approached from both sides, layout of ISO/TR 16907 Table 1."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from volid.model.iso230 import parse
+
+MODEL, ITSELF = "kinematic model", "the axis itself"
+COLUMNS, VALUE, DIFFERENCE = "columns", "value", "difference"
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorTable:
+    """One error function as a control holds it.
+
+    `function`: ISO 230-1 symbol; `type`: the compensation types whose effects it holds. `positions`: (n,) [mm or °]. `forward`,
+    `reverse`: ERROR values approached in + and -, (n,) [mm or rad]; `u`: standard uncertainties (n, 2). `outside`: (n,) True
+    where a position lies outside what was measured. `applied`: "kinematic model" or "the axis itself". `interpolation`: largest
+    deviation of linear interpolation between the points [mm or rad]. `basis`: lines, tool vector or elevation, in words. `zero`:
+    where values are zero. `period`: 360 for a full turn, else 0.
+    """
+
+    type: str
+    function: str
+    positions: np.ndarray
+    forward: np.ndarray
+    reverse: np.ndarray
+    u: np.ndarray
+    outside: np.ndarray
+    applied: str
+    interpolation: float
+    basis: Mapping[str, str] = field(default_factory=dict)
+    zero: str = ""
+    datum: str = ""
+    period: float = 0.0
+    notes: tuple[str, ...] = ()
+
+    @property
+    def axis(self) -> str:
+        """Letter of the axis whose position the control looks up; S for a constant of the tool frame."""
+        return parse(self.function).axis
+
+    @property
+    def has_reversal(self) -> bool:
+        """Whether the approach direction matters."""
+        return bool(np.any(self.forward != self.reverse))
+
+    @property
+    def unit(self) -> str:
+        """Unit of the values."""
+        return parse(self.function).unit
+
+    def at(self, positions: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        """Error value by linear interpolation, (m,): end values held outside; direction 0 or unknown: mean of both."""
+        x = np.asarray(positions, dtype=float)
+        if self.period:
+            beyond = (x < self.positions[0]) | (x > self.positions[-1])
+            x = np.where(beyond, self.positions[0] + np.mod(x - self.positions[0], self.period), x)
+        up, down = (np.interp(x, self.positions, v) for v in (self.forward, self.reverse))
+        return np.asarray(0.5 * (up + down) + 0.5 * np.sign(direction) * (up - down))
+
+    def table_1(self, reversal: str = COLUMNS, *, errors: bool = False) -> tuple[tuple[str, ...], np.ndarray]:
+        """The table of ISO/TR 16907, Table 1: columns such as X, EXX(+), EXX(-); one row per position.
+
+        `reversal`: "columns" for both directions, "difference" for EXX(+) and the reversal value B = E(+) - E(-) in a second
+        column, "value" for the mean alone (its one reversal value is `reversal_value`). Compensation values, or error values
+        (`errors`).
+        """
+        sign = 1.0 if errors else -1.0
+        up, down, f = sign * self.forward, sign * self.reverse, self.function
+        if not self.has_reversal:
+            return (self.axis, f), np.column_stack([self.positions, up])
+        if reversal == COLUMNS:
+            return (self.axis, f"{f}(+)", f"{f}(-)"), np.column_stack([self.positions, up, down])
+        if reversal == DIFFERENCE:
+            return (self.axis, f"{f}(+)", f"B_{f}"), np.column_stack([self.positions, up, up - down])
+        return (self.axis, f), np.column_stack([self.positions, 0.5 * (up + down)])
+
+    @property
+    def reversal_value(self) -> float:
+        """Mean over the positions of B = E(+) - E(-), error sense [mm or rad]."""
+        return float(np.mean(self.forward - self.reverse))
+
+    @property
+    def reversal_loss(self) -> float:
+        """What one reversal value instead of two columns leaves: largest |B - mean B| / 2 [mm or rad]."""
+        return float(np.abs(self.forward - self.reverse - self.reversal_value).max() / 2.0)
+
+
+def with_one_reversal(table: ErrorTable) -> ErrorTable:
+    """The table of a control that has one reversal value for the whole axis."""
+    mean, half = 0.5 * (table.forward + table.reverse), 0.5 * table.reversal_value
+    return replace(table, forward=mean + half, reverse=mean - half)

@@ -1,0 +1,321 @@
+"""What the data determine: a scaled rank decision, and its null space in words.
+
+The decision is taken on the Jacobian at the nominal machine, where the model is linear in its errors and undetermined
+combinations are exact. Machine parameters are measured in 0.1 mm and 0.1 mrad: a combination counts as determined when its
+standard uncertainty stays below ten such units (1 mm, 1 mrad) and its singular value above 1e-9 of the largest. Nuisance
+parameters are eliminated first (QR with their columns in front), so the null space is one of the machine alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from volid.campaign import Campaign
+from volid.fitting.equations.compiled import jacobian, normal_equations
+from volid.fitting.equations.problem import Problem
+from volid.model.error_functions import motion_names, settings_for
+from volid.model.error_model import LOCATION, ErrorModel
+from volid.model.iso230 import parse
+from volid.model.kinematics import nominal_point
+from volid.model.machine import Machine
+from volid.observations.distance import sees_tool
+
+UNIT = 0.1  # mm; the rotations' unit follows by dividing by 1 m
+ROTATION_UNIT = 1e-4  # rad
+WEAKEST = 0.1  # singular value in these units: standard uncertainty of 1 mm or 1 mrad
+RELATIVE = 1e-9
+# An almost undetermined combination (tools 0.1 mm beside the spindle axis) has small components in functions that are well
+# determined. They mean nothing: setting such a combination to 0 changes those by less than their uncertainty.
+HELD = 0.1  # cosine to the null space from which a tool rotation is part of it
+NAMED = 1e-4  # squared component from which a function is part of it
+SAME_SPHERE = 2.0  # mm: nominal points closer than this belong to one sphere; sensors reach about as far
+
+
+@dataclass(frozen=True)
+class Identifiability:
+    """Result of the rank decision.
+
+    `basis`: columns span the determined directions of the problem's free parameters, shape (n_free, rank).
+    `null_space`: undetermined combinations of the model's θ, shape (n_parameters, k), in θ's own units.
+    `tool_rotation`: undetermined directions of the constant tool rotation, held at 0, shape (3, r).
+    `statements`: the undetermined combinations in words. `nuisance_defect`: undetermined nuisance combinations.
+    """
+
+    basis: np.ndarray
+    null_space: np.ndarray
+    tool_rotation: np.ndarray
+    statements: tuple[str, ...] = ()
+    nuisance_defect: int = 0
+    undetermined: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def full_rank(self) -> bool:
+        """True when every function of the model is determined (a constant tool rotation may be held at 0)."""
+        return self.null_space.shape[1] == 0
+
+
+def parameter_units(model: ErrorModel) -> np.ndarray:
+    """Physical unit of every free model parameter: 0.1 mm or 0.1 mrad."""
+    units = np.empty(model.n_parameters)
+    for f in model.functions:
+        units[f.parameters] = ROTATION_UNIT if parse(f.name).is_rotation else UNIT
+    return units
+
+
+def _spindle_columns(model: ErrorModel) -> np.ndarray:
+    return np.array([f.parameters.start for f in model.functions if parse(f.name).axis == "S"], dtype=int)
+
+
+def _clear_cut(matrix: np.ndarray, n: int, units: np.ndarray) -> np.ndarray | None:
+    """Square root of the machine's Schur complement, when JᵀJ alone decides every direction with a wide gap; else None.
+
+    JᵀJ knows singular values only down to 1e-8 of the largest. That is enough when all directions lie far above that or
+    at its noise; anything between is left to the QR factorisation.
+    """
+    scaled = matrix * np.outer(*[np.concatenate([units, np.ones(matrix.shape[0] - n)])] * 2)
+    nuisance = np.diagonal(scaled)[n:]
+    if np.any(nuisance <= 0):
+        return None
+    jacobi = 1.0 / np.sqrt(nuisance)
+    inner = scaled[n:, n:] * np.outer(jacobi, jacobi)
+    if len(inner) and np.linalg.eigvalsh(inner)[0] < 1e-9:
+        return None
+    cross = scaled[:n, n:] * jacobi
+    schur = scaled[:n, :n] - (cross @ cho_solve(cho_factor(inner), cross.T) if len(inner) else 0.0)
+    values, vectors = np.linalg.eigh(schur)
+    largest = max(float(values[-1]), 1.0) if n else 1.0
+    high = values > max(100.0 * WEAKEST**2, 1e-8 * largest)
+    low = np.abs(values) < min(0.01 * WEAKEST**2, 1e-11 * largest)
+    if not np.all(high | low):
+        return None
+    return np.asarray(np.sqrt(np.where(high, values, 0.0))[:, None] * vectors.T)
+
+
+def _triangle(problem: Problem) -> np.ndarray:
+    """R of the QR factorisation of the whitened Jacobian in free parameters, nuisance columns first; streamed."""
+    n = problem.model.n_parameters
+    order = np.concatenate([np.arange(n, problem.free.shape[1]), np.arange(n)])
+    free = problem.free[:, order]
+    triangle = np.zeros((0, free.shape[1]))
+    for chunks in jacobian(problem.system, problem.start):
+        for chunk in np.asarray(chunks):
+            triangle = np.asarray(np.linalg.qr(np.vstack([triangle, chunk.T @ free]), mode="r"))
+    prior = np.asarray(problem.system.prior_root) @ free
+    return np.asarray(np.linalg.qr(np.vstack([triangle, prior, np.zeros((free.shape[1], free.shape[1]))]), mode="r"))
+
+
+def _split(matrix: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray]:
+    """Right singular vectors above and below `least` and the relative threshold: (determined, null)."""
+    if matrix.shape[1] == 0:
+        return np.zeros((0, 0)), np.zeros((0, 0))
+    _, values, vt = np.linalg.svd(matrix, full_matrices=True)
+    values = np.concatenate([values, np.zeros(vt.shape[0] - len(values))])
+    kept = values > max(least, RELATIVE * max(values[0], 1e-300))
+    return vt[kept].T, vt[~kept].T
+
+
+def _by_triangle(problem: Problem, units: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Machine part of R in physical units, Jacobi scale of the nuisance columns, and their determined and null parts."""
+    triangle = _triangle(problem)
+    m = triangle.shape[1] - problem.model.n_parameters
+    norms = np.linalg.norm(triangle[:, :m], axis=0)
+    jacobi = 1.0 / np.where(norms > 0, norms, 1.0)
+    kept, lost = _split(triangle[:m, :m] * jacobi, 0.0)
+    machine = triangle[:, m:] * units
+    if lost.size:  # part of the machine's signal may sit where the nuisance columns are deficient
+        q, _ = np.linalg.qr(triangle[:, :m] * jacobi @ kept)
+        machine = machine - q @ (q.T @ machine)
+    else:
+        machine = machine[m:]
+    return machine, jacobi, kept, lost
+
+
+def analyse(problem: Problem, campaign: Campaign) -> Identifiability:
+    """Decide which combinations of the free parameters the data determine, at the problem's start (nominal machine)."""
+    model = problem.model
+    n, n_free = model.n_parameters, problem.free.shape[1]
+    units = parameter_units(model)
+    matrix = problem.free.T @ np.asarray(normal_equations(problem.system, problem.start).matrix) @ problem.free
+    m = n_free - n
+    machine = _clear_cut(matrix, n, units)
+    jacobi, kept, lost = np.ones(m), np.eye(m), np.zeros((m, 0))
+    if machine is None:
+        machine, jacobi, kept, lost = _by_triangle(problem, units)
+    tool, held = _hold_tool_rotation(machine, _spindle_columns(model))
+    determined, null = _split(machine @ held, WEAKEST)
+    basis = np.zeros((n_free, determined.shape[1] + kept.shape[1]))
+    basis[:n, : determined.shape[1]] = units[:, None] * (held @ determined)
+    basis[n:, determined.shape[1] :] = jacobi[:, None] * kept
+    scaled_null = held @ null
+    return Identifiability(
+        basis=basis,
+        null_space=units[:, None] * scaled_null,
+        tool_rotation=tool,
+        statements=explain(model, scaled_null, campaign, tool.shape[1] > 0),
+        nuisance_defect=lost.shape[1],
+        undetermined=involvement(model, scaled_null),
+    )
+
+
+def _hold_tool_rotation(machine: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Undetermined directions of the tool rotation (r columns), and a basis of the parameters with these held at 0."""
+    n = machine.shape[1]
+    _, null = _split(machine, WEAKEST)
+    share = null[columns] if null.size else np.zeros((len(columns), 0))
+    if not share.size:
+        return np.zeros((len(columns), 0)), np.eye(n)
+    u, values, _ = np.linalg.svd(share, full_matrices=True)
+    rank = int(np.sum(values > HELD))
+    held = np.eye(n)
+    others = np.setdiff1d(np.arange(n), columns)
+    left = np.zeros((n, len(columns) - rank))
+    left[columns] = u[:, rank:]
+    return u[:, :rank], np.concatenate([held[:, others], left], axis=1)
+
+
+def involvement(model: ErrorModel, null: np.ndarray) -> dict[str, float]:
+    """Number of undetermined directions inside each function (or coupled group), by name and part.
+
+    The trace of the null projector's block; `null` has orthonormal columns in physical units.
+    """
+    shares = {}
+    for names, part, parameters in model.groups:
+        share = float(np.sum(null[parameters] ** 2)) if null.size else 0.0
+        if share > NAMED:
+            shares.update({f"{n} reversal" if part == "reversal" else n: share for n in names})
+    return shares
+
+
+def explain(model: ErrorModel, null: np.ndarray, campaign: Campaign, held: bool = False) -> tuple[str, ...]:
+    """The null space in words: wholly undetermined functions first, then combinations of functions, each with a reason.
+
+    `held`: constants of the tool frame are held at 0 besides.
+    """
+    if not null.size:
+        return ()
+    whole, partly, count = [], [], null.shape[1]
+    for names, part, parameters in model.groups:
+        size = parameters.stop - parameters.start
+        name = ", ".join(names) + (" reversal" if part == "reversal" else "")
+        share = float(np.sum(null[parameters] ** 2))
+        if share > size - NAMED:
+            whole.append(name if part == LOCATION else f"{name} (all {size} coefficients)")
+            count -= size
+        elif share > NAMED:
+            partly.append(name)
+    lost = [f.name for f in model.functions if f.part != LOCATION and np.sum(null[f.parameters] ** 2) > NAMED]
+    reasons = [*_segment_reasons(model, campaign, lost), *likely_reasons(campaign)]
+    reason = "; ".join(reasons) or "the readings do not separate them"
+    lines = []
+    place = [n for n in whole if _is_place_of_workpiece(campaign, n)]
+    if place:
+        whole = [n for n in whole if n not in place]
+        lines.append(
+            f"{', '.join(place)}: same as the unknown place of the sphere on the workpiece. No reading tells them apart, and "
+            f"no compensation needs them; set {place[0]} = false and the like."
+        )
+    if whole:
+        first = whole[0].split(" (")[0].split(",")[0]
+        setting = f"{first.split()[0]} = {{ reversal = false }}" if "reversal" in first else f"{first} = false"
+        lines.append(f"{', '.join(whole)}: {reason}. Measure what is missing, or set {setting} and the like.")
+    if partly and count:
+        lines.append(f"{count} combination{'s' if count > 1 else ''} among {', '.join(partly)}: {reason}.")
+    if held and place and len(lines) == 1:
+        lines.append(f"Constants of the tool frame, held at 0: {reason}.")
+    return tuple(lines)
+
+
+def _is_place_of_workpiece(campaign: Campaign, name: str) -> bool:
+    """Whether a constant translates a head: with spheres alone, their unknown places are the same."""
+    error, machine = parse(name.split()[0]), campaign.machine
+    if not error.location or error.is_rotation or error.axis not in machine.letters:
+        return False
+    axis = machine.axis(error.axis)
+    return not axis.is_linear and not axis.primed and all(s.kind == "displacement" for s in campaign.sets)
+
+
+def _segment_reasons(model: ErrorModel, campaign: Campaign, names: list[str]) -> list[str]:
+    """Splines with more coefficients than there are positions of their axis, among the functions `names`."""
+    reasons = []
+    for letter in campaign.machine.letters:
+        values = np.concatenate([s.positions[:, campaign.machine.index(letter)] for s in campaign.sets])
+        count = len(np.unique(np.round(values, 3)))
+        sizes = [s for f in model.functions if f.name in names for s in f.splines]
+        sizes = [s for s in sizes if campaign.machine.letters[s.axis] == letter and s.size > count]
+        if sizes:
+            worst = max(sizes, key=lambda s: s.size)
+            reasons.append(
+                f"{worst.segments} segments on axis {letter} need at least {worst.size} positions and {count} were measured; "
+                'take fewer segments (or "auto") or more positions'
+            )
+    return reasons
+
+
+def likely_reasons(campaign: Campaign) -> list[str]:
+    """Facts of a campaign that usually leave functions undetermined: tool vectors, stations, positions."""
+    reasons = []
+    sets = [s for s in campaign.sets if s.kind == "distance" and sees_tool(s)]
+    if sets:
+        stations = {name for s in sets for name in s.labels["station"]}
+        if len(stations) < 3:
+            named = "one station" if len(stations) == 1 else "two stations"
+            reasons.append(f"distances from {named} only; at least three are needed")
+        tools = np.unique(np.round(np.concatenate([s.tool for s in sets]), 3), axis=0)
+        if len(tools) == 1:
+            reasons.append(f"a single tool vector {_vector(tools[0])} was used; use three that do not lie on one line")
+        elif np.linalg.matrix_rank(tools - tools[0], tol=1.0) == 1:
+            if np.ptp(tools[:, :2], axis=0).max() < 1.0:
+                reasons.append("every tool vector lies on the spindle axis; add one with a lateral offset")
+            else:
+                said = "both" if len(tools) == 2 else f"all {len(tools)}"
+                reasons.append(f"{said} tool vectors lie on one line; add one that does not lie on it")
+    reasons += _sphere_reasons(campaign)
+    for i, letter in enumerate(campaign.machine.letters):
+        values = np.concatenate([s.positions[:, i] for s in campaign.sets])
+        count = len(np.unique(np.round(values, 3)))
+        ways = set(np.unique(np.concatenate([s.directions[:, i] for s in campaign.sets])).tolist()) - {0}
+        if len(ways) < 2 and any(f.axis == letter for f in map(parse, reversals(campaign.machine))):
+            said = "in one direction only" if ways else "without recorded directions"
+            reasons.append(f"axis {letter} was approached {said} (column {letter}_dir)")
+        if count < 5:
+            reasons.append(f"axis {letter} was measured at {count} position{'s' if count > 1 else ''} only")
+    return reasons
+
+
+def reversals(machine: Machine) -> list[str]:
+    """Error motions that the machine file models with reversal."""
+    return [name for name in motion_names(machine) if settings_for(machine, name).reversal]
+
+
+def _sphere_reasons(campaign: Campaign) -> list[str]:
+    """The same for spheres: how many, where they lie, with which tool vectors, and whether the nest is known."""
+    sets = [s for s in campaign.sets if s.kind == "displacement"]
+    if not sets:
+        return []
+    reasons, machine = [], campaign.machine
+    points = np.concatenate([nominal_point(machine, s.positions, s.tool) for s in sets])
+    places = np.unique(np.round(points / SAME_SPHERE), axis=0) * SAME_SPHERE
+    spread = np.linalg.norm(places - places[0], axis=1).max()
+    if spread < 2.0 * SAME_SPHERE:
+        reasons.append("one sphere place only; use three that do not lie on one line")
+    for axis in machine.axes:
+        if not axis.is_linear and axis.primed:
+            direction = np.asarray(axis.unit_vector)
+            if machine.index(axis.letter) == 0:  # only the line of the axis next to the workpiece stands still in it
+                off = np.linalg.norm(np.cross(places - np.asarray(axis.point), direction), axis=1).max()
+                if off < 2.0 * SAME_SPHERE:
+                    reasons.append(f"every sphere lies on the axis line of {axis.letter}; add one far from it")
+    tools = np.unique(np.round(np.concatenate([s.tool for s in sets]), 3), axis=0)
+    if len(tools) == 1:
+        reasons.append(f"a single tool vector {_vector(tools[0])} was used; use three that do not lie on one line")
+    unknown = [s.name for s in sets if not np.isfinite(float(s.options.get("nest_u", 0.0)))]
+    if unknown:
+        reasons.append(f"the place of the nest of set {', '.join(unknown)} is unknown (nest_u = inf); calibrate it")
+    return reasons
+
+
+def _vector(v: np.ndarray) -> str:
+    return "(" + ", ".join(f"{x:g}" for x in v) + ") mm"

@@ -1,0 +1,108 @@
+"""The unknowns and readings of a least-squares problem, as arrays that programs work on.
+
+Unknowns z = [c, ν]: coefficients of the error functions, then nuisance parameters (stations, dead paths, offsets).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from volid.backend.lazy import jax
+from volid.backend.pytrees import STATIC, map_arrays, register_dataclass
+from volid.effects.base import Form
+from volid.fitting.equations.tiles import Tiles
+from volid.model.error_model import Layout
+from volid.model.machine import Machine
+
+WORTH_HALVING = 8  # chunks of a block from which two threads pay
+
+
+@register_dataclass
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Readings of one form, padded with zero weight to whole chunks: every array is (n_chunks, width, chunk).
+
+    `weight`: 1/u, times the square root of a robust weight, 0 for padding.
+    """
+
+    form: Form = field(metadata=STATIC)
+    q: Any
+    direction: Any
+    tool: Any
+    reading: Any
+    weight: Any
+    slots: Any
+    constants: Any
+
+
+@register_dataclass
+@dataclass(frozen=True, eq=False)
+class System:
+    """Everything a residual needs: kinematic chain, coefficient layout, blocks, and prior knowledge of z.
+
+    `prior_root` W, shape (r, size), and `prior_mean`: pseudo-readings W (z - mean) with unit variance, from calibrated
+    artefacts and from an earlier solution. `tiles`: the readings of large blocks again, by cells of the working volume.
+    """
+
+    machine: Machine = field(metadata=STATIC)
+    layout: Layout = field(metadata=STATIC)
+    n_nuisance: int = field(metadata=STATIC)
+    blocks: tuple[Block, ...]
+    tiles: tuple[Tiles | None, ...]
+    prior_mean: Any
+    prior_root: Any
+
+    @property
+    def size(self) -> int:
+        """Length of z."""
+        return self.layout.n_coefficients + self.n_nuisance
+
+
+def thinned(system: System, rows: int) -> System:
+    """The system with `rows` of the readings of every block that has more, spread evenly over it."""
+    blocks = []
+    for block in system.blocks:
+        seen = np.flatnonzero(np.asarray(block.weight).any(axis=1).ravel())
+        if len(seen) > rows:
+            chunk, place = np.divmod(seen[np.linspace(0, len(seen) - 1, rows).astype(int)], block.q.shape[2])
+            block = map_arrays(partial(_columns, chunk, place), block)
+        blocks.append(block)
+    return replace(system, blocks=tuple(blocks), tiles=(None,) * len(blocks))
+
+
+def _columns(chunk: np.ndarray, place: np.ndarray, values: Any) -> np.ndarray:
+    """Columns of (n_chunks, width, rows) as one chunk."""
+    return np.asarray(values)[chunk, :, place].T[None]
+
+
+def halves(system: System) -> list[System]:
+    """The system in two parts of equal shapes, whose sums are those of the whole; itself where a block is small or odd."""
+
+    def parts(tree: Any, n: int) -> list[Any]:
+        return [jax.tree.map(lambda a, p=p: a[p], tree) for p in (slice(0, n // 2), slice(n // 2, n))]
+
+    found = []
+    for block, tiles in zip(system.blocks, system.tiles, strict=True):
+        n_chunks, n_tiles = block.q.shape[0], 0 if tiles is None else tiles.numbers.shape[0]
+        if n_chunks < WORTH_HALVING or n_chunks % 2 or n_tiles % 2:
+            return [system]
+        found.append([*zip(parts(block, n_chunks), parts(tiles, n_tiles), strict=True)])
+    if not found:
+        return [system]
+    result = [
+        replace(system, blocks=tuple(f[i][0] for f in found), tiles=tuple(f[i][1] for f in found)) for i in range(2)
+    ]
+    result[1] = replace(result[1], prior_root=np.zeros_like(system.prior_root))
+    return result
+
+
+class Normal(NamedTuple):
+    """cost = |r|²/2, gradient Jᵀr and Gauss-Newton matrix JᵀJ, in z."""
+
+    cost: Any
+    gradient: Any
+    matrix: Any

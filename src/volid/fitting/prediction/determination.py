@@ -1,0 +1,161 @@
+"""Whether the data determine a deviation: as it stands, or up to a rigid motion of the workpiece frame.
+
+With unknown stations a field may be known in shape for the measured tool vector although the functions that place it are
+not: then its undetermined combinations move the whole field like one rigid body (CONVENTIONS 4, last rules). Such values
+are given with these combinations at zero, which fixes the frame, and marked `rigid`.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from volid.fitting.datum import rigid_motion_rows
+from volid.fitting.diagnosis.identifiability import parameter_units
+from volid.fitting.prediction.deviations import (
+    ESTIMABLE,
+    deviation_values,
+    estimable,
+    gradient_matrix,
+    standard_uncertainties,
+)
+from volid.model.error_model import ErrorModel
+
+NODES = 4  # per axis, of the field that is compared with a rigid motion
+MOST_TOOLS = 16
+
+
+class Determination(NamedTuple):
+    """`known`: bool (m, 6), per component. `rigid`: bool (m,), True where a rigid motion of the workpiece frame is open."""
+
+    known: np.ndarray
+    rigid: np.ndarray
+
+
+def determination(
+    model: ErrorModel, null_space: np.ndarray, positions: np.ndarray, tool: np.ndarray, direction: np.ndarray
+) -> Determination:
+    """What the data determine at m points, approached in `direction` (0: mean), with `null_space` (n_parameters, k)."""
+    units = parameter_units(model)
+    known = estimable(model, null_space, units, positions, tool, direction)
+    rigid = np.zeros(len(positions), dtype=bool)
+    if known.all():
+        return Determination(known, rigid)
+    null, _ = np.linalg.qr(null_space / units[:, None])
+    null = units[:, None] * null
+    for rows in _by_tool(tool):
+        open_rows = rows[~known[rows, :3].all(axis=1)]
+        motion = _rigid_motion(model, null, tool[rows[0]]) if open_rows.size else None
+        if motion is not None:  # one tool vector's field has one frame
+            known[rows] = _moves_along(model, null, motion, positions[rows], tool[rows], direction[rows])
+            rigid[rows] = True
+    return Determination(known, rigid)
+
+
+def _by_tool(tool: np.ndarray) -> list[np.ndarray]:
+    """Rows of each distinct tool vector; none when there are more than `MOST_TOOLS`."""
+    tools, index = np.unique(np.round(tool, 9), axis=0, return_inverse=True)
+    return [
+        np.flatnonzero(np.asarray(index).ravel() == i) for i in range(len(tools) if len(tools) <= MOST_TOOLS else 0)
+    ]
+
+
+def known_deviations(
+    model: ErrorModel,
+    theta: np.ndarray,
+    covariance: np.ndarray,
+    null_space: np.ndarray,
+    positions: np.ndarray,
+    tool: np.ndarray,
+    direction: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, Determination]:
+    """Deviations and u, (m, 6), NaN where not determined; fields known up to a rigid motion in their own frame."""
+    values = deviation_values(model, theta, positions, tool, direction)
+    u = standard_uncertainties(model, theta, covariance, positions, tool, direction)
+    found = determination(model, null_space, positions, tool, direction)
+    for rows in _by_tool(tool) if found.rigid.any() else []:
+        if found.rigid[rows[0]]:
+            values[rows], u[rows] = in_own_frame(model, theta, covariance, positions[rows], tool[rows], direction[rows])
+    return np.where(found.known, values, np.nan), np.where(found.known, u, np.nan), found
+
+
+class _Mesh(NamedTuple):
+    """Points spread over the travel for one tool vector, and their rigid motion rows, (3 n, 6), scaled columns."""
+
+    positions: np.ndarray
+    tool: np.ndarray
+    rigid: np.ndarray
+    scale: np.ndarray
+
+
+def _mesh(model: ErrorModel, tool: np.ndarray) -> _Mesh:
+    nodes = np.meshgrid(*(np.linspace(*axis.travel, NODES) for axis in model.machine.axes), indexing="ij")
+    positions = np.stack([m.ravel() for m in nodes], axis=1)
+    tools = np.broadcast_to(tool, (len(positions), 3))
+    rigid = rigid_motion_rows(model.machine, positions, tools)[:, :3].reshape(-1, 6)
+    scale = 1.0 / np.linalg.norm(rigid, axis=0)
+    return _Mesh(positions, tools, rigid * scale, scale)
+
+
+def _translation_gradient(model: ErrorModel, theta: np.ndarray, mesh: _Mesh) -> np.ndarray:
+    gradient = gradient_matrix(model, theta, mesh.positions, mesh.tool, np.zeros_like(mesh.positions))
+    return gradient[:, :3].reshape(-1, model.n_parameters)
+
+
+def _rigid_motion(model: ErrorModel, null: np.ndarray, tool: np.ndarray) -> np.ndarray | None:
+    """M, shape (6, k): rigid motion (t, ω) that each undetermined combination makes of the field for one tool vector.
+
+    None when some combination changes the field's shape.
+    """
+    mesh = _mesh(model, tool)
+    gradient = _translation_gradient(model, np.zeros(model.n_parameters), mesh)
+    change = gradient @ null
+    motion, *_ = np.linalg.lstsq(mesh.rigid, change, rcond=None)
+    left = np.abs(mesh.rigid @ motion - change).max()
+    whole = np.abs(gradient * parameter_units(model)).max()
+    return mesh.scale[:, None] * motion if left <= ESTIMABLE * whole else None
+
+
+def in_own_frame(
+    model: ErrorModel,
+    theta: np.ndarray,
+    covariance: np.ndarray,
+    positions: np.ndarray,
+    tool: np.ndarray,
+    direction: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Deviations and u, (m, 6) each, of a field for one tool vector with its own rigid motion taken out.
+
+    e' = e - R ρ with ρ the least-squares rigid motion of the field over the travel; u from the gradient of e' alike.
+    """
+    mesh = _mesh(model, tool[0])
+    field = deviation_values(model, theta, mesh.positions, mesh.tool, np.zeros_like(mesh.positions))[:, :3]
+    inverse = mesh.scale[:, None] * np.linalg.pinv(mesh.rigid)
+    motion, slope = inverse @ field.ravel(), inverse @ _translation_gradient(model, theta, mesh)
+    values = deviation_values(model, theta, positions, tool, direction)
+    variances, vectors = np.linalg.eigh(covariance)
+    root = vectors * np.sqrt(np.maximum(variances, 0.0))
+    u = np.empty_like(values)
+    for start in range(0, len(positions), 1024):
+        rows = slice(start, start + 1024)
+        rigid = rigid_motion_rows(model.machine, positions[rows], tool[rows])
+        gradient = gradient_matrix(model, theta, positions[rows], tool[rows], direction[rows]) - rigid @ slope
+        values[rows] -= rigid @ motion
+        u[rows] = np.linalg.norm(gradient @ root, axis=2)
+    return values, u
+
+
+def _moves_along(
+    model: ErrorModel,
+    null: np.ndarray,
+    motion: np.ndarray,
+    positions: np.ndarray,
+    tool: np.ndarray,
+    direction: np.ndarray,
+) -> np.ndarray:
+    """Components that follow the rigid motions `motion` along every undetermined combination, bool (m, 6)."""
+    gradient = gradient_matrix(model, np.zeros(model.n_parameters), positions, tool, direction)
+    left = np.abs(gradient @ null - rigid_motion_rows(model.machine, positions, tool) @ motion).max(axis=2)
+    whole = np.abs(gradient * parameter_units(model)).max(axis=(0, 2))
+    return np.asarray(left <= ESTIMABLE * np.maximum(whole, 1e-300))

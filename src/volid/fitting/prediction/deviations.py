@@ -1,0 +1,222 @@
+"""Deviations from coefficients, with gradients, uncertainties and the test whether the data determine them."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from volid.backend.elementary import in_rows
+from volid.backend.lazy import jax, jnp
+from volid.fitting.prediction import spread
+from volid.model.error_model import ErrorModel, Layout, coefficient_rows, error_rows, evaluate_bases
+from volid.model.jacobian import deviation_partials
+from volid.model.kinematics import deviation
+from volid.model.machine import Machine
+
+CHUNK, SLICE = 512, 16_384  # points of a program at once, whose values stay in the cache, and of one call
+INTERPRETED_CHUNK = 4096  # NumPy needs longer arrays
+THREADS = 2  # that share a long computation, here and where others import it
+INTERPRETED = 20_000  # points: up to here NumPy is done before a program is traced
+ESTIMABLE = 1e-3  # 0.1 µm for an undetermined rotation of 0.1 mrad; see `identifiability.NAMED`
+
+
+def chain_of(machine: Machine) -> Machine:
+    """The machine reduced to its kinematic chain: equal chains share compiled programs whatever their names."""
+    return Machine(name="", structure="", axes=machine.axes)
+
+
+def partial_rows(machine: Machine, errors: Any, q: Any, tool: Any) -> list[Any]:
+    """∂(deviation)/∂(error values): for each of six components an array (error values, m)."""
+    rows = deviation_partials(machine, q, tuple(tool), errors)
+    return [in_rows(row, q.shape[1:]) for row in rows]
+
+
+def gradient_rows(machine: Machine, layout: Layout, coefficients: Any, q: Any, tool: Any, direction: Any) -> Any:
+    """∂(deviation)/∂(coefficients), shape (6, n_coefficients, m)."""
+    bases = evaluate_bases(layout, q, direction)
+    partials = partial_rows(machine, error_rows(layout, coefficients, bases, q.shape[1]), q, tool)
+    return in_rows([coefficient_rows(layout, p, bases) for p in partials], (layout.n_coefficients, q.shape[1]))
+
+
+class _Points(NamedTuple):
+    """Points (m, …), and by `number` (m, groups of axes) the distinct position of each, where that is asked for."""
+
+    q: Any
+    tool: Any
+    direction: Any
+    number: Any = None
+
+
+def _errors(layout: Layout, coefficients: Any, chunk: _Points) -> list[Any]:
+    return error_rows(layout, coefficients, evaluate_bases(layout, chunk.q, chunk.direction), chunk.q.shape[1])
+
+
+def _values(machine: Machine, layout: Layout, coefficients: Any, chunk: _Points) -> Any:
+    return deviation(machine, chunk.q, tuple(chunk.tool), _errors(layout, coefficients, chunk))
+
+
+def _partials(machine: Machine, layout: Layout, coefficients: Any, chunk: _Points) -> Any:
+    """∂(deviation)/∂(error values), shape (6, error values, m)."""
+    errors = _errors(layout, coefficients, chunk)
+    return in_rows(partial_rows(machine, errors, chunk.q, chunk.tool), (len(errors), chunk.q.shape[1]))
+
+
+def _gradients(machine: Machine, layout: Layout, coefficients: Any, chunk: _Points) -> Any:
+    return gradient_rows(machine, layout, coefficients, chunk.q, chunk.tool, chunk.direction)
+
+
+def _variances(machine: Machine, layout: Layout, coefficients: Any, chunk: _Points, products: list[Any]) -> Any:
+    """Variances of the deviation from covariances of the error values (`spread.products`), (6, m)."""
+    partials = deviation_partials(machine, chunk.q, tuple(chunk.tool), _errors(layout, coefficients, chunk))
+    own = [
+        in_rows([in_rows([p[r] for r in rows], chunk.q.shape[1:]) for p in partials], (len(rows), chunk.q.shape[1]))
+        for rows in map(spread.rows_of, spread.groups_of(layout).values())
+    ]
+    return spread.quadratic_forms(own, products, chunk.number)
+
+
+_Function = Callable[..., Any]
+
+
+@cache
+def _program(function: _Function) -> _Function:
+    """The program that carries a function out on chunks (n_chunks, …, `CHUNK`), one after another."""
+
+    def over_chunks(machine: Machine, layout: Layout, coefficients: Any, chunks: _Points, *extra: Any) -> Any:
+        return jax.lax.map(lambda chunk: function(machine, layout, coefficients, chunk, *extra), chunks)
+
+    return jax.jit(over_chunks, static_argnames=("layout",))
+
+
+def _calls(
+    function: _Function, model: ErrorModel, coefficients: np.ndarray, points: _Points, *extra: Any
+) -> tuple[list[slice], Callable[[slice], np.ndarray]]:
+    """Slices of the points (m, …), and what carries `function` out on one of them; its result has points last.
+
+    Few points are interpreted; many go in slices of one length, so that one program is compiled.
+    """
+    m, chain = len(points.q), chain_of(model.machine)
+    if m <= INTERPRETED:
+        return _slices(m, INTERPRETED_CHUNK), lambda part: function(
+            chain, model.layout, coefficients, _taken(points, part), *extra
+        )
+    shared, program = jax.tree.map(jnp.asarray, (coefficients, *extra)), _program(function)
+
+    def call(part: slice) -> np.ndarray:
+        rows = np.minimum(np.arange(part.start, part.start + SLICE), m - 1)  # the last repeats the last point
+        chunks = jax.tree.map(_in_chunks, _taken(points, rows))
+        found = np.asarray(program(chain, model.layout, shared[0], chunks, *shared[1:]))
+        whole = np.moveaxis(found, 0, -2).reshape(*found.shape[1:-1], SLICE)
+        return whole[..., : part.stop - part.start]
+
+    return _slices(m, SLICE), call
+
+
+def _slices(m: int, size: int) -> list[slice]:
+    return [slice(start, min(start + size, m)) for start in range(0, m, size)]
+
+
+def _taken(points: _Points, rows: Any) -> _Points:
+    """Some of the points, points last."""
+    return _Points(*(None if v is None else np.ascontiguousarray(v[rows].T) for v in points))
+
+
+def _in_chunks(values: np.ndarray) -> np.ndarray:
+    return np.moveaxis(values.reshape(-1, SLICE // CHUNK, CHUNK), 1, 0)
+
+
+def _each(carry_out: Callable[[slice], Any], slices: list[slice]) -> Iterator[Any]:
+    """Results slice by slice, in order; `THREADS` at a time, and few of them waiting to be used."""
+    with ThreadPoolExecutor(THREADS) as pool:  # XLA and NumPy let other threads work meanwhile
+        waiting: deque[Future[Any]] = deque()
+        for part in slices:
+            waiting.append(pool.submit(carry_out, part))
+            if len(waiting) > 2 * THREADS:
+                yield waiting.popleft().result()
+        yield from (f.result() for f in waiting)
+
+
+def _whole(
+    function: _Function, model: ErrorModel, coefficients: np.ndarray, points: _Points, *extra: Any
+) -> np.ndarray:
+    """`function` over all points, points last."""
+    slices, call = _calls(function, model, coefficients, points, *extra)
+    return np.concatenate(list(_each(call, slices)), axis=-1)
+
+
+def _squares(model: ErrorModel, coefficients: np.ndarray, factor: np.ndarray, points: _Points) -> np.ndarray:
+    """|factor · gradient|² per component and point, (6, m); `factor` (r, n_coefficients)."""
+    tables = spread.tables_of(model.layout, factor, points.q, points.direction)
+    if not tables:
+        return np.zeros((6, len(points.q)))
+    if spread.worth_products(tables, len(points.q)):
+        numbered = points._replace(number=np.stack([t.number for t in tables], axis=1))
+        return _whole(_variances, model, coefficients, numbered, spread.products(tables))
+    slices, call = _calls(_partials, model, coefficients, points)
+    squares = _each(lambda part: spread.squares(tables, part, call(part)), slices)
+    return np.concatenate(list(squares), axis=-1)
+
+
+def deviation_values(
+    model: ErrorModel, theta: np.ndarray, positions: np.ndarray, tool: np.ndarray, direction: np.ndarray
+) -> np.ndarray:
+    """Deviation at m points, shape (m, 6) [mm, rad]."""
+    coefficients = model.parametrisation @ theta
+    return _whole(_values, model, coefficients, _Points(positions, tool, direction)).T
+
+
+def gradient_matrix(
+    model: ErrorModel, theta: np.ndarray, positions: np.ndarray, tool: np.ndarray, direction: np.ndarray
+) -> np.ndarray:
+    """∂(deviation)/∂θ at m points, shape (m, 6, n_parameters). For a few thousand points."""
+    coefficients = model.parametrisation @ theta
+    rows = _whole(_gradients, model, coefficients, _Points(positions, tool, direction))
+    whole = np.ascontiguousarray(rows.transpose(2, 0, 1)).reshape(-1, rows.shape[1]) @ model.parametrisation
+    return np.asarray(whole.reshape(-1, rows.shape[0], whole.shape[1]))
+
+
+def standard_uncertainties(
+    model: ErrorModel,
+    theta: np.ndarray,
+    covariance: np.ndarray,
+    positions: np.ndarray,
+    tool: np.ndarray,
+    direction: np.ndarray,
+) -> np.ndarray:
+    """u of the deviation at m points, shape (m, 6) [mm, rad]: sqrt(g C gᵀ) with the gradient g with respect to θ."""
+    values, vectors = np.linalg.eigh(covariance)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    factor, coefficients = (model.parametrisation @ root).T, model.parametrisation @ theta
+    found = _squares(model, coefficients, factor, _Points(positions, tool, direction))
+    return np.sqrt(np.maximum(found, 0.0)).T
+
+
+def estimable(
+    model: ErrorModel,
+    null_space: np.ndarray,
+    units: np.ndarray,
+    positions: np.ndarray,
+    tool: np.ndarray,
+    direction: np.ndarray,
+) -> np.ndarray:
+    """Whether the data determine each component of the deviation, bool (m, 6).
+
+    A component is determined when undetermined combinations of 0.1 mm and 0.1 mrad change it by less than a thousandth of
+    what its parameters can, all of that size; judged at the nominal machine.
+    """
+    if null_space.shape[1] == 0:
+        return np.ones((len(positions), 6), dtype=bool)
+    zero, points = np.zeros(model.layout.n_coefficients), _Points(positions, tool, direction)
+    null, _ = np.linalg.qr(null_space / units[:, None])
+    along, whole = (_squares(model, zero, f, points).T for f in _factors(model, null, units))
+    return np.asarray(along <= ESTIMABLE**2 * np.maximum(whole, 1e-300))
+
+
+def _factors(model: ErrorModel, null: np.ndarray, units: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    scaled = model.parametrisation * units
+    return (scaled @ null).T, scaled.T

@@ -1,0 +1,87 @@
+"""Any campaign from any file: text or HDF5 by content, several merged into one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from volid.campaign import Campaign, Station
+from volid.exceptions import InputError
+from volid.io.basics.hdf5_values import is_hdf5
+from volid.io.campaign.hdf5 import read_campaign
+from volid.io.campaign.manifest import MANIFEST, read_manifest
+from volid.io.campaign.rules import check_unique, check_whole
+from volid.model.machine import Machine
+
+
+def load_campaign(*paths: str | Path, plan: bool = False) -> Campaign:
+    """The campaign in `paths`: HDF5 files and text manifests in any mixture, merged when there are several.
+
+    Merging needs the same machine in all of them; stations of one name must be defined alike, sets must have different
+    names. With `plan`, manifests may lack readings (see `read_manifest`). Raises `InputError` otherwise.
+    """
+    if not paths:
+        raise InputError("no campaign was given; name a manifest (TOML) or a campaign file (HDF5)")
+    campaigns = [_load(Path(path), plan) for path in paths]
+    return campaigns[0] if len(campaigns) == 1 else _merge(campaigns)
+
+
+def _load(path: Path, plan: bool) -> Campaign:
+    if path.is_dir():
+        raise InputError(f"{path} is a folder; name the manifest in it, such as {path / MANIFEST}")
+    if is_hdf5(path):
+        return read_campaign(path)
+    if path.suffix.lower() in (".h5", ".hdf5"):
+        raise InputError(f"{path}: not an HDF5 file, though its name says so; copy or write it again")
+    if path.suffix.lower() == ".csv":
+        raise InputError(f"{path} is a table of readings; give the manifest (TOML) that names it, such as {MANIFEST}")
+    return read_manifest(path, plan=plan)
+
+
+def _merge(campaigns: list[Campaign]) -> Campaign:
+    first = campaigns[0]
+    for other in campaigns[1:]:
+        if not _same_machine(first.machine, other.machine):
+            raise InputError(
+                f"{other.source}: machine '{other.machine.name}' is not the machine '{first.machine.name}' of "
+                f"{first.source}; only campaigns with the same machine file can be fitted together"
+            )
+    where = ", ".join(c.source for c in campaigns)
+    check_unique((s.name for c in campaigns for s in c.sets), "set", where)
+    return check_whole(
+        Campaign(
+            machine=first.machine,
+            stations=_merge_stations(campaigns),
+            sets=tuple(s for c in campaigns for s in c.sets),
+            title="; ".join(dict.fromkeys(c.title for c in campaigns if c.title)),
+            conditions=_merge_conditions(campaigns),
+            warnings=tuple(dict.fromkeys(w for c in campaigns for w in c.warnings)),
+            source=where,
+        )
+    )
+
+
+def _same_machine(a: Machine, b: Machine) -> bool:
+    """Same text but for white space, or equal machines."""
+    return (bool(a.text) and a.text.split() == b.text.split()) or bool(a == b)
+
+
+def _merge_stations(campaigns: list[Campaign]) -> tuple[Station, ...]:
+    stations: dict[str, tuple[Station, str]] = {}
+    for campaign in campaigns:
+        for station in campaign.stations:
+            known, source = stations.setdefault(station.name, (station, campaign.source))
+            if known != station:
+                raise InputError(
+                    f"{campaign.source}: station '{station.name}' is defined otherwise in {source}; "
+                    "use another name for another station, or the same definition"
+                )
+    return tuple(station for station, _ in stations.values())
+
+
+def _merge_conditions(campaigns: list[Campaign]) -> dict[str, Any]:
+    """The common conditions, or, where they differ, each file's own under the file's name."""
+    given = [c for c in campaigns if c.conditions]
+    if all(c.conditions == given[0].conditions for c in given):
+        return dict(given[0].conditions) if given else {}
+    return {c.source: dict(c.conditions) for c in given}

@@ -1,0 +1,176 @@
+"""Campaigns as plain text: a TOML manifest, `volid-campaign/1`, with one CSV file per set of readings."""
+
+from __future__ import annotations
+
+import csv
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from volid.campaign import Campaign, ObservationSet, Station, standard_uncertainty
+from volid.exceptions import InputError, OutputError
+from volid.io.basics.atomic import atomic_folder, atomic_with_companions
+from volid.io.basics.toml_table import Table, check_format, format_lines, parse_toml, read_text
+from volid.io.campaign.rules import FORMAT, STATION_FRAMES, check_whole
+from volid.io.campaign.sets import read_set, uncertainty_key_of
+from volid.io.machines import format_machine, read_machine
+from volid.model.machine import Machine
+from volid.observations import KINDS
+
+MANIFEST = "campaign.toml"
+MACHINE = "machine.toml"
+
+
+def read_manifest(path: str | Path, *, plan: bool = False) -> Campaign:
+    """The campaign described by a TOML manifest and the CSV files that it names.
+
+    With `plan`, a set whose CSV lacks the columns of the readings is accepted: its readings are NaN (for simulation).
+    Raises `InputError` naming file and row or key for anything that is missing, misspelt or wrong.
+    """
+    path = Path(path)
+    top = Table(parse_toml(read_text(path), str(path)), str(path))
+    check_format(top, FORMAT)
+    top.only(("format", "machine", "title", "warnings", "conditions", "station", "set"))
+    machine = read_machine(path.parent / top.text("machine"))
+    sets = top.tables("set")
+    if not sets:
+        raise InputError(f"{path}: there is no [[set]]; add one for each file of readings")
+    return check_whole(
+        Campaign(
+            machine=machine,
+            stations=tuple(_station(table, machine) for table in top.tables("station")),
+            sets=tuple(read_set(table, path.parent, machine, plan=plan) for table in sets),
+            title=top.text("title", ""),
+            conditions=dict(top.table("conditions", {}).data),
+            warnings=_warnings(top),
+            source=str(path),
+        )
+    )
+
+
+def _warnings(top: Table) -> tuple[str, ...]:
+    given = top.get("warnings", [])
+    if not isinstance(given, list) or not all(isinstance(text, str) for text in given):
+        raise top.wrong("warnings", "a list of texts")
+    return tuple(given)
+
+
+def _station(table: Table, machine: Machine) -> Station:
+    table.only(("name", "body", "position", "known", "frame"))
+    return Station(
+        name=table.text("name"),
+        body=table.text("body", "workpiece"),
+        position=table.vector("position", 3, None),
+        known=table.flag("known", False),
+        frame=table.text("frame", "stations", choices=STATION_FRAMES),
+    )
+
+
+def write_manifest(campaign: Campaign, place: str | Path, *, overwrite: bool = False) -> Path:
+    """Write a manifest, the machine file and one CSV file per set of readings; returns the manifest's path.
+
+    `place` is a folder for `campaign.toml`, `machine.toml` and the sets; or, ending in .toml, the manifest itself: the others
+    then stand beside it and begin with its name, PLAN.toml, PLAN.machine.toml, PLAN.volume.csv. Numbers keep all their
+    digits. Not kept: the line numbers and file names of the readings' first source. Raises `OutputError` when a file or a filled
+    folder exists (unless `overwrite`), cannot be written, or a value has no text form.
+    """
+    place = Path(place)
+    if place.suffix.lower() == ".toml":
+        names = [f"{place.stem}.{name}" for name in (MACHINE, *_file_names(campaign))]
+        with atomic_with_companions(place, names, overwrite) as temporary:
+            _write(campaign, temporary, place.name, names[0], names[1:])
+        return place
+    with atomic_folder(place, overwrite) as temporary:
+        _write(campaign, temporary, MANIFEST, MACHINE, _file_names(campaign))
+    return place / MANIFEST
+
+
+def _write(campaign: Campaign, folder: Path, manifest: str, machine: str, names: list[str]) -> None:
+    try:
+        (folder / manifest).write_text(_manifest(campaign, machine, names), encoding="utf-8")
+        (folder / machine).write_text(format_machine(campaign.machine), encoding="utf-8")
+        for readings, name in zip(campaign.sets, names, strict=True):
+            _write_csv(readings, campaign.machine, folder / name)
+    except TypeError as error:
+        raise OutputError(f"{manifest} cannot be written: {error}; keep the campaign in HDF5") from None
+
+
+def _file_names(campaign: Campaign) -> list[str]:
+    """A file name for each set: its name, with anything unusual in a file name replaced."""
+    names: list[str] = []
+    for i, readings in enumerate(campaign.sets, start=1):
+        stem = re.sub(r"[^\w.-]+", "_", readings.name).strip("._") or "set"
+        taken = {name.casefold() for name in names}
+        names.append(f"{stem}.csv" if f"{stem}.csv".casefold() not in taken else f"{stem}_{i}.csv")
+    return names
+
+
+def _manifest(campaign: Campaign, machine: str, names: list[str]) -> str:
+    head = {"format": FORMAT, "machine": machine, "title": campaign.title or None}
+    lines = format_lines(head | {"warnings": campaign.warnings or None})
+    if campaign.conditions:
+        lines += ["", "[conditions]", *format_lines(campaign.conditions)]
+    for station in campaign.stations:
+        keys = {key: getattr(station, key) for key in ("name", "body", "position", "known", "frame")}
+        lines += ["", "[[station]]", *format_lines(keys)]
+    for readings, name in zip(campaign.sets, names, strict=True):
+        keys = {"name": readings.name, "kind": KINDS[readings.kind].file_kind or readings.kind, "file": name}
+        lines += ["", "[[set]]", *format_lines(keys | dict(readings.options))]
+        for effect in readings.effects:
+            keys = {"name": effect.name, "type": effect.type, "u": effect.u, "per": effect.per}
+            lines += ["[[set.effect]]", *format_lines(keys | dict(effect.options))]
+    return "\n".join(lines) + "\n"
+
+
+def _write_csv(readings: ObservationSet, machine: Machine, path: Path) -> None:
+    columns = _columns(readings, machine)
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows(zip(*columns.values(), strict=True))
+
+
+def _follows_from_options(readings: ObservationSet, i: int) -> bool:
+    """Whether the set's own keys give the u of reading column `i` again, to the last digit; NaN where a plan has none."""
+    names = KINDS[readings.kind].readings
+    key = next((k for k in uncertainty_key_of(names, i) if k in readings.options), None)
+    if key is None:
+        return False
+    return np.array_equal(
+        standard_uncertainty(readings.options[key], readings.readings[:, i]), readings.u[:, i], equal_nan=True
+    )
+
+
+def _known(readings: ObservationSet, i: int) -> np.ndarray:
+    if np.isnan(readings.u[:, i]).any():
+        raise TypeError(f"u of set '{readings.name}' is not known for every row, and no key tells how it follows")
+    return readings.u[:, i]
+
+
+def _columns(readings: ObservationSet, machine: Machine) -> dict[str, list[Any]]:
+    """Columns of the CSV file, in the order in which people read them."""
+    columns: dict[str, list[Any]] = {}
+    for i, letter in enumerate(machine.letters):
+        columns[letter] = readings.positions[:, i].tolist()
+    for i, letter in enumerate(machine.letters):
+        if readings.directions[:, i].any():
+            columns[f"{letter}_dir"] = readings.directions[:, i].astype(int).tolist()
+    for i, letter in enumerate("xyz"):
+        columns[f"tool_{letter}"] = readings.tool[:, i].tolist()
+    for name, labels in readings.labels.items():
+        columns[name] = labels.tolist()
+    names = KINDS[readings.kind].readings
+    planned = bool(np.isnan(readings.readings).all())
+    for i, name in enumerate(names):
+        if not planned:
+            columns[name] = readings.readings[:, i].tolist()
+    for i, name in enumerate(names):
+        if not _follows_from_options(readings, i):
+            columns[f"u_{name}" if len(names) > 1 else "u"] = _known(readings, i).tolist()
+    for name in ("time", "temperature"):
+        values = getattr(readings, name)
+        if values is not None:
+            columns[name] = ["" if np.isnan(v) else v for v in values.tolist()]
+    return columns

@@ -1,0 +1,122 @@
+"""What holds for every campaign, whichever file it came from: stations, bodies and names agree with each other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from volid.campaign import Campaign, ObservationSet, Station
+from volid.effects.base import check_effects
+from volid.exceptions import InputError
+from volid.io.basics.toml_table import nearest
+from volid.model.machine import BED, TOOL, WORKPIECE, Machine
+from volid.observations import KINDS, Kind
+
+FORMAT = "volid-campaign/1"
+STATION_FRAMES = ("stations", "machine")
+_LATER_KINDS = ("projection", "artefact")
+_LEAST_CONSTANT = (
+    1e-6  # mm: 1 nm; no length instrument of a machine shop is so good, but 0.1 to 1 µm written in metres are
+)
+
+
+def bodies(machine: Machine) -> tuple[str, ...]:
+    """Names of the bodies of a machine: workpiece, bed, tool, and the axis letters."""
+    return (WORKPIECE, BED, TOOL, *machine.letters)
+
+
+def find_kind(name: str, where: str) -> Kind:
+    """The observation kind called `name`. Raises `InputError` listing the kinds there are."""
+    if name in KINDS:
+        return KINDS[name]
+    here = f"this version reads {', '.join(KINDS)}"
+    if name in _LATER_KINDS:
+        raise InputError(f"{where}: kind '{name}' is not supported yet; {here}")
+    raise InputError(
+        f"{where}: unknown kind '{name}'{nearest(name, [*KINDS, *_LATER_KINDS]) or ';'} {here}; "
+        f"{', '.join(k for k in _LATER_KINDS if k not in KINDS)} come later"
+    )
+
+
+def check_station(station: Station, machine: Machine, where: str) -> None:
+    """Raises `InputError` for a body that the machine does not have, or a known station without position."""
+    known = bodies(machine)
+    if station.body not in known:
+        raise InputError(
+            f"{where}: body is '{station.body}'{nearest(station.body, known) or ';'} expected one of {', '.join(known)}"
+        )
+    if station.frame not in STATION_FRAMES:
+        raise InputError(f"{where}: frame is '{station.frame}'; expected one of {', '.join(STATION_FRAMES)}")
+    if station.known and station.position is None:
+        raise InputError(f"{where}: known = true but there is no position; add position = [x, y, z] in mm")
+    if station.frame == "machine" and not station.known:
+        raise InputError(f'{where}: frame = "machine" is for known stations; add known = true or remove the frame')
+
+
+def check_constant(constant: float, where: str) -> None:
+    """Raises `InputError` for a constant part of the u of lengths [mm] between 0 and 1 nm: it must be in metres."""
+    if 0.0 < constant < _LEAST_CONSTANT:
+        raise InputError(
+            f"{where}: the constant part of u is {constant:g} mm, less than 1 nm; is it in metres? Expected mm, such as "
+            f"{1e3 * constant:g}, or 0 where there is only a proportional part"
+        )
+
+
+def check_unique(names: Iterable[str], what: str, where: str) -> None:
+    """Raises `InputError` when a name stands twice."""
+    seen: set[str] = set()
+    for name in names:
+        if name in seen:
+            raise InputError(f"{where}: two {what}s are called '{name}'; give every {what} its own name")
+        seen.add(name)
+
+
+def check_stations_of(readings: ObservationSet, stations: Iterable[Station]) -> None:
+    """Raises `InputError` naming the first row whose station is not in the list of stations."""
+    if "station" not in readings.labels:
+        return
+    known = [station.name for station in stations]
+    labels = readings.labels["station"]
+    strange = ~np.isin(labels, known)
+    if strange.any():
+        i = int(np.argmax(strange))
+        listed = ", ".join(known) or "none"
+        raise InputError(
+            f"{readings.where(i)}: station '{labels[i]}' is unknown{nearest(labels[i], known) or ';'} "
+            f"stations: {listed}; add a [[station]] table or mend the name"
+        )
+
+
+def check_target(readings: ObservationSet, campaign: Campaign) -> None:
+    """Raises `InputError` for a target on a body that the machine has not, or on the body that its station stands on."""
+    body = readings.options.get("target_body", TOOL)
+    known = bodies(campaign.machine)
+    if body not in known:
+        raise InputError(
+            f"{campaign.source}, set '{readings.name}': target_body is '{body}'{nearest(str(body), known) or ';'} expected one "
+            f"of {', '.join(known)}"
+        )
+    for name in dict.fromkeys(readings.labels.get("station", np.zeros(0)).tolist()):
+        own = campaign.station(name).body
+        if campaign.machine.body_index(own) == campaign.machine.body_index(body):
+            raise InputError(
+                f"{campaign.source}, set '{readings.name}': station '{name}' and its target stand on the same body ({own}), so "
+                "their distance never changes; expected two bodies that move against each other"
+            )
+
+
+def check_whole(campaign: Campaign) -> Campaign:
+    """The campaign itself when names are unique and every station that a reading names exists, else `InputError`."""
+    check_unique((s.name for s in campaign.stations), "station", campaign.source)
+    check_unique((s.name for s in campaign.sets), "set", campaign.source)
+    for station in campaign.stations:
+        check_station(station, campaign.machine, f"{campaign.source}, station '{station.name}'")
+    for readings in campaign.sets:
+        check_stations_of(readings, campaign.stations)
+        check = KINDS[readings.kind].check
+        if check is not None:
+            check(readings)
+        check_target(readings, campaign)
+        check_effects(readings)
+    return campaign

@@ -1,0 +1,103 @@
+"""Campaigns that are larger than memory: read from their HDF5 file part by part."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from volid.campaign import ROW_ARRAYS, Campaign, ObservationSet
+from volid.exceptions import InputError
+from volid.io.basics.hdf5_values import is_hdf5, reading
+from volid.io.campaign.hdf5 import read_outline, read_set, set_groups
+from volid.io.campaign.rules import FORMAT, check_whole
+
+PART = 2**17  # rows read at once
+EACH = 25  # rows that a sample has at least of every station and segment, sphere, line or component
+
+
+class CampaignStream:
+    """A campaign in an HDF5 file, of which no more than some rows are in memory at a time.
+
+    `rows`: number of rows in all sets; `n_readings`: of scalar readings. Raises `InputError` when the file is missing, no HDF5
+    file, of another type, or incomplete.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        if not is_hdf5(path):
+            raise InputError(
+                f"{path}: not an HDF5 file; only those can be read part by part. Convert the campaign with volid import"
+            )
+        with reading(path, "campaign", FORMAT) as file:
+            groups = set_groups(file)
+            self.rows = sum(len(g["positions"]) for g in groups)
+            self.n_readings = sum(int(np.prod(g["readings"].shape)) for g in groups)
+
+    def parts(self, rows: int = PART) -> Iterator[Campaign]:
+        """Campaigns of one set with at most `rows` rows each, in the order of the file."""
+        with reading(self.path, "campaign", FORMAT) as file:
+            outline = read_outline(file, str(self.path))
+            for group in set_groups(file):
+                for start in range(0, len(group["positions"]), rows):
+                    own = read_set(group, outline.machine, f"{self.path}, {group.name}", slice(start, start + rows))
+                    yield check_whole(replace(outline, sets=(_finite(own),)))
+
+    def sample(self, rows: int) -> Campaign:
+        """About `rows` rows spread evenly over the campaign, and some of every station, segment and other label."""
+        step = max(1, -(-self.rows // rows))
+        found: dict[str, list[ObservationSet]] = {}
+        seen: dict[tuple[str, ...], int] = {}
+        outline = None
+        for part in self.parts():
+            (own,) = part.sets
+            wanted = np.zeros(len(own), dtype=bool)
+            wanted[::step] = True
+            _want_all_labels(own, wanted, seen)
+            found.setdefault(own.name, []).append(own.rows_of(np.flatnonzero(wanted)))
+            outline = part
+        if outline is None:
+            raise InputError(f"{self.path}: no set has a row; expected readings")
+        return replace(outline, sets=tuple(_joined(parts) for parts in found.values()))
+
+
+def _finite(readings: ObservationSet) -> ObservationSet:
+    for name in ("positions", "tool", "readings", "u"):
+        wrong = ~np.isfinite(getattr(readings, name)).all(axis=1)
+        if wrong.any():
+            where = readings.where(int(np.argmax(wrong)))
+            raise InputError(
+                f"{where}: {name} holds no number; expected measured readings with position, tool vector and u"
+            )
+    return readings
+
+
+def _want_all_labels(readings: ObservationSet, wanted: np.ndarray, seen: dict[tuple[str, ...], int]) -> None:
+    """Mark rows until each combination of labels has `EACH`."""
+    if not readings.labels:
+        return
+    columns = [np.unique(v, return_inverse=True) for v in readings.labels.values()]
+    codes = np.stack([np.asarray(code).ravel() for _, code in columns], axis=1)
+    combinations, index = np.unique(codes, axis=0, return_inverse=True)
+    index = np.asarray(index).ravel()
+    for i, combination in enumerate(combinations):
+        key = (readings.name, *(str(names[c]) for (names, _), c in zip(columns, combination, strict=True)))
+        own = np.flatnonzero(index == i)
+        missing, left = EACH - seen.get(key, 0) - int(wanted[own].sum()), own[~wanted[own]]
+        if missing > 0 and left.size:
+            wanted[left[np.linspace(0, len(left) - 1, min(missing, len(left))).astype(int)]] = True
+        seen[key] = seen.get(key, 0) + int(wanted[own].sum())
+
+
+def _joined(parts: list[ObservationSet]) -> ObservationSet:
+    first = parts[0]
+    joined: dict[str, Any] = {
+        name: np.concatenate([getattr(p, name) for p in parts])
+        for name in ROW_ARRAYS
+        if all(getattr(p, name) is not None for p in parts)
+    }
+    labels = {name: np.concatenate([p.labels[name] for p in parts]) for name in first.labels}
+    return replace(first, labels=labels, **joined)

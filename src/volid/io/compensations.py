@@ -1,0 +1,80 @@
+"""Whole compensations as files: written to a folder, and read back into a simulated control."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from volid.compensation.control import Control
+from volid.compensation.package import Compensation
+from volid.exceptions import InputError
+from volid.fitting.solution import Solution
+from volid.io.basics.atomic import atomic_folder
+from volid.io.basics.hdf5_values import is_hdf5
+from volid.io.basics.toml_table import read_text
+from volid.io.functions_csv import write_csv
+from volid.io.grids import FORMAT as GRID_FORMAT
+from volid.io.grids import grid_paths, read_grid, save_grid
+from volid.io.table_reader import read_table
+from volid.io.tables import FORMAT as TABLE_FORMAT
+from volid.io.tables import TableForm, table_header, table_sheet
+from volid.model.machine import Machine
+
+
+def save_compensation(
+    made: Compensation,
+    solution: Solution,
+    folder: str | Path,
+    *,
+    form: TableForm | None = None,
+    errors: bool = False,
+    source: str | Path | None = None,
+    overwrite: bool = False,
+) -> None:
+    """All tables and grids of a compensation into a folder: EXX.csv, …, grid.linear.csv, … Raises `OutputError`."""
+    form = TableForm(errors=errors) if form is None else form
+    with atomic_folder(folder, overwrite) as place:
+        for table in made.tables:
+            sheet = table_sheet(table, form, table_header(table, form, solution, source))
+            with (place / f"{table.function}.csv").open("w", newline="", encoding="utf-8") as stream:
+                write_csv(stream, sheet)
+        for grid, path in zip(
+            made.grids, grid_paths(made.grids, place / "grid.csv") if made.grids else [], strict=True
+        ):
+            save_grid(grid, solution, path, errors=errors, source=source)
+
+
+def load_control(machine: Machine, paths: Iterable[str | Path], **options: Any) -> Control:
+    """A simulated control with the tables and grids of files and folders; `options` as of `Control`.
+
+    Raises `InputError` for a file that is neither a table nor a grid of volid, or two tables of one function.
+    """
+    tables, grids = [], []
+    for path in _files(paths):
+        kind = GRID_FORMAT if is_hdf5(path) else _format(path)
+        if kind == TABLE_FORMAT:
+            tables.append(read_table(path))
+        elif kind == GRID_FORMAT:
+            grids.append(read_grid(path))
+        else:
+            raise InputError(
+                f"{path}: format is '{kind}'; expected '{TABLE_FORMAT}' or '{GRID_FORMAT}', written by volid"
+            )
+    names = [t.function for t in tables]
+    twice = next((n for n in names if names.count(n) > 1), None)
+    if twice:
+        raise InputError(f"two tables of {twice}; a control holds one per function. Sum them with --add-to")
+    return Control(machine, tuple(tables), tuple(grids), **options)
+
+
+def _files(paths: Iterable[str | Path]) -> list[Path]:
+    found: list[Path] = []
+    for path in map(Path, paths):
+        found += sorted(p for p in path.iterdir() if p.suffix in (".csv", ".h5")) if path.is_dir() else [path]
+    return found
+
+
+def _format(path: Path) -> str:
+    first = read_text(path).split("\n", 1)[0]
+    return first.removeprefix("# format: ").strip() if first.startswith("# format: ") else "missing"

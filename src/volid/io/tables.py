@@ -1,0 +1,162 @@
+"""Error and compensation tables as CSV (`volid-table/1`), one function per file (ISO/TR 16907 Table 1).
+
+Lines "# key: value" say what the numbers are and where they come from, enough to make the table again; then the columns:
+position, values, u, `outside` (1: not measured there). The value columns are
+
+    X,EXX                 without reversal, or one `reversal value` for the axis in the header (--reversal value)
+    X,EXX(+),EXX(-)       approached in + and in - (--reversal columns)
+    X,EXX(+),B_EXX        approached in +, and the reversal value EXX(+) - EXX(-) (--reversal difference)
+
+Lengths mm, rotations rad, positions mm or degrees. Incremental tables hold the differences of *rounded* absolute values, the
+first row the value itself, so that rounding does not add up: a running sum gives the absolute table. Read back, a table holds
+error values.
+"""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from volid.compensation.rounding import round_to
+from volid.compensation.tables.error_table import COLUMNS, DIFFERENCE, ITSELF, MODEL, VALUE, ErrorTable
+from volid.exceptions import InputError
+from volid.fitting.solution import Solution
+from volid.io.functions_csv import OUTSIDE, REJECTED, Sheet, source_lines
+from volid.model.iso230 import LINEAR_AXES, describe, parse
+
+FORMAT = "volid-table/1"
+ERROR, COMPENSATION = "error", "compensation"
+ABSOLUTE, INCREMENTAL = "absolute", "incremental"
+REVERSALS = (COLUMNS, VALUE, DIFFERENCE)
+_SIGN = {
+    ERROR: "error value = actual - nominal; the compensation value is minus it",
+    COMPENSATION: "compensation value = -(actual - nominal); a control that adds it removes the deviation",
+}
+_ROWS = {
+    ABSOLUTE: "absolute values, not increments",
+    INCREMENTAL: "increments from row to row, the first row the value itself; their running sum is the absolute value",
+}
+_APPLIED = {
+    MODEL: "the control moves X, Y, Z; rotations act through its kinematic model and the current tool vector",
+    ITSELF: "the control moves the axis itself",
+}
+
+
+@dataclass(frozen=True)
+class TableForm:
+    """How tables are written.
+
+    `errors`: error instead of compensation values. `incremental`. `reversal`: "columns", "value" or "difference". `increment`,
+    `angle_increment`: least increment to which values are rounded [mm], [rad]; None: all digits. Raises `InputError` for a
+    combination that makes no table.
+    """
+
+    errors: bool = False
+    incremental: bool = False
+    reversal: str = COLUMNS
+    increment: float | None = None
+    angle_increment: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.reversal not in REVERSALS:
+            raise InputError(f"--reversal '{self.reversal}'; expected {', '.join(REVERSALS)}")
+        if self.incremental and self.reversal == DIFFERENCE:
+            raise InputError("--incremental goes with --reversal columns or value, not with difference")
+        for value in (self.increment, self.angle_increment):
+            if value is not None and not value > 0:
+                raise InputError(f"--increment {value:g}; expected a number > 0")
+
+    def least(self, table: ErrorTable) -> float | None:
+        """Least increment of a table's values [mm or rad]."""
+        return self.angle_increment if parse(table.function).is_rotation else self.increment
+
+
+def increments(absolute: np.ndarray) -> np.ndarray:
+    """Differences from row to row, the first row the value itself, (n,) or (n, c)."""
+    return np.diff(absolute, axis=0, prepend=np.zeros_like(absolute[:1]))
+
+
+def written_values(table: ErrorTable, form: TableForm) -> tuple[tuple[str, ...], np.ndarray, float]:
+    """Column names, the value columns (n, c) as written, and the largest change by rounding [mm or rad]."""
+    columns, rows = table.table_1(form.reversal, errors=form.errors)
+    exact = rows[:, 1:]
+    rounded = round_to(exact, form.least(table))
+    loss = float(np.abs(rounded - exact).max())
+    return columns, increments(rounded) if form.incremental else rounded, loss
+
+
+def table_header(
+    table: ErrorTable,
+    form: TableForm,
+    solution: Solution,
+    source: str | Path | None = None,
+    command: Sequence[str] = (),
+) -> dict[str, str]:
+    """The record of a table (ISO/TR 16907 12): all that is needed to use it, and to make it again."""
+    unit, axis_unit = table.unit, "mm" if table.axis in LINEAR_AXES else "degrees"
+    values = ERROR if form.errors else COMPENSATION
+    _, _, loss = written_values(table, form)
+    least = form.least(table)
+    lines = {
+        "format": FORMAT,
+        "type": table.type,
+        "function": table.function,
+        "meaning": describe(table.function),
+        "values": values,
+        "sign": _SIGN[values],
+        "rows": INCREMENTAL if form.incremental else ABSOLUTE,
+        "rows mean": _ROWS[INCREMENTAL if form.incremental else ABSOLUTE],
+        "units": f"{table.axis} {axis_unit}; {table.function} {unit}; u_… standard uncertainty (k = 1)",
+        "applied": table.applied,
+        "applied means": _APPLIED[table.applied],
+        "interpolation": f"linear, end values held outside; largest deviation between the points "
+        f"{table.interpolation:.6g} {unit}",
+        "zero": table.zero,
+        "reversal": _reversal_text(table, form),
+        "least increment": "all digits"
+        if least is None
+        else f"{least:.9g} {unit}; largest change by rounding {loss:.6g} {unit}",
+        "limits": f"{len(table.positions)} points, {table.axis} {table.positions[0]:g} … {table.positions[-1]:g} {axis_unit}",
+        "period": f"{table.period:g} degrees" if table.period else "none",
+        "frame": "machine",
+        **{k: v for k, v in table.basis.items() if v},
+    }
+    if table.has_reversal and form.reversal == VALUE:
+        sign = 1.0 if form.errors else -1.0
+        value = float(round_to(np.array(sign * table.reversal_value), least))
+        lines["reversal value"] = f"{value:.12g} {unit}"
+    lines |= source_lines(solution, source) | {"datum": table.datum}
+    if command:
+        lines["command"] = shlex.join(command)
+    if any(note.startswith(REJECTED) for note in table.notes):
+        lines.pop(REJECTED, None)
+    return lines | {f"note {i}": note for i, note in enumerate(table.notes, start=1)}
+
+
+def _reversal_text(table: ErrorTable, form: TableForm) -> str:
+    if not table.has_reversal:
+        return "none: the same in both approach directions"
+    if form.reversal == COLUMNS:
+        return "columns: (+) approached with rising, (-) with falling position"
+    if form.reversal == DIFFERENCE:
+        return f"difference: B_{table.function} = value (+) - value (-)"
+    return f"value: one for the axis; up to {table.reversal_loss:.6g} {table.unit} of the reversal at single positions is left"
+
+
+def table_sheet(table: ErrorTable, form: TableForm, header: Mapping[str, str]) -> Sheet:
+    """The table before it is written; values keep 1e-9 mm or 1e-12 rad."""
+    columns, values, _ = written_values(table, form)
+    digits = 12 if parse(table.function).is_rotation else 9
+    u = table.u if values.shape[1] == 2 else table.u.max(axis=1, keepdims=True)
+    names = (f"u_{c}" for c in columns[1:])
+    rows = zip(table.positions.tolist(), values.tolist(), u.tolist(), table.outside.astype(int).tolist(), strict=True)
+    return Sheet(
+        header=header,
+        columns=(*columns, *names, OUTSIDE),
+        rows=([q, *v, *s, flag] for q, v, s, flag in rows),
+        digits={name: digits for c in columns[1:] for name in (c, f"u_{c}")},
+    )

@@ -1,0 +1,118 @@
+"""Truth of a virtual machine in one HDF5 file, `volid-truth/1`, readable with plain h5py.
+
+Root attributes: `format`; `seed` (-1: none); `source` (text). Units: mm, rad, positions mm or degrees.
+- `machine`: the text of the machine file, scalar.
+- `functions/<name>`, `reversal/<name>`: error motions E(q) and reversal values B(q) by ISO 230-1 symbol, each with
+  `positions` (n,) of its own axis and `values` (n,); between the points a spline of attribute `degree` goes through them:
+  3, cubic with not-a-knot ends (scipy.interpolate.make_interp_spline), or 1, straight lines.
+- `cross/<name>`: functions of two axes, added to `functions`: attribute `axis` (letter of the second one), `positions`
+  (n,), `across` (p,) of the second axis, `values` (n, p), tensor product of the same splines.
+- `constants/`: `name` (k,), `value` (k,): squareness, location errors, tool-frame constants.
+- `stations/`: `name` (k,), `position` (k, 3), true positions on their bodies. `instruments/`: `name` (k,), `value` (k,):
+  dead paths, offsets and the like, by the names they have in a solution.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from volid.exceptions import InputError
+from volid.io.basics.atomic import atomic_output
+from volid.io.basics.hdf5_values import is_hdf5, read_text, reading, write_array, write_text
+from volid.io.machines import format_machine, parse_machine
+from volid.io.solutions import read_solution
+from volid.virtual.truth import CrossTable, Table, Truth, truth_of_solution
+
+FORMAT = "volid-truth/1"
+
+
+def write_truth(truth: Truth, path: str | Path, *, overwrite: bool = False) -> None:
+    """Write a truth, its functions as dense tables, to one HDF5 file.
+
+    Raises `OutputError` when `path` exists (unless `overwrite`) or cannot be written; then nothing is written.
+    """
+    truth = truth.tabulated()
+    with atomic_output(path, overwrite) as temporary, h5py.File(temporary, "w") as file:
+        file.attrs["format"] = FORMAT
+        file.attrs["seed"] = -1 if truth.seed is None else truth.seed
+        file.attrs["source"] = truth.source
+        file["machine"] = format_machine(truth.machine)
+        for group, tables in (("functions", truth.functions), ("reversal", truth.reversal)):
+            parent = file.create_group(group)
+            for name, table in tables.items():
+                _write_table(parent.create_group(name), table)
+        parent = file.create_group("cross")
+        for name, (other, cross) in truth.cross.items():
+            group = parent.create_group(name)
+            _write_table(group, cross)
+            group.attrs["axis"] = other
+        _write_values(file.create_group("constants"), "value", truth.constants)
+        _write_values(file.create_group("stations"), "position", truth.stations)
+        _write_values(file.create_group("instruments"), "value", truth.instruments)
+
+
+def _write_table(group: h5py.Group, table: Any) -> None:
+    group.attrs["degree"] = table.degree
+    for name in ("positions", "across", "values"):
+        if hasattr(table, name):
+            write_array(group, name, getattr(table, name))
+
+
+def _write_values(group: h5py.Group, name: str, values: Mapping[str, Any]) -> None:
+    write_text(group, "name", list(values))
+    write_array(group, name, np.array(list(values.values())))
+
+
+def read_truth(path: str | Path) -> Truth:
+    """The truth in a `volid-truth` file. Raises `InputError` when the file is missing, damaged or another one."""
+    with reading(path, "truth", FORMAT) as file:
+        machine = parse_machine(file["machine"].asstr()[()], f"{path}, machine")
+        seed = int(file.attrs["seed"])
+        return Truth(
+            machine,
+            functions={name: _read_table(group) for name, group in file["functions"].items()},
+            cross={name: (group.attrs["axis"], _read_cross(group)) for name, group in file["cross"].items()},
+            reversal={name: _read_table(group) for name, group in file["reversal"].items()},
+            constants={name: float(value) for name, value in _read_values(file["constants"], "value")},
+            stations={name: (p[0], p[1], p[2]) for name, p in _read_values(file["stations"], "position")},
+            instruments={name: float(value) for name, value in _read_values(file["instruments"], "value")},
+            seed=None if seed < 0 else seed,
+            source=str(path),
+        )
+
+
+def _read_table(group: h5py.Group) -> Table:
+    return Table(group["positions"][()], group["values"][()], int(group.attrs["degree"]))
+
+
+def _read_cross(group: h5py.Group) -> CrossTable:
+    return CrossTable(group["positions"][()], group["across"][()], group["values"][()], int(group.attrs["degree"]))
+
+
+def _read_values(group: h5py.Group, name: str) -> list[tuple[str, Any]]:
+    return list(zip(read_text(group["name"]).tolist(), group[name][()].tolist(), strict=True))
+
+
+def load_truth(path: str | Path) -> Truth:
+    """The truth in a `volid-truth` file, or the machine that a `volid-solution` file describes.
+
+    Raises `InputError` when the file is neither.
+    """
+    if not is_hdf5(path):
+        raise InputError(f"{path}: not an HDF5 file; expected a truth, '{FORMAT}', or a solution of volid fit")
+    try:
+        with h5py.File(path, "r") as file:
+            found = str(file.attrs.get("format", ""))
+    except OSError as error:
+        raise InputError(f"{path}: the HDF5 file is truncated or damaged ({error}); copy or write it again") from None
+    if found.startswith("volid-solution/"):
+        return replace(truth_of_solution(read_solution(path)), source=str(path))
+    if found and not found.startswith("volid-truth/"):
+        raise InputError(f"{path}: format is '{found}'; expected a truth, '{FORMAT}', or a solution of volid fit")
+    return read_truth(path)

@@ -1,0 +1,95 @@
+"""What the datum demands of the coefficients, as rows of linear constraints (CONVENTIONS 4)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from volid.model.error_functions import reference_of, settings_for, spline_axes
+from volid.model.iso230 import parse
+from volid.model.machine import Datum, Machine
+from volid.model.splines import Spline, end_slope_row, harmonic_rows, mean_row, refinement, slope_row, value_row
+
+
+def make_splines(machine: Machine, name: str, segments: tuple[int, ...]) -> tuple[Spline, ...]:
+    """Splines of an error motion with the given number of intervals per axis; period 360° on full-turn rotary axes."""
+    degree = settings_for(machine, name).degree or 3
+    splines = []
+    for letter, n in zip(spline_axes(machine, name), segments, strict=True):
+        axis = machine.axis(letter)
+        low, high = axis.travel
+        if axis.is_full_turn:
+            low, high, n = -180.0, 180.0, max(n, degree + 1)
+        splines.append(Spline(machine.index(letter), low, high, n, degree, axis.is_full_turn))
+    return tuple(splines)
+
+
+def linear_constraints(machine: Machine, datum: Datum, name: str, splines: tuple[Spline, ...]) -> np.ndarray:
+    """Datum rows of a linear axis's error motion: zero at the reference, zero-slope straightness (CONVENTIONS 4)."""
+    error = parse(name)
+    own = splines[0]
+    at_reference = value_row(own, reference_of(machine, datum, error.axis))
+    slope = slope_row(own) if datum.line == "least_squares" else end_slope_row(own)
+    across, every = _across(machine, datum, splines)
+    rows = [np.kron(at_reference, row) for row in every]
+    if not error.is_rotation and error.direction != error.axis:
+        rows.append(np.kron(slope, across))
+    return np.array(rows)
+
+
+def _across(machine: Machine, datum: Datum, splines: tuple[Spline, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """For a cross effect: value row at the other axis's reference, and one row for every value of it; else 1, 1."""
+    if len(splines) == 1:
+        return np.ones(1), np.ones((1, 1))
+    other = splines[1]
+    return value_row(other, reference_of(machine, datum, machine.letters[other.axis])), np.eye(other.size)
+
+
+def rotary_constraints(
+    machine: Machine, datum: Datum, group: tuple[str, ...], splines: list[tuple[Spline, ...]]
+) -> np.ndarray:
+    """Datum rows of coupled error motions of a rotary axis (CONVENTIONS 4), in the group's concatenated coefficients.
+
+    Translations and tilts: zero mean. Angular positioning: zero at the reference. Co-rotating part of the pair across the
+    axis: zero, i.e. the mean of the pair times v turned with the axis vanishes for both v across it:
+    v cos q + s (d × v) sin q, s = +1 on the tool side, -1 on the workpiece side.
+    """
+    axis = machine.axis(parse(group[0]).axis)
+    along = axis.frame.T @ np.asarray(axis.unit_vector)
+    across = _across_pair(along)
+    components = [parse(n).component % 3 for n in group]
+    zero = reference_of(machine, datum, axis.letter)
+
+    def row(direction: np.ndarray, functional: list[np.ndarray]) -> np.ndarray:
+        """Σ_k direction[k] · functional of component k."""
+        return np.concatenate([direction[k] * f for k, f in zip(components, functional, strict=True)])
+
+    rows = []
+    every = [_across(machine, datum, f)[1] for f in splines]
+    for number in range(max(len(e) for e in every)):
+        others = [e[min(number, len(e) - 1)] for e in every]
+        mean = [np.kron(mean_row(f[0]), e) for f, e in zip(splines, others, strict=True)]
+        at_zero = [np.kron(value_row(f[0], zero), e) for f, e in zip(splines, others, strict=True)]
+        rows += [row(along, at_zero if parse(group[0]).is_rotation else mean), *(row(v, mean) for v in across)]
+    if len(group) > 1:
+        lines = [_across(machine, datum, f)[0] for f in splines]
+        cosine = [np.kron(harmonic_rows(f[0])[1], line) for f, line in zip(splines, lines, strict=True)]
+        sine = [np.kron(harmonic_rows(f[0])[2], line) for f, line in zip(splines, lines, strict=True)]
+        sense = -1.0 if axis.primed else 1.0
+        rows += [row(v, cosine) + row(sense * np.cross(along, v), sine) for v in across]
+    return np.array([r for r in rows if np.any(np.abs(r) > 1e-14)])
+
+
+def _across_pair(direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Two orthonormal vectors across `direction`; coordinate directions when it is one."""
+    first = np.eye(3)[int(np.argmin(np.abs(direction)))]
+    first = first - direction * (direction @ first)
+    first = first / np.linalg.norm(first)
+    return first, np.cross(direction, first)
+
+
+def refine_all(coarse: tuple[Spline, ...], fine: tuple[Spline, ...]) -> np.ndarray:
+    """Coefficient map from chosen to carrier splines, tensor products included."""
+    result = np.ones((1, 1))
+    for c, f in zip(coarse, fine, strict=True):
+        result = np.kron(result, refinement(c, f))
+    return result

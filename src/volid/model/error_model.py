@@ -1,0 +1,321 @@
+"""The error model: which error functions exist, how coefficients make error values, and the datum's constraints.
+
+Error values are linear in the coefficients c; the coefficients are c = P θ with free parameters θ, where the columns of P
+span the coefficients that satisfy the datum (CONVENTIONS 4: zero at the reference, zero-slope straightness). So the datum
+holds exactly and the problem keeps full rank without penalty terms.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from itertools import groupby
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.linalg import block_diag, null_space
+
+from volid.backend.elementary import in_rows, space
+from volid.model.datum_constraints import linear_constraints, make_splines, refine_all, rotary_constraints
+from volid.model.error_functions import (
+    location_names,
+    motion_groups,
+    reference_of,
+    settings_for,
+    spindle_names,
+    squareness_effect,
+    squareness_names,
+)
+from volid.model.iso230 import parse
+from volid.model.machine import Datum, Machine
+from volid.model.splines import Basis, Spline, evaluate
+
+ROWS = 6
+MEAN, REVERSAL, LOCATION = "mean", "reversal", "location"
+
+
+class Term(NamedTuple):
+    """A block of coefficients: values[row] += sign · c[start : start + size] · basis."""
+
+    name: str
+    part: str
+    row: int
+    basis: Basis
+    start: int
+    sign: float
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Static structure of a model, hashable: one compiled program serves every model with the same layout."""
+
+    n_axes: int
+    n_coefficients: int
+    terms: tuple[Term, ...]
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    def __reduce__(self) -> tuple[Any, ...]:  # without what is cached: hashes of strings differ between processes
+        return Layout, (self.n_axes, self.n_coefficients, self.terms)
+
+    @cached_property
+    def _hash(self) -> int:  # programs with a layout as static argument ask for it at every call
+        return hash((self.n_axes, self.n_coefficients, self.terms))
+
+    @cached_property
+    def bases(self) -> tuple[Basis, ...]:
+        """The distinct bases, each evaluated once per reading."""
+        return tuple(dict.fromkeys(term.basis for term in self.terms))
+
+    @cached_property
+    def runs(self) -> list[list[Term]]:
+        """Consecutive terms with one basis: their coefficients form a matrix, which keeps the compiled program small."""
+        return [list(run) for _, run in groupby(self.terms, key=lambda term: term.basis)]
+
+
+@dataclass(frozen=True)
+class Function:
+    """One error motion or location error of a model, with where its numbers stand.
+
+    `splines`: of the chosen resolution; empty for a constant. `coefficients`: columns in c; `parameters`: in θ, shared by
+    the members of a group whose datum constraints are coupled.
+    """
+
+    name: str
+    part: str
+    splines: tuple[Spline, ...]
+    coefficients: slice
+    parameters: slice
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorModel:
+    """Error functions of a machine in a datum.
+
+    `layout`: coefficient structure. `functions`: one entry per function part, in the order of θ.
+    `parametrisation`: P, shape (n_coefficients, n_parameters). `datum`: the datum whose constraints P satisfies.
+    """
+
+    machine: Machine
+    datum: Datum
+    layout: Layout
+    functions: tuple[Function, ...]
+    parametrisation: np.ndarray
+
+    @property
+    def n_parameters(self) -> int:
+        """Number of free parameters θ."""
+        return self.parametrisation.shape[1]
+
+    @cached_property
+    def by_name(self) -> dict[tuple[str, str], Function]:
+        """Functions by (ISO 230-1 symbol, part), part one of "mean", "reversal", "location"."""
+        return {(f.name, f.part): f for f in self.functions}
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """ISO 230-1 symbols in the model, each once."""
+        return tuple(dict.fromkeys(f.name for f in self.functions))
+
+    @property
+    def segments(self) -> dict[str, tuple[int, ...]]:
+        """Number of spline intervals of every error motion."""
+        return {f.name: tuple(s.segments for s in f.splines) for f in self.functions if f.part == MEAN}
+
+    @property
+    def carrier(self) -> dict[str, tuple[int, ...]]:
+        """Number of spline intervals in which the coefficients of every error motion are stored."""
+        return {t.name: tuple(s.segments for s in t.basis.factors) for t in self.layout.terms if t.part == MEAN}
+
+    def __repr__(self) -> str:
+        return f"ErrorModel({self.machine.name!r}, {len(self.names)} functions, {self.n_parameters} parameters)"
+
+    def parameter_labels(self) -> list[str]:
+        """A name for each free parameter: "EXX[3]", "EXX reversal[0]", "EC0Y"."""
+        labels: list[str] = []
+        for names, part, parameters in self.groups:
+            name = "+".join(names) + (" reversal" if part == REVERSAL else "")
+            size = parameters.stop - parameters.start
+            labels += [name] if part == LOCATION else [f"{name}[{i}]" for i in range(size)]
+        return labels
+
+    @property
+    def groups(self) -> list[tuple[tuple[str, ...], str, slice]]:
+        """Functions that share parameters, their part, and their parameters, in the order of θ."""
+        found: dict[tuple[int, int], tuple[list[str], str, slice]] = {}
+        for f in self.functions:
+            key = (f.parameters.start, f.parameters.stop)
+            found.setdefault(key, ([], f.part, f.parameters))[0].append(f.name)
+        return [(tuple(names), part, parameters) for names, part, parameters in found.values()]
+
+
+def error_values(layout: Layout, coefficients: Any, bases: Any) -> Any:
+    """Error values (6·(n_axes + 1), m) from coefficients and the evaluated `bases` (one (size, m) array each)."""
+    if not layout.terms:
+        return np.zeros((ROWS * (layout.n_axes + 1), 0))
+    m = bases[0].shape[1]
+    return in_rows(error_rows(layout, coefficients, bases, m), (m,))
+
+
+def error_rows(layout: Layout, coefficients: Any, bases: Any, m: int) -> list[Any]:
+    """`error_values` as a list of rows (m,).
+
+    In JAX not one array: XLA would split the product that puts curves into rows, and add its parts up anew at every use of a row.
+    """
+    values = dict(zip(layout.bases, bases, strict=True))
+    rows: list[Any] = [None] * (ROWS * (layout.n_axes + 1))
+    for run in layout.runs:
+        last = run[-1].start + run[-1].basis.size
+        curves = coefficients[run[0].start : last].reshape(len(run), -1) @ values[run[0].basis]
+        add_curves(rows, run, curves)
+    zero = space(coefficients).zeros(m)
+    return [zero if row is None else row for row in rows]
+
+
+def add_curves(rows: list[Any], run: Sequence[Term], curves: Any) -> None:
+    """Add the curves of a run's terms, (terms, m), to the rows of error values they belong to; None stands for 0."""
+    for term, curve in zip(run, curves, strict=True):
+        signed = curve if term.sign == 1.0 else term.sign * curve
+        rows[term.row] = signed if rows[term.row] is None else rows[term.row] + signed
+
+
+def evaluate_bases(layout: Layout, q: Any, direction: Any) -> list[Any]:
+    """All distinct bases at positions `q` (n_axes, m) and approach directions (n_axes, m)."""
+    return [evaluate(basis, q, direction) for basis in layout.bases]
+
+
+def coefficient_rows(layout: Layout, partials: Any, bases: Any) -> Any:
+    """Chain rule from error values to coefficients: ∂r/∂c, shape (n_coefficients, m), from ∂r/∂(error values)."""
+    if not layout.terms:
+        return np.zeros((0, partials.shape[1]))
+    values = dict(zip(layout.bases, bases, strict=True))
+    blocks = []
+    for run in layout.runs:
+        signed = signed_rows(run, partials)
+        blocks.append((signed[:, None, :] * values[run[0].basis][None, :, :]).reshape(-1, partials.shape[1]))
+    return space(blocks[0]).concatenate(blocks)
+
+
+def signed_rows(run: Sequence[Term], partials: Any) -> Any:
+    """Partial derivatives with respect to the curves of a run's terms, (terms, m), from those to error values."""
+    return partials[np.array([t.row for t in run])] * np.array([[t.sign] for t in run], dtype=partials.dtype)
+
+
+def summed_rows(layout: Layout, partials: Any, bases: Any) -> Any:
+    """`coefficient_rows` summed over the positions, shape (n_coefficients,), without the rows themselves."""
+    if not layout.terms:
+        return np.zeros(0)
+    values = dict(zip(layout.bases, bases, strict=True))
+    blocks = []
+    for run in layout.runs:
+        signed = signed_rows(run, partials)
+        blocks.append((signed @ values[run[0].basis].T).reshape(-1))
+    return space(blocks[0]).concatenate(blocks)
+
+
+class _Builder:
+    """Collects terms, functions and parametrisation blocks in order."""
+
+    def __init__(self, machine: Machine) -> None:
+        self.machine = machine
+        self.terms: list[Term] = []
+        self.functions: list[Function] = []
+        self.blocks: list[np.ndarray] = []
+        self.n_coefficients = 0
+        self.n_parameters = 0
+
+    def add(self, block: MotionBlock, signs: tuple[float, ...] = (), rows: tuple[int, ...] = ()) -> None:
+        """Terms and functions of one block; `rows` default to the error motions' own rows."""
+        free = slice(self.n_parameters, self.n_parameters + block.free.shape[1])
+        for i, (name, basis) in enumerate(zip(block.names, block.bases, strict=True)):
+            error = parse(name)
+            row = rows[i] if rows else ROWS * self.machine.index(error.axis) + error.component
+            self.terms.append(Term(name, block.part, row, basis, self.n_coefficients, signs[i] if signs else 1.0))
+            columns = slice(self.n_coefficients, self.n_coefficients + basis.size)
+            self.functions.append(Function(name, block.part, block.splines[i], columns, free))
+            self.n_coefficients += basis.size
+        self.n_parameters = free.stop
+        self.blocks.append(block.free)
+
+    def add_constant(self, name: str, basis: Basis, row: int, sign: float = 1.0) -> None:
+        """A location error, squareness or tool-frame constant."""
+        self.add(MotionBlock((name,), LOCATION, (basis,), np.eye(1), ((),)), (sign,), (row,))
+
+
+@lru_cache(maxsize=1024)
+def _null_space(numbers: bytes, shape: tuple[int, ...]) -> np.ndarray:
+    """Orthonormal null space of a constraint matrix; the same one serves many functions and many stages of a fit."""
+    return np.asarray(null_space(np.frombuffer(numbers).reshape(shape)))
+
+
+class MotionBlock(NamedTuple):
+    """One part (mean or reversal) of a group of error motions, and its free directions (a block of P)."""
+
+    names: tuple[str, ...]
+    part: str
+    bases: tuple[Basis, ...]
+    free: np.ndarray
+    splines: tuple[tuple[Spline, ...], ...]
+
+
+def motion_blocks(
+    machine: Machine,
+    datum: Datum,
+    group: tuple[str, ...],
+    chosen: Mapping[str, tuple[int, ...]],
+    carrier: Mapping[str, tuple[int, ...]],
+) -> list[MotionBlock]:
+    """Mean and, if modelled, reversal parts of a group of error motions, `chosen` segments stored in `carrier` ones."""
+    axis = machine.index(parse(group[0]).axis)
+    coarse = [make_splines(machine, n, chosen[n]) for n in group]
+    fine = [make_splines(machine, n, carrier[n]) for n in group]
+    refine = block_diag(*(refine_all(c, f) for c, f in zip(coarse, fine, strict=True)))
+    if machine.axes[axis].is_linear:
+        constraints = linear_constraints(machine, datum, group[0], coarse[0])
+    else:
+        constraints = rotary_constraints(machine, datum, group, coarse)
+    free = refine @ _null_space(constraints.tobytes(), constraints.shape)
+    blocks = [MotionBlock(group, MEAN, tuple(Basis(f) for f in fine), free, tuple(coarse))]
+    for name, c, f in zip(group, coarse, fine, strict=True):
+        reversal = settings_for(machine, name).reversal
+        if reversal == "constant":
+            blocks.append(MotionBlock((name,), REVERSAL, (Basis(directed=axis),), np.eye(1), ((),)))
+        elif reversal:
+            basis = Basis(f[:1], directed=axis)
+            blocks.append(MotionBlock((name,), REVERSAL, (basis,), refine_all(c[:1], f[:1]), (c[:1],)))
+    return blocks
+
+
+def build_model(
+    machine: Machine,
+    segments: Mapping[str, tuple[int, ...]],
+    *,
+    carrier: Mapping[str, tuple[int, ...]] | None = None,
+    datum: Datum | None = None,
+) -> ErrorModel:
+    """Error model of a machine with stated spline resolution.
+
+    `segments`: intervals of every error motion, one number per axis it depends on. `carrier`: a multiple of `segments` in
+    which the coefficients are stored (default: `segments`); models with one carrier share one compiled program.
+    Raises `InputError` for a misused `over`.
+    """
+    datum = machine.datum if datum is None else datum
+    builder = _Builder(machine)
+    for group in motion_groups(machine):
+        for block in motion_blocks(machine, datum, group, segments, segments if carrier is None else carrier):
+            builder.add(block)
+    for name in squareness_names(machine, datum):
+        if settings_for(machine, name).use:
+            target, sign = squareness_effect(name)
+            axis = machine.index(parse(name).axis)
+            basis = Basis(linear=(axis, reference_of(machine, datum, parse(name).axis)))
+            builder.add_constant(name, basis, ROWS * axis + parse(target).component, sign)
+    for name in location_names(machine):
+        builder.add_constant(name, Basis(), ROWS * machine.index(parse(name).axis) + parse(name).component)
+    for name in spindle_names(machine):
+        builder.add_constant(name, Basis(), ROWS * len(machine.axes) + parse(name).component)
+    layout = Layout(len(machine.axes), builder.n_coefficients, tuple(builder.terms))
+    blocks = block_diag(*builder.blocks) if builder.blocks else np.zeros((0, 0))
+    return ErrorModel(machine, datum, layout, tuple(builder.functions), blocks)

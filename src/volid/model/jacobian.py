@@ -1,0 +1,112 @@
+"""Geometric Jacobian: partial derivatives of the deviation with respect to the error values of every body.
+
+A component of the deviation, c·x with a direction c, depends on the error motion D of one body through the point y at which it
+acts and through the direction c as that body sees it, carried there by the transposed chain. With the rotation vector ω,
+
+    ∂(c·D y)/∂t = c,   ∂(c·D y)/∂ω = y × c + (c (ω·y) + y (c·ω)) / 2 - ω (c·y)
+
+(derivative of `geometry.rotate_small`). One walk along the chain for the point and three for directions there and back serve all
+bodies, where a reverse pass walks once per component. Siciliano and Khatib, Springer Handbook of Robotics, chapter 2 (Jacobians).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from volid.backend.elementary import constant_like, settled
+from volid.model.geometry import Vector, add, cross, rotate_small, subtract
+from volid.model.kinematics import ROWS, error_motion, nominal_factor
+from volid.model.machine import Axis, Machine
+
+
+def deviation_partials(machine: Machine, q: Any, tool: Vector, errors: Any) -> list[list[Any]]:
+    """∂(deviation)/∂(error values), 6 rows X, Y, Z, A, B, C of 6·(n_axes + 1) entries: (m,) arrays, or 0.0 where none depends.
+
+    `q` (n_axes, m) [mm, °], `tool`: three (m,) arrays [mm], `errors`: 6·(n_axes + 1) arrays (m,) [mm, rad]. Units [1, mm/rad,
+    rad/mm, 1].
+    """
+    n = len(machine.axes)
+    units = [tuple(constant_like(q[0], float(i == k)) for i in range(3)) for k in range(3)]
+    directions = [_to_workpiece(machine, q, u) for u in units]  # as the bodies see them, from the workpiece on
+    seen = []
+    for i in range(n):
+        before, directions = _directions_at(
+            machine.axes[i], q[i], error_motion(machine, i, errors).rotation, directions
+        )
+        seen.append(before)
+    seen.append(directions)
+    point, vectors = tool, [_to_tool(machine, q, u) for u in units]
+    rows: list[list[Any]] = [[0.0] * (ROWS * (n + 1)) for _ in range(6)]
+    for i in range(n, -1, -1):
+        motion = error_motion(machine, i, errors)
+        axis = machine.axes[i] if i < n else None
+        if axis is not None and not _error_first(axis):
+            point = nominal_factor(axis, q[i], point, False)
+            vectors = [nominal_factor(axis, q[i], v, True) for v in vectors]
+        arm = subtract(point, motion.point)
+        for k, direction in enumerate(seen[i]):
+            _put(rows[k], axis, ROWS * i, direction)
+            _put(rows[k], axis, ROWS * i + 3, _by_rotation(direction, arm, motion.rotation))
+            one, other = (k + 1) % 3, (k + 2) % 3
+            turned = subtract(
+                _by_rotation(seen[i][other], vectors[one], motion.rotation),
+                _by_rotation(seen[i][one], vectors[other], motion.rotation),
+            )
+            _put(rows[3 + k], axis, ROWS * i + 3, (0.5 * turned[0], 0.5 * turned[1], 0.5 * turned[2]))
+        point = add(add(rotate_small(motion.rotation, arm), motion.point), motion.translation)
+        vectors = [rotate_small(motion.rotation, v) for v in vectors]
+        if axis is not None and _error_first(axis):
+            point = nominal_factor(axis, q[i], point, False)
+            vectors = [nominal_factor(axis, q[i], v, True) for v in vectors]
+        point, vectors = settled(point), [settled(v) for v in vectors]
+    return rows
+
+
+def _error_first(axis: Axis) -> bool:
+    """Whether the axis moves what its error motion has moved, N·D, or the other way round (CONVENTIONS 3)."""
+    return axis.is_linear != axis.primed
+
+
+def _to_workpiece(machine: Machine, q: Any, x: Vector) -> Vector:
+    """Direction of the machine frame in workpiece coordinates, by the nominal rotary axes of the workpiece side."""
+    for i in reversed(range(len(machine.axes))):
+        if machine.axes[i].primed and not machine.axes[i].is_linear:
+            x = settled(nominal_factor(machine.axes[i], q[i], x, True))
+    return x
+
+
+def _to_tool(machine: Machine, q: Any, x: Vector) -> Vector:
+    """Direction of the machine frame in the tool frame, by the nominal rotary axes of the tool side."""
+    for i, axis in enumerate(machine.axes):
+        if not axis.primed and not axis.is_linear:
+            x = settled(nominal_factor(axis, -q[i], x, True))
+    return x
+
+
+def _directions_at(axis: Axis, q: Any, rotation: Vector, found: list[Vector]) -> tuple[list[Vector], list[Vector]]:
+    """Directions as the error motion of an axis sees them, and as the next body towards the tool does."""
+    back = (-rotation[0], -rotation[1], -rotation[2])
+    if _error_first(axis):
+        before = [settled(nominal_factor(axis, -q, c, True)) for c in found]
+        return before, [settled(rotate_small(back, c)) for c in before]
+    return found, [settled(nominal_factor(axis, -q, rotate_small(back, c), True)) for c in found]
+
+
+def _by_rotation(c: Vector, y: Vector, w: Vector) -> Vector:
+    """∂(c·R(ω) y)/∂ω of `rotate_small`."""
+    first = cross(y, c)
+    along, other = 0.5 * _dot(w, y), 0.5 * _dot(c, w)
+    both = _dot(c, y)
+    return tuple(first[k] + along * c[k] + other * y[k] - both * w[k] for k in range(3))  # type: ignore[return-value]
+
+
+def _dot(a: Vector, b: Vector) -> Any:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _put(row: list[Any], axis: Axis | None, start: int, x: Vector) -> None:
+    """Partials by three error values in the axis's own frame, from machine frame components."""
+    for k in range(3):
+        row[start + k] = (
+            x[k] if axis is None else sum(float(axis.frame[i, k]) * x[i] for i in range(3) if axis.frame[i, k])
+        )

@@ -1,0 +1,268 @@
+"""What a campaign says about itself before any fit: what cannot be right, what looks odd, how well readings repeat."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from volid.campaign import Campaign, ObservationSet
+from volid.exceptions import InputError
+from volid.model.iso230 import DIRECTIONS
+from volid.model.kinematics import nominal_point
+from volid.model.machine import Machine
+from volid.observations import KINDS
+from volid.plausibility.polar import check_polar
+from volid.plausibility.rotary import check_displacements, check_motion, check_radians, scattered
+from volid.plausibility.tools import check_stations, check_tools
+from volid.plausibility.travels import check_digits, check_far, check_metres
+from volid.plausibility.units import check_components, check_distances, positions_look_small
+
+SAME_POSITION = {True: 1e-3, False: 1e-6}  # linear [mm], rotary [degrees]: commanded positions nearer are the same
+_ROWS_NAMED = 5
+_CONTINUOUS = 1e-4  # of the spread of repeated readings: a resolution that is as good as continuous
+_STEPS_TRIED = 1000  # differences that the resolution is found from
+_COINCIDENCES = 10.0  # identical readings, over those expected by chance, that can be no chance
+
+_UNIT_CHECKS: dict[str, Callable[[ObservationSet, Campaign], None]] = {
+    "distance": check_distances,
+    "component": check_components,
+    "displacement": check_displacements,
+    "polar": check_polar,
+}
+
+
+@dataclass(frozen=True)
+class Closure:
+    """How well the readings of one set repeat: later minus earliest reading at the same place, from the same direction.
+
+    `reading`: the column. `n`: number of differences. `rms`, `max` (with its sign): root mean square and largest
+    difference; `u`: root mean square of their standard uncertainties, all in the column's unit. `rms_ratio` and
+    `max_ratio`: in units of each difference's own u. `rows`: line numbers of the largest difference, earlier one first.
+    """
+
+    set: str
+    reading: str
+    n: int
+    rms: float
+    max: float
+    u: float
+    rms_ratio: float
+    max_ratio: float
+    rows: tuple[int, int]
+
+
+def check_campaign(campaign: Campaign) -> tuple[str, ...]:
+    """Warnings about what looks odd in a campaign, each naming file and rows.
+
+    Raises `InputError` for what no fit can use: no readings, numbers that are not finite, u <= 0, duplicated rows,
+    readings or positions in another unit than mm, rad, degrees; spheres out of the sensor's range; probing without
+    any rotary motion.
+    """
+    if not any(len(readings) for readings in campaign.sets):
+        raise InputError(f"{campaign.source or 'campaign'}: there are no readings; expected at least one set with rows")
+    warnings: list[str] = []
+    for readings in campaign.sets:
+        _check_numbers(readings)
+        _check_labels(readings)
+        check_digits(readings)
+        check_far(readings, campaign.machine)
+        if readings.kind in _UNIT_CHECKS:
+            _UNIT_CHECKS[readings.kind](readings, campaign)
+        check_radians(readings, campaign)
+        check_metres(readings, campaign.machine)
+        warnings += check_tools(readings, campaign)
+        check_stations(readings, campaign)
+        warnings += _small_positions(readings, campaign.machine)
+        warnings += scattered(readings, campaign.machine)
+        warnings += _outside_travel(readings, campaign.machine)
+        warnings += _duplicates(readings, campaign.machine)
+    check_motion(campaign)
+    return tuple(warnings)
+
+
+def _check_numbers(readings: ObservationSet) -> None:
+    if np.isnan(readings.readings).all():
+        raise InputError(f"{readings.source or readings.name}: the readings are missing; expected them, not a plan")
+    for name in ("positions", "directions", "tool", "readings", "u"):
+        wrong = ~np.isfinite(getattr(readings, name)).all(axis=1)
+        if wrong.any():
+            raise InputError(f"{readings.where(int(np.argmax(wrong)))}: {name} hold no finite number; expected one")
+    wrong = (readings.u <= 0.0).any(axis=1)
+    if wrong.any():
+        i = int(np.argmax(wrong))
+        raise InputError(f"{readings.where(i)}: u is {readings.u[i].min():g}; expected a standard uncertainty > 0")
+
+
+def _check_labels(readings: ObservationSet) -> None:
+    components = readings.labels.get("component", np.array(DIRECTIONS))
+    strange = ~np.isin(components, DIRECTIONS)
+    if strange.any():
+        i = int(np.argmax(strange))
+        expected = ", ".join(DIRECTIONS)
+        raise InputError(f"{readings.where(i)}: component is '{components[i]}'; expected one of {expected}")
+
+
+def _name_rows(readings: ObservationSet, rows: np.ndarray) -> str:
+    """File and line numbers: "volume.csv, rows 2, 3, 4, 5, 6 and 20 more"."""
+    numbers = rows + 1 if readings.rows is None else readings.rows[rows]
+    named = ", ".join(str(int(n)) for n in numbers[:_ROWS_NAMED])
+    more = f" and {len(rows) - _ROWS_NAMED} more" if len(rows) > _ROWS_NAMED else ""
+    return f"{readings.source or readings.name}, row{'s' if len(rows) > 1 else ''} {named}{more}"
+
+
+def _small_positions(readings: ObservationSet, machine: Machine) -> Iterable[str]:
+    if positions_look_small(readings, machine):
+        where = f"{readings.source or readings.name}, set '{readings.name}'"
+        yield f"{where}: all positions lie within 2 % of the travels around zero; are they in mm?"
+
+
+def _outside_travel(readings: ObservationSet, machine: Machine) -> Iterable[str]:
+    for i, axis in enumerate(machine.axes):
+        q, (lower, upper) = readings.positions[:, i], axis.travel
+        slack = 1e-9 * axis.length
+        rows = np.flatnonzero((q < lower - slack) | (q > upper + slack))
+        if len(rows):
+            found = f"{q[rows].min():g}" if len(rows) == 1 else f"{q[rows].min():g} … {q[rows].max():g}"
+            yield (
+                f"{_name_rows(readings, rows)}: {axis.letter} = {found} {axis.unit} lies outside the travel "
+                f"{lower:g} … {upper:g}; the error functions are not determined there"
+            )
+
+
+def _duplicates(readings: ObservationSet, machine: Machine) -> Iterable[str]:
+    """Rows that repeat an earlier one in everything, the reading and the time included.
+
+    Raises `InputError` when they are more than coarse digits explain; otherwise they are a warning. A reading of
+    exactly 0 repeats whenever an instrument is zeroed.
+    """
+    columns = [*readings.positions.T, *readings.directions.T, *readings.tool.T, *readings.readings.T]
+    columns += [*readings.labels.values(), *([] if readings.time is None else [readings.time])]
+    ids = _combine(columns)
+    first = _first_of(ids, np.arange(len(ids)))
+    rows = np.flatnonzero(first != np.arange(len(ids)))
+    if not len(rows):
+        return
+    numbers = np.arange(1, len(ids) + 1) if readings.rows is None else readings.rows
+    counted = rows[(readings.readings[rows] != 0.0).any(axis=1)]
+    if len(counted) > _COINCIDENCES * _expected_coincidences(readings, machine):
+        later, earlier = int(numbers[counted[0]]), int(numbers[first[counted[0]]])
+        others = f", and {len(counted) - 1} more such rows" if len(counted) > 1 else ""
+        raise InputError(
+            f"{readings.source or readings.name}, rows {earlier} and {later}: the same row twice{others}; remove one, "
+            "or, if it was really measured twice, add a `time` column"
+        )
+    yield f"{_name_rows(readings, rows)}: equal to an earlier row; taken as repeated readings"
+
+
+def _expected_coincidences(readings: ObservationSet, machine: Machine) -> float:
+    """Number of repeated readings expected to agree in all digits: n · resolution / RMS of the differences."""
+    later, earlier = _repeats(readings, machine)
+    differences = np.abs(readings.readings[later] - readings.readings[earlier])
+    differences = differences[differences > 0.0]
+    if not len(differences):
+        return 0.0
+    spread = _rms(differences)
+    return len(later) * min(1.0, _common_step(differences[:_STEPS_TRIED], _CONTINUOUS * spread) / spread)
+
+
+def _common_step(values: np.ndarray, tolerance: float) -> float:
+    """Number that divides all values within the tolerance (Euclid's algorithm): the resolution of an instrument."""
+    step = 0.0
+    for value in values.tolist():
+        while value > tolerance:
+            step, value = value, abs(step - value * round(step / value))
+    return step
+
+
+def closures(campaign: Campaign) -> tuple[Closure, ...]:
+    """Readings repeated at the same place, compared: one summary per set and reading column that has any.
+
+    The same place: same labels (station, segment, line …), axis positions within 1 µm or 1e-6°, same tool vector, same
+    approach direction. The difference is later - earliest, in order of time where every row has one, else of the file;
+    its u takes the two readings as independent. Sphere centres (displacements that are all 0) repeat at the same
+    rotary positions; compared are the nominal places of the centre in the workpiece frame.
+    """
+    result: list[Closure] = []
+    for readings in campaign.sets:
+        readings = _centres_as_readings(readings, campaign.machine)
+        later, earlier = _repeats(readings, campaign.machine)
+        columns = KINDS[readings.kind].readings
+        result += [_closure(readings, i, name, later, earlier) for i, name in enumerate(columns) if len(later)]
+    return tuple(result)
+
+
+def _centres_as_readings(readings: ObservationSet, machine: Machine) -> ObservationSet:
+    """Sphere centres as what was found at rotary positions: their places as readings, linear positions 0; else as it is."""
+    if readings.kind != "displacement" or readings.readings.any():
+        return readings
+    rotary = [not axis.is_linear for axis in machine.axes]
+    places = nominal_point(machine, readings.positions, readings.tool)
+    return replace(readings, positions=readings.positions * rotary, readings=places)
+
+
+def _closure(readings: ObservationSet, i: int, name: str, later: np.ndarray, earlier: np.ndarray) -> Closure:
+    drift = readings.readings[later, i] - readings.readings[earlier, i]
+    u = np.hypot(readings.u[later, i], readings.u[earlier, i])
+    ratio = drift / u
+    worst = int(np.argmax(np.abs(drift)))
+    numbers = np.arange(1, len(readings) + 1) if readings.rows is None else readings.rows
+    return Closure(
+        set=readings.name,
+        reading=name,
+        n=len(later),
+        rms=_rms(drift),
+        max=float(drift[worst]),
+        u=_rms(u),
+        rms_ratio=_rms(ratio),
+        max_ratio=float(ratio[np.argmax(np.abs(ratio))]),
+        rows=(int(numbers[earlier[worst]]), int(numbers[later[worst]])),
+    )
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _repeats(readings: ObservationSet, machine: Machine) -> tuple[np.ndarray, np.ndarray]:
+    """Rows that repeat an earlier place, and the earliest row at that place, both (n,)."""
+    tolerance = [SAME_POSITION[axis.is_linear] for axis in machine.axes] + [SAME_POSITION[True]] * 3
+    places = np.hstack([readings.positions, readings.tool])
+    clusters = [_cluster(values, t) for values, t in zip(places.T, tolerance, strict=True)]
+    ids = _combine([*clusters, *readings.directions.T, *readings.labels.values()])
+    first = _first_of(ids, _order(readings))
+    later = np.flatnonzero(first != np.arange(len(ids)))
+    same = (np.abs(places[later] - places[first[later]]) <= 1.001 * np.array(tolerance)).all(axis=1)
+    return later[same], first[later[same]]
+
+
+def _order(readings: ObservationSet) -> np.ndarray:
+    """Row numbers in order of time, or of the file when a time is missing."""
+    if readings.time is None or np.isnan(readings.time).any():
+        return np.arange(len(readings))
+    return np.argsort(readings.time, kind="stable")
+
+
+def _cluster(values: np.ndarray, tolerance: float) -> np.ndarray:
+    """Number of the cluster of each value, (m,): sorted neighbours within the tolerance share one."""
+    order = np.argsort(values, kind="stable")
+    result = np.empty(len(values), dtype=np.int64)
+    result[order] = np.concatenate([[0], np.cumsum(np.diff(values[order]) > tolerance)])
+    return result
+
+
+def _combine(columns: Iterable[np.ndarray]) -> np.ndarray:
+    """Number of the combination of values in each row, (m,); rows have the same number when all columns are equal."""
+    ids = np.zeros(1, dtype=np.int64)
+    for column in columns:
+        codes = np.unique(column, return_inverse=True)[1]
+        ids = np.unique(ids * (codes.max() + 1) + codes, return_inverse=True)[1]
+    return ids
+
+
+def _first_of(ids: np.ndarray, order: np.ndarray) -> np.ndarray:
+    """For each row, the row of the same number that comes first in `order`, (m,)."""
+    first = np.zeros(ids.max() + 1, dtype=np.int64)
+    first[ids[order[::-1]]] = order[::-1]
+    return first[ids]

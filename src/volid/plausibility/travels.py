@@ -1,0 +1,95 @@
+"""Axis positions against the travels, and stated uncertainties against the digits: what no reading of the campaign can mend.
+
+A campaign whose positions, tool vectors and readings are all in metres agrees with itself; only the travels tell.
+- Positions that are far off the travels as a whole: the travel is in metres, or the positions in micrometres.
+- Positions that all lie within a thousandth of the travels, and fill them when taken for metres. A short campaign in one
+  corner passes: 1000 times its positions lie outside the travels. So does one along a single axis, and one in which rotary
+  axes turn, because the linear ones may then follow a sphere near the rotary axis by tenths of a millimetre.
+- A u far below what the rounding of the readings alone contributes, δ/√12 for readings rounded to δ (GUM F.2.2.1).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from volid.campaign import ObservationSet
+from volid.exceptions import InputError
+from volid.model.machine import Axis, Machine
+
+_FAR = 10.0  # travels; positions whose median lies farther outside cannot be meant
+_METRE = 1000.0
+_SLACK = 0.05  # of the travel: positions in metres may lie that far outside
+_FILLED = 0.2  # of the travel, by positions in metres
+_LEAST_AXES = 2  # that move and are filled
+_DIGITS = range(8)  # decimal places after which readings count as not rounded
+_LEAST_READINGS = 10
+_CLEARLY = 0.2  # u over δ/√12, below which u cannot be meant
+
+
+def check_far(readings: ObservationSet, machine: Machine) -> None:
+    """Raises `InputError` when the positions of an axis lie, in the median, ten travels and more off its travel."""
+    for i, axis in enumerate(machine.axes):
+        _check_axis(readings, readings.positions[:, i], axis)
+
+
+def _check_axis(readings: ObservationSet, q: np.ndarray, axis: Axis) -> None:
+    lower, upper = axis.travel
+    if np.median(np.maximum(lower - q, q - upper)) <= _FAR * axis.length:
+        return
+    units = "millimetres, not metres, and the positions not micrometres" if axis.is_linear else "degrees"
+    raise InputError(
+        f"{_where(readings)}: positions {axis.letter} = {q.min():g} … {q.max():g} {axis.unit} lie many times its travel away "
+        f"from it; [axis.{axis.letter}] of the machine file has travel = [{lower:g}, {upper:g}]. Expected both in "
+        f"{axis.unit}: check that the travel is in {units}"
+    )
+
+
+def check_metres(readings: ObservationSet, machine: Machine) -> None:
+    """Raises `InputError` when the positions of at least two linear axes fill their travels if they are taken for metres."""
+    q, moved = readings.positions, np.ptp(readings.positions, axis=0)
+    linear = sorted((i for i, axis in enumerate(machine.axes) if axis.is_linear), key=lambda i: machine.letters[i])
+    if any(moved[i] for i in range(len(machine.axes)) if i not in linear):
+        return
+    if not all(_inside(_METRE * q[:, i], machine.axes[i]) for i in linear):
+        return
+    if sum(_METRE * moved[i] >= _FILLED * machine.axes[i].length for i in linear) < _LEAST_AXES:
+        return
+    found = ", ".join(f"{machine.letters[i]} = {q[:, i].min():g} … {q[:, i].max():g}" for i in linear)
+    travels = ", ".join("{:g} … {:g}".format(*machine.axes[i].travel) for i in linear)
+    raise InputError(
+        f"{_where(readings)}: axis positions seem to be in metres: {found}, where the travels are {travels} mm; expected mm. "
+        "Multiply these columns by 1000, and see whether tool vectors and readings need the same"
+    )
+
+
+def _inside(q: np.ndarray, axis: Axis) -> bool:
+    slack = _SLACK * axis.length
+    return bool(q.min() >= axis.travel[0] - slack and q.max() <= axis.travel[1] + slack)
+
+
+def check_digits(readings: ObservationSet) -> None:
+    """Raises `InputError` when the u of a reading column is far below the rounding of its readings."""
+    for values, u in zip(readings.readings.T, readings.u.T, strict=True):
+        step = _resolution(values)
+        if step and u.max() < _CLEARLY * step / np.sqrt(12.0):
+            raise InputError(
+                f"{_where(readings)}: u is at most {u.max():.2g}, but the readings are rounded to {step:g}, which alone has a "
+                f"standard uncertainty of {step / np.sqrt(12.0):.2g}; expected u in the unit of the readings (mm or rad). "
+                "Is it in metres? Mend u, or write the readings with all their digits"
+            )
+
+
+def _resolution(values: np.ndarray) -> float:
+    """The power of ten, 1e-7 to 1, that all readings are multiples of; 0 when there is none, or too few to tell."""
+    values = np.unique(values[values != 0.0])
+    if len(values) < _LEAST_READINGS:
+        return 0.0
+    for digits in _DIGITS:
+        scaled = values * 10.0**digits
+        if np.all(np.abs(scaled - np.round(scaled)) <= 4.0 * np.spacing(np.abs(scaled))):
+            return float(10.0**-digits)
+    return 0.0
+
+
+def _where(readings: ObservationSet) -> str:
+    return f"{readings.source or readings.name}, set '{readings.name}'"

@@ -1,0 +1,225 @@
+"""Monte Carlo: full nonlinear refits of synthetic campaigns drawn from the fitted model with all stated uncertainties.
+
+A trial draws every reading anew within its u, and every pseudo-reading of prior knowledge (systematic effects with their
+distribution, calibrated lengths, an earlier solution) within its own; the refit is exact (`refit`). JCGM 101:2008, 102:2011.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import tempfile
+from collections.abc import Callable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from volid.backend.threads import one_blas_thread
+from volid.effects.base import effect_samples
+from volid.exceptions import InputError
+from volid.fitting.equations.problem import random_effects
+from volid.fitting.solution import Solution
+from volid.fitting.streamed import check_not_streamed
+from volid.uncertainty.coverage import coverage_intervals, numerical_tolerance
+from volid.uncertainty.outputs import Outputs, headline_outputs
+from volid.uncertainty.trials.draws import GENERATOR, Pseudo, point_scatter, pseudo_of, room_for, trial_noise
+from volid.uncertainty.trials.refit import AT_ONCE, Refitter, joined
+from volid.uncertainty.trials.samples import Samples, TrialFolder
+
+BATCH = 1024
+TRIALS = 10_000  # JCGM 101 7.2: M = 10^6 often gives one or two digits; 10^4 suits costly models
+STAGE = 10_000  # trials between two looks at the numerical tolerance, JCGM 101 7.9.4
+STAGES = 100
+FEWEST = 20  # 1/(1 - 0.95): fewer have no 95 % interval
+Progress = Callable[[str], None]
+
+
+class Run(NamedTuple):
+    """What makes the trials, and how they are carried out."""
+
+    refitter: Refitter
+    seed: int
+    pseudo: Pseudo
+
+
+def run_of(solution: Solution, seed: int) -> Run:
+    """Everything the trials of a seed need."""
+    refitter = Refitter(solution)
+    refitter.prepare()
+    entries = tuple(solution.nuisance_table[j] for j in refitter.known)
+    points = point_scatter(refitter.campaign, random_effects(solution.campaign, refitter.starts))
+    return Run(refitter, seed, pseudo_of(entries, effect_samples(solution.campaign), points))
+
+
+def run_trials(run: Run, first: int, count: int) -> dict[str, np.ndarray]:
+    """Trials first … first + count - 1, as arrays by name."""
+    refitter, found = run.refitter, []
+    # one room for all: fresh memory would cost as much as the numbers
+    room = room_for(min(AT_ONCE, count), refitter.n_readings)
+    for start in range(first, first + count, AT_ONCE):  # noise of so few trials stays in the cache
+        number = min(AT_ONCE, first + count - start)
+        noise = trial_noise(run.seed, start, number, refitter.n_readings, refitter.n_prior, run.pseudo, room)
+        found.append(refitter.refit(*noise))
+    return joined(found)._asdict()
+
+
+@one_blas_thread()
+def monte_carlo(
+    solution: Solution,
+    trials: int | None = None,
+    *,
+    digits: int | None = None,
+    seed: int = 0,
+    folder: str | Path | None = None,
+    resume: bool = False,
+    scheduler: str | None = None,
+    progress: Progress | None = None,
+) -> Solution:
+    """The solution with samples of its parameters: `trials` refits (10,000 by default), or as many as `digits` need.
+
+    With `digits`, stages of 10,000 trials follow one another until twice the standard deviation of the means over the stages of
+    every headline output (estimate, u, end points of the 95 % interval) is below δ = 10^l/2, u having that many significant
+    digits (JCGM 101 7.9.4); `samples.tolerance` says how far that was reached. Trials follow from `seed` and their number:
+    neither batches nor workers change them. `folder`: where finished batches are kept (default: a temporary folder, removed
+    with the samples); an interrupted run goes on with `resume`. `scheduler`: address of a Dask scheduler.
+
+    Raises `InputError` for a solution without redundancy, numbers below 1, or a folder that holds another run.
+    """
+    progress = progress or (lambda message: None)
+    if trials is not None and digits is not None:
+        raise InputError("Monte Carlo: trials and digits exclude each other; give the number or the goal")
+    if trials is not None and trials < FEWEST:
+        raise InputError(
+            f"Monte Carlo: {trials} trials; expected at least {FEWEST}, so that a 95 % interval has an end"
+        )
+    if digits is not None and not 1 <= digits <= 4:
+        raise InputError(f"Monte Carlo: {digits} significant digits; expected 1 to 4")
+    check_not_streamed(solution, "Monte Carlo")
+    if seed < 0:
+        raise InputError(f"seed is {seed}; expected a whole number >= 0")
+    progress("preparing the refits")
+    keeper = None
+    if folder is None:
+        keeper = tempfile.TemporaryDirectory(prefix="volid-trials-")
+        folder = keeper.name
+    store = TrialFolder(
+        Path(folder), {"seed": seed, "generator": GENERATOR, "batch": BATCH, "solution": fingerprint(solution)}, resume
+    )
+    carry_out = _remote(solution, seed, scheduler) if scheduler else _local(run_of(solution, seed))
+    if digits is None:
+        total, reached = trials or TRIALS, float("nan")
+        carry_out(store, 0, total, progress)
+    else:
+        total, reached = _adaptive(solution, carry_out, store, digits, progress)
+    return replace(solution, samples=_samples(store, total, seed, reached, keeper))
+
+
+def fingerprint(solution: Solution) -> str:
+    """Hash of what the trials depend on: parameters, covariance, readings, effects with their distributions, the kind of fit."""
+    stated = {
+        s.name: [[e.name, e.type, e.u, e.per, dict(e.options)] for e in s.effects] for s in solution.campaign.sets
+    }
+    text = json.dumps([stated, dict(solution.options)], sort_keys=True, default=str)
+    digest = hashlib.sha256(text.encode())
+    arrays = [solution.parameters, solution.nuisance, solution.covariance]
+    arrays += [a for s in solution.campaign.sets for a in (s.positions, s.tool, s.readings, s.u)]
+    arrays += [*(o.astype(float) for o in solution.readings.outliers), solution.prior_rows]
+    for a in arrays:
+        digest.update(np.ascontiguousarray(np.asarray(a, dtype=float)).tobytes())
+    return digest.hexdigest()
+
+
+_CarryOut = Callable[[TrialFolder, int, int, Progress], None]
+
+
+def batches_to_do(store: TrialFolder, first: int, last: int) -> list[int]:
+    """Numbers of the batches that trials first … last - 1 need and that are not there yet; batches are always whole."""
+    return [b for b in range(first // BATCH, -(-last // BATCH)) if not store.done(b)]
+
+
+def _local(run: Run) -> _CarryOut:
+    """Batches on this machine, two at a time: one draws and waits while the other computes."""
+
+    def carry_out(store: TrialFolder, first: int, last: int, progress: Progress) -> None:
+        waiting, done = batches_to_do(store, first, last), 0
+        total = len(waiting)
+        with ThreadPoolExecutor(max(1, min(2, os.cpu_count() or 1))) as pool:
+            running: dict[Future[Any], int] = {}
+            try:
+                while waiting or running:
+                    while waiting and len(running) < 2:
+                        batch = waiting.pop(0)
+                        running[pool.submit(run_trials, run, batch * BATCH, BATCH)] = batch
+                    ready, _ = wait(running, return_when=FIRST_COMPLETED)
+                    for future in ready:
+                        store.save(running.pop(future), future.result())
+                        done += 1
+                        progress(f"{min(done * BATCH, last)} of {last - first} trials ({100 * done // total} %)")
+            except BaseException:
+                pool.shutdown(wait=False, cancel_futures=True)
+                raise
+
+    return carry_out
+
+
+def _remote(solution: Solution, seed: int, address: str) -> _CarryOut:
+    from volid.uncertainty.trials.distributed import carry_out_on
+
+    return carry_out_on(solution, seed, address)
+
+
+def _samples(store: TrialFolder, trials: int, seed: int, reached: float, keeper: Any) -> Samples:
+    """The first `trials` trials of the folder; `keeper` keeps a temporary folder alive as long as the samples."""
+    numbers = range(-(-trials // BATCH))
+
+    def batches() -> Iterator[np.ndarray]:
+        assert keeper is None or keeper.name
+        for b in numbers:
+            yield store.load(b)["x"][: trials - b * BATCH]
+
+    parts: dict[str, list[np.ndarray]] = {"error": [], "chi_square": [], "solved": [], "outliers": []}
+    for b in numbers:
+        arrays = store.load(b)
+        for name, column in parts.items():
+            column.append(arrays[name])
+    columns = {name: np.concatenate(column)[:trials] for name, column in parts.items()}
+    return Samples(trials=trials, batches=batches, seed=seed, tolerance=reached, **columns)
+
+
+def _adaptive(
+    solution: Solution, carry_out: _CarryOut, store: TrialFolder, digits: int, progress: Progress
+) -> tuple[int, float]:
+    """Stages until the headline outputs are stable; (trials, achieved over wanted tolerance). JCGM 101 7.9.4."""
+    outputs = headline_outputs(solution)
+    stages: list[np.ndarray] = []
+    ratio = float("inf")
+    for h in range(STAGES):
+        carry_out(store, h * STAGE, (h + 1) * STAGE, progress)
+        stages.append(_stage(store, outputs, h))
+        if h < 1:
+            continue
+        values = np.array(stages)  # (h, 4, q)
+        scatter = 2.0 * values.std(axis=0, ddof=1) / np.sqrt(len(values))
+        tolerance = numerical_tolerance(values[:, 1].mean(axis=0), digits)
+        seen = tolerance > 0.0
+        ratio = float((scatter[:, seen] / tolerance[seen]).max(initial=0.0))
+        progress(f"{(h + 1) * STAGE} trials; numerical tolerance {ratio:.2f} of what {digits} digits need")
+        if ratio <= 1.0:
+            break
+    return len(stages) * STAGE, ratio
+
+
+def _stage(store: TrialFolder, outputs: Outputs, h: int) -> np.ndarray:
+    """Mean, standard deviation and symmetric interval of the outputs in trials of one stage, (4, q)."""
+    first, last = h * STAGE, (h + 1) * STAGE
+    x = []
+    for b in range(first // BATCH, -(-last // BATCH)):
+        x.append(store.load(b)["x"][max(first - b * BATCH, 0) : last - b * BATCH])
+    whole = np.concatenate(x)
+    values = outputs.values(whole[np.isfinite(whole).all(axis=1)])
+    found = coverage_intervals(values)
+    return np.stack([values.mean(axis=0), values.std(axis=0, ddof=1), found.low, found.high])

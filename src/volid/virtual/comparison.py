@@ -1,0 +1,118 @@
+"""A solution against the truth of a virtual machine: differences with their u, the gauge removed from both (CONVENTIONS 4)."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from volid.backend.even_points import even_points
+from volid.fitting.datum import rigid_motion_rows, tool_rotation_rows
+from volid.fitting.prediction.deviations import deviation_values, gradient_matrix
+from volid.fitting.prediction.spread import linear_uncertainty
+from volid.fitting.solution import Solution
+from volid.model.error_functions import reference_of
+from volid.model.iso230 import SPINDLE, parse
+from volid.virtual.truth import Truth
+
+POINTS = 64  # of the deviation field, over the travel (Halton)
+POSITIONS = 7  # of every error motion
+COVERAGE_FACTOR = 1.96  # 95 % of a normal distribution
+NOTHING = 1e-6  # of the largest u of a function: below, the datum fixes the value and u says nothing
+
+
+class Comparison(NamedTuple):
+    """Solution minus truth; NaN where the data do not determine the value.
+
+    `field`, `field_u`: deviation at `POINTS` places, shape (POINTS, 3) [mm], gauge removed from difference and covariance.
+    `functions`, `functions_u`: by name, in the stated datum, at `POSITIONS` places of the travel, or one value of a constant
+    [mm or rad].
+    """
+
+    field: np.ndarray
+    field_u: np.ndarray
+    functions: dict[str, np.ndarray]
+    functions_u: dict[str, np.ndarray]
+
+
+def compare(solution: Solution, truth: Truth) -> Comparison:
+    """Differences of a solution from the truth it was measured on; mean of both approach directions.
+
+    d = (I - Q Qᵀ)(e_solution - e_truth), u² = diag((I - Q Qᵀ) G C Gᵀ (I - Q Qᵀ)), with Q the gauge (`gauge_basis`) and G the
+    gradient of the field with respect to the parameters. Tool vectors are those of the campaign, in turn.
+    """
+    if solution.datum != truth.machine.datum:
+        solution = solution.in_datum(truth.machine.datum)
+    field, field_u = _field(solution, truth)
+    functions, functions_u = {}, {}
+    for name in solution.model.names:
+        functions[name], functions_u[name] = _function(solution, truth, name)
+    return Comparison(field, field_u, functions, functions_u)
+
+
+def covered(difference: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """Whether |difference| ≤ 1.96 u, as 1.0 or 0.0; NaN where there is no value, or the datum fixes it (u = 0)."""
+    size = np.nanmax(u) if np.isfinite(u).any() else 0.0
+    counts = np.isfinite(difference) & (u > NOTHING * size)
+    return np.where(counts, np.abs(difference) <= COVERAGE_FACTOR * u, np.nan)
+
+
+def gauge_basis(solution: Solution, positions: np.ndarray, tool: np.ndarray) -> np.ndarray:
+    """Orthonormal basis (3m, r) of what no comparison of fields at m points may contain.
+
+    A rigid motion of the workpiece frame; a constant tool rotation or translation too where its parameters are held or
+    not determined.
+    """
+    columns = [rigid_motion_rows(solution.machine, positions, tool)[:, :3]]
+    tool_frame = [name for name in solution.model.names if parse(name).location and parse(name).axis == SPINDLE]
+    open_ones = [parse(name) for name in tool_frame if not np.isfinite(solution.location(name).value)]
+    rows = tool_rotation_rows(solution.machine, positions, tool)
+    if any(error.is_rotation for error in open_ones):
+        columns.append(rows[:, :3])
+    if any(not error.is_rotation for error in open_ones):
+        columns.append(rows[:, 3:])  # R_h itself: a translation that turns with the head
+    matrix = np.concatenate(columns, axis=2).reshape(3 * len(positions), -1)
+    left, sizes, _ = np.linalg.svd(matrix / np.maximum(np.linalg.norm(matrix, axis=0), 1e-300), full_matrices=False)
+    return np.asarray(left[:, sizes > 1e-9 * sizes[0]])
+
+
+def _field(solution: Solution, truth: Truth) -> tuple[np.ndarray, np.ndarray]:
+    """Difference of the deviation fields and its u, (POINTS, 3) each."""
+    low = np.array([axis.travel[0] for axis in solution.machine.axes])
+    length = np.array([axis.length for axis in solution.machine.axes])
+    positions = low + even_points(POINTS, len(low)) * length
+    vectors = np.unique(np.round(np.concatenate([s.tool for s in solution.campaign.sets]), 6), axis=0)
+    tool, still = vectors[np.arange(POINTS) % len(vectors)], np.zeros_like(positions)
+    known: np.ndarray = np.ones(POINTS, dtype=bool)
+    if not solution.fully_determined:
+        known = np.all(solution.evaluate(positions, tool).determined[:, :3], axis=1)
+    difference, u = np.full((2, POINTS, 3), np.nan)
+    basis = gauge_basis(solution, positions[known], tool[known])
+    if 3 * known.sum() <= basis.shape[1]:
+        return difference, u
+    theta = np.asarray(solution.parameters)
+    found = deviation_values(solution.model, theta, positions, tool, still)[:, :3]
+    plain = (found - truth.deviation(positions, tool)[:, :3])[known].ravel()
+    gradient = gradient_matrix(solution.model, theta, positions, tool, still)[known, :3].reshape(len(plain), -1)
+    values, directions = np.linalg.eigh(solution.parameter_covariance)
+    root = gradient @ (directions * np.sqrt(np.maximum(values, 0.0)))
+    difference[known] = (plain - basis @ (basis.T @ plain)).reshape(-1, 3)
+    u[known] = np.linalg.norm(root - basis @ (basis.T @ root), axis=1).reshape(-1, 3)
+    return difference, u
+
+
+def _function(solution: Solution, truth: Truth, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Difference of one function and its u; NaN where lost."""
+    error = parse(name)
+    if error.location:
+        found = solution.location(name)
+        return np.array([found.value - truth.constants.get(name, 0.0)]), np.array([found.u])
+    at = np.linspace(*solution.machine.axis(error.axis).travel, POSITIONS)
+    rows = solution.motion_rows(name, at, 0)
+    u = linear_uncertainty(rows, solution.parameter_covariance)
+    true = truth.functions[name](at) if name in truth.functions else np.zeros(POSITIONS)
+    if name in truth.cross:
+        other, function = truth.cross[name]
+        true = true + function(at, np.full(POSITIONS, reference_of(solution.machine, solution.datum, other)))
+    lost = solution.is_lost(rows)
+    return np.where(lost, np.nan, rows @ np.asarray(solution.parameters) - true), np.where(lost, np.nan, u)

@@ -1,0 +1,222 @@
+"""`simulate`: readings of a virtual machine by virtual instruments, through the predictions that the fit itself uses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from volid.backend.lazy import jit, jnp
+from volid.campaign import Campaign, Effect, ObservationSet, Station, standard_uncertainty
+from volid.effects.base import (
+    Extended,
+    Form,
+    effect_samples,
+    groups_of,
+    predict_readings,
+)
+from volid.effects.distributions import standardised
+from volid.effects.random import random_parts, split_normal
+from volid.exceptions import InputError
+from volid.fitting.prediction.deviations import chain_of
+from volid.model.machine import Machine
+from volid.observations import KINDS
+from volid.observations.base import Nuisance, NuisanceTable
+from volid.planning.standard import standard_plan
+from volid.virtual.random_truth import generator, random_truth
+from volid.virtual.truth import Truth
+
+STATION_ERROR = 5.0  # mm
+
+
+def simulate(
+    plan: Campaign | Machine,
+    truth: Truth | None = None,
+    *,
+    seed: int = 0,
+    noise: bool = True,
+    station_error: float | None = STATION_ERROR,
+) -> tuple[Campaign, Truth]:
+    """The campaign that a plan gives on a virtual machine, and the whole truth about it.
+
+    reading = prediction(true errors, true stations, true dead paths) + u·N(0, 1), u constant and proportional to the
+    reading as the plan states. `plan`: readings it holds are replaced; a machine stands for its `standard_plan`. `truth`:
+    a `random_truth` from `seed` by default; its machine is the one that is measured, and must have the plan's axes.
+
+    The plan says where stations and spheres truly stand (stations it leaves open, the truth places). What truth and plan
+    leave open is drawn from `seed`: dead paths, offsets, calibrated lengths, the placement of known stations; they stand in
+    `instruments` of the truth that is returned, beside the spheres. Positions of unknown stations in the campaign are the
+    true ones plus `station_error` · N(0, 1) per coordinate [mm], left out when None; so are those of spheres, but never left
+    out. `noise` False: readings without noise, u as stated. Systematic effects of a set are drawn too, once per scope.
+
+    Raises `InputError` for axes that differ, a station without position, or a set whose u cannot be known. Not
+    simulated: the resolution of an instrument, hidden lines of sight.
+
+    >>> from volid.io import read_machine
+    >>> machine = read_machine("models/wYXbZt_vertical.toml")
+    >>> campaign, truth = simulate(machine, seed=1)
+    >>> campaign.n_readings, len(truth.stations)
+    (2400, 6)
+    """
+    plan = standard_plan(plan) if isinstance(plan, Machine) else plan
+    truth = random_truth(plan.machine, seed) if truth is None else truth
+    plan = on_machine(plan, truth.machine)
+    real = replace(plan, stations=tuple(_true_station(s, truth, plan) for s in plan.stations))
+    table = NuisanceTable()
+    own = [groups_of(readings, real, table, effects=False) for readings in real.sets]
+    values = np.array([_true_value(entry, truth, seed) for entry in table.entries])
+    plain = [_predict(readings, truth, found, values) for readings, found in zip(real.sets, own, strict=True)]
+    read = [replace(s, readings=exact) for s, exact in zip(real.sets, plain, strict=True)]
+    table.starts = dict(zip(table.keys, values.tolist(), strict=True))
+    groups = [groups_of(readings, real, table) for readings in read]  # what an effect does may depend on the reading
+    samples = effect_samples(plan)
+    values = np.array([_true_value(entry, truth, seed, samples) for entry in table.entries])
+    sets = tuple(
+        _about(_measure(given, _exact(with_plain, truth, found, values), seed, noise), seed, station_error)
+        for given, with_plain, found in zip(plan.sets, read, groups, strict=True)
+    )
+    record = {"simulated": True, "simulation_seed": seed, "simulation_truth": truth.source or "given"}
+    campaign = replace(
+        plan,
+        sets=sets,
+        stations=tuple(_approximate(s, seed, station_error) for s in real.stations),
+        conditions={**plan.conditions, **record},
+    )
+    recorded = [_is_open(e) or key[0] == "sphere" for key, e in zip(table.keys, table.entries, strict=True)]
+    drawn = {e.name: float(v) for e, v, kept in zip(table.entries, values, recorded, strict=True) if kept}
+    stations = {s.name: s.position for s in real.stations if s.position is not None}
+    return campaign, replace(truth, stations={**truth.stations, **stations}, instruments={**truth.instruments, **drawn})
+
+
+def on_machine(plan: Campaign, machine: Machine) -> Campaign:
+    """The plan for another machine with the same axes, whatever their order.
+
+    Raises `InputError` when the axes differ.
+    """
+    if sorted(plan.machine.letters) != sorted(machine.letters):
+        raise InputError(
+            f"{plan.source or 'plan'}: made for machine '{plan.machine.name}' with axes {', '.join(plan.machine.letters)}, "
+            f"but '{machine.name}' has {', '.join(machine.letters)}; expected the same axes"
+        )
+    order = [plan.machine.index(letter) for letter in machine.letters]
+    sets = tuple(replace(s, positions=s.positions[:, order], directions=s.directions[:, order]) for s in plan.sets)
+    return replace(plan, machine=machine, sets=sets)
+
+
+def _true_station(station: Station, truth: Truth, plan: Campaign) -> Station:
+    position = station.position or truth.stations.get(station.name)
+    if position is None:
+        raise InputError(
+            f"{plan.source or 'plan'}, station '{station.name}': there is no position; a simulation needs the true one, "
+            "position = [x, y, z] in mm"
+        )
+    return replace(station, position=position)
+
+
+def _approximate(station: Station, seed: int, error: float | None) -> Station:
+    """What the campaign says about a station: nothing but the truth when it is known, else about where it stands."""
+    if station.known or station.position is None or error == 0.0:
+        return station
+    if error is None:
+        return replace(station, position=None)
+    offset = error * generator(seed, "approximate position", station.name).standard_normal(3)
+    x, y, z = np.round(np.array(station.position) + offset, 3).tolist()
+    return replace(station, position=(x, y, z))
+
+
+def _about(readings: ObservationSet, seed: int, error: float | None) -> ObservationSet:
+    """The set with its spheres (or nests) standing about where they do."""
+    given = readings.options.get("sphere")
+    if not given or not error:
+        return readings
+
+    def near(name: str, place: Any) -> list[float]:
+        offset = error * generator(seed, "approximate sphere", name).standard_normal(3)
+        return [float(c) for c in np.round(np.asarray(place, dtype=float) + offset, 3)]
+
+    several = isinstance(given, Mapping)
+    spheres = {n: near(n, p) for n, p in given.items()} if several else near(readings.name, given)
+    return replace(readings, options={**readings.options, "sphere": spheres})
+
+
+class _Exact(NamedTuple):
+    """Readings without noise (m, k), and effects drawn anew for every reading with the variance (m, k) they add."""
+
+    readings: np.ndarray
+    random: list[tuple[Effect, np.ndarray]]
+
+
+def _exact(readings: ObservationSet, truth: Truth, groups: list[Extended], values: np.ndarray) -> _Exact:
+    exact = _predict(readings, truth, groups, values)
+    return _Exact(exact, random_parts(readings, truth.machine, groups, values))
+
+
+def _is_open(entry: Nuisance) -> bool:
+    """True for what the plan leaves to chance: an unknown with a spread, or a calibrated value."""
+    return entry.prior_u > 0.0 and (entry.spread > 0.0 or np.isfinite(entry.prior_u))
+
+
+def _true_value(
+    entry: Nuisance, truth: Truth, seed: int, samples: Mapping[str, tuple[float, ...]] | None = None
+) -> float:
+    if not _is_open(entry):
+        return entry.start
+    if entry.name in truth.instruments:
+        return truth.instruments[entry.name]
+    rng = generator(seed, entry.name)
+    if np.isfinite(entry.prior_u):
+        drawn = standardised(entry.distribution, rng, 1, (samples or {}).get(entry.effect, ()))
+        return entry.start + entry.prior_u * float(drawn[0])
+    return entry.start + float(rng.uniform(-entry.spread, entry.spread))
+
+
+@partial(jit, static_argnames=("form",))
+def _prediction(form: Form, machine: Machine, *numbers: Any) -> Any:
+    q, tool, errors, slots, constants = numbers
+    return predict_readings(machine, form, q, tuple(tool), errors, slots, constants)
+
+
+def _predict(readings: ObservationSet, truth: Truth, groups: list[Extended], values: np.ndarray) -> np.ndarray:
+    """Readings without noise, shape (m, k)."""
+    errors = truth.errors(readings.positions, readings.directions)
+    result = np.full(readings.readings.shape, np.nan)
+    chain = chain_of(truth.machine)
+    for group in groups:
+        rows = group.rows
+        numbers = (readings.positions[rows].T, readings.tool[rows].T, errors[:, rows], values[group.slots])
+        arrays = [jnp.asarray(a, dtype=float) for a in (*numbers, group.constants)]
+        result[rows] = np.asarray(_prediction(group.form, chain, *arrays)).T
+    return result
+
+
+def _measure(readings: ObservationSet, exact: _Exact, seed: int, noise: bool) -> ObservationSet:
+    """The set with readings: exact ones plus noise of the stated u and of effects drawn anew for every reading."""
+    variance, others = split_normal(exact.random)
+    u = np.sqrt(_uncertainty(readings, exact.readings) ** 2 + variance)
+    rng = generator(seed, "noise", readings.name)
+    measured = exact.readings + u * rng.standard_normal(u.shape) if noise else exact.readings
+    for part in others if noise else []:
+        drawn = standardised(part.distribution, rng, u.size, part.samples)
+        measured = measured + part.deviation * drawn.reshape(u.shape)
+    return replace(readings, readings=measured, u=_uncertainty(readings, measured))
+
+
+def _uncertainty(readings: ObservationSet, values: np.ndarray) -> np.ndarray:
+    """Standard uncertainties (m, k): those of the plan, and where they depend on the reading, of `values`.
+
+    Raises `InputError` when neither is there.
+    """
+    names = KINDS[readings.kind].readings
+    columns = []
+    for i, name in enumerate(names):
+        given = readings.u[:, i]
+        own = readings.options.get("u" if len(names) == 1 else f"u_{name}", readings.options.get("u"))
+        if own is not None:
+            given = standard_uncertainty(own, values[:, i])
+        if np.isnan(given).any():
+            raise InputError(f"set '{readings.name}': u is not known for every row; state it in the plan")
+        columns.append(given)
+    return np.stack(columns, axis=1)

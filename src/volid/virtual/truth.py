@@ -1,0 +1,251 @@
+"""Truth: what a virtual machine really does, as functions of position; splines of the error model play no part in it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import BSpline, make_interp_spline
+
+from volid.backend.lazy import jnp
+from volid.exceptions import InputError
+from volid.fitting.solution import Solution
+from volid.model.iso230 import DIRECTIONS, LINEAR_AXES, ROTATIONS, SPINDLE, parse
+from volid.model.kinematics import ROWS, deviation
+from volid.model.machine import Machine
+from volid.model.splines import Spline, design_matrix
+
+POINTS = 401  # of a table over the travel: cubic interpolation of a wave of 0.45 travels is then good to 1e-8 of it
+POINTS_ACROSS = 81  # over the second axis of a cross effect
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """f(q) by interpolation in a table.
+
+    `positions`: shape (n,), increasing [mm or degrees]. `values`: shape (n,) [mm or rad]. `degree`: 3 for the cubic
+    spline through the points (not-a-knot ends), 1 for straight lines between them. Beyond the ends the last piece goes on.
+    """
+
+    positions: np.ndarray
+    values: np.ndarray
+    degree: int = 3
+
+    @cached_property
+    def _spline(self) -> BSpline:
+        return make_interp_spline(self.positions, self.values, k=self.degree)
+
+    def __call__(self, q: np.ndarray) -> np.ndarray:
+        """Values at `q`, same shape."""
+        return np.asarray(self._spline(np.asarray(q, dtype=float)))
+
+
+@dataclass(frozen=True, eq=False)
+class CrossTable:
+    """f(own axis, other axis) by tensor-product interpolation.
+
+    `positions`: shape (n,), of the own axis; `across`: shape (p,), of the other one. `values`: shape (n, p). `degree`: as
+    in `Table`, for both.
+    """
+
+    positions: np.ndarray
+    across: np.ndarray
+    values: np.ndarray
+    degree: int = 3
+
+    @cached_property
+    def _splines(self) -> tuple[BSpline, BSpline, np.ndarray]:
+        own = make_interp_spline(self.positions, self.values, k=self.degree)
+        other = make_interp_spline(self.across, own.c.T, k=self.degree)
+        unit = [BSpline(s.t, np.eye(len(s.c)), s.k) for s in (own, other)]
+        return unit[0], unit[1], other.c.T
+
+    def __call__(self, q: np.ndarray, other: np.ndarray) -> np.ndarray:
+        """Values at own positions `q` (m,) and other positions (m,), shape (m,)."""
+        own, across, coefficients = self._splines
+        return np.asarray(np.einsum("mi,ij,mj->m", own(q), coefficients, across(other)))
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """The true errors of a machine and, once it was measured, the true values of everything else unknown.
+
+    `functions`: error motion by ISO 230-1 symbol, any function of an array of positions of its own axis [mm or rad].
+    `cross`: symbol -> (other axis, f(own, other)), added to `functions`. `reversal`: B(q), E(q, ±) = E(q) ± B(q)/2.
+    `constants`: squareness, location errors, tool-frame constants [mm or rad]. Every absent name is zero. `stations`: true
+    positions [mm], each on its body. `instruments`: true dead paths, offsets … by the names they have in a solution.
+    `seed`: that its random errors came from. Raises `InputError` for a name this machine does not have, or a table that
+    does not cover the travel. Not modelled: systematic effects of instruments, drift, thermal change.
+    """
+
+    machine: Machine
+    functions: Mapping[str, Callable[[np.ndarray], Any]] = field(default_factory=dict)
+    cross: Mapping[str, tuple[str, Callable[[np.ndarray, np.ndarray], Any]]] = field(default_factory=dict)
+    reversal: Mapping[str, Callable[[np.ndarray], Any]] = field(default_factory=dict)
+    constants: Mapping[str, float] = field(default_factory=dict)
+    stations: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    instruments: Mapping[str, float] = field(default_factory=dict)
+    seed: int | None = None
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        for name in {**self.functions, **self.cross, **self.reversal}:
+            self._check_motion(name)
+        for name in self.constants:
+            self._check_constant(name)
+        for name, (other, cross) in self.cross.items():
+            self._check_range(name, parse(name).axis, getattr(cross, "positions", None))
+            self._check_range(name, other, getattr(cross, "across", None))
+        for tables in (self.functions, self.reversal):
+            for name, function in tables.items():
+                self._check_range(name, parse(name).axis, getattr(function, "positions", None))
+
+    def errors(self, positions: np.ndarray, directions: np.ndarray | None = None) -> np.ndarray:
+        """Error values as the kinematics takes them, shape (6·(n_axes + 1), m) [mm, rad].
+
+        `positions`, `directions`: shape (m, n_axes), machine axis order. CONVENTIONS 3.
+        """
+        q = np.asarray(positions, dtype=float)
+        way = np.zeros_like(q) if directions is None else np.broadcast_to(np.asarray(directions, dtype=float), q.shape)
+        values = np.zeros((ROWS * (q.shape[1] + 1), len(q)))
+        for name, function in self.functions.items():
+            row, i = self._place(name)
+            values[row] += function(q[:, i])
+        for name, (other, cross) in self.cross.items():
+            row, i = self._place(name)
+            values[row] += cross(q[:, i], q[:, self.machine.index(other)])
+        for name, function in self.reversal.items():
+            row, i = self._place(name)
+            values[row] += 0.5 * way[:, i] * function(q[:, i])
+        for name, value in self.constants.items():
+            self._add_constant(values, q, name, value)
+        return values
+
+    def deviation(self, positions: np.ndarray, tool: np.ndarray, directions: np.ndarray | None = None) -> np.ndarray:
+        """True deviation of the functional point and orientation, shape (m, 6) [mm, rad]. CONVENTIONS 5.
+
+        `positions`: (m, n_axes), machine axis order; `tool`: (m, 3) or (3,) [mm]; `directions`: +1, -1, 0 (mean).
+        """
+        q = np.atleast_2d(np.asarray(positions, dtype=float))
+        tools = np.broadcast_to(np.asarray(tool, dtype=float), (len(q), 3)).T
+        errors = jnp.asarray(self.errors(q, directions))
+        return np.asarray(deviation(self.machine, jnp.asarray(q.T), tuple(jnp.asarray(tools)), errors)).T  # type: ignore[arg-type]
+
+    def tabulated(self) -> Truth:
+        """The same truth with every function as a table over the travel, as files hold it."""
+
+        def of(name: str, function: Any) -> Table:
+            q = np.linspace(*self.machine.axis(parse(name).axis).travel, POINTS)
+            return function if isinstance(function, Table) else Table(q, np.broadcast_to(function(q), q.shape))
+
+        def across(name: str, other: str, function: Any) -> CrossTable:
+            q = np.linspace(*self.machine.axis(parse(name).axis).travel, POINTS)
+            p = np.linspace(*self.machine.axis(other).travel, POINTS_ACROSS)
+            grid = np.meshgrid(q, p, indexing="ij")
+            values = np.broadcast_to(function(*(g.ravel() for g in grid)), q.size * p.size).reshape(q.size, p.size)
+            return CrossTable(q, p, values)
+
+        return replace(
+            self,
+            functions={n: of(n, f) for n, f in self.functions.items()},
+            reversal={n: of(n, f) for n, f in self.reversal.items()},
+            cross={
+                n: (other, f if isinstance(f, CrossTable) else across(n, other, f))
+                for n, (other, f) in self.cross.items()
+            },
+        )
+
+    def _place(self, name: str) -> tuple[int, int]:
+        error = parse(name)
+        i = self.machine.index(error.axis)
+        return ROWS * i + error.component, i
+
+    def _add_constant(self, values: np.ndarray, q: np.ndarray, name: str, value: float) -> None:
+        """Tool frame and rotary axes: added as it is. Linear axes: direction + rotation × direction, from the reference."""
+        error = parse(name)
+        if error.axis == SPINDLE:
+            values[ROWS * q.shape[1] + error.component] += value
+            return
+        row, i = self._place(name)
+        axis = self.machine.axes[i]
+        if not axis.is_linear:
+            values[row] += value
+            return
+        slope = np.cross(np.eye(3)[ROTATIONS.index(error.direction)], np.eye(3)[LINEAR_AXES.index(axis.letter)])
+        values[ROWS * i : ROWS * i + 3] += value * slope[:, None] * (q[:, i] - axis.reference)
+
+    def _check_motion(self, name: str) -> None:
+        error = parse(name)
+        if error.location or error.axis not in self.machine.letters:
+            raise InputError(self._unknown(name, "error motion", "E" + DIRECTIONS[0] + self.machine.letters[0]))
+
+    def _check_constant(self, name: str) -> None:
+        error = parse(name)
+        linear = error.axis in LINEAR_AXES
+        about_itself = linear and error.is_rotation and ROTATIONS.index(error.direction) == "XYZ".index(error.axis)
+        here = error.axis == SPINDLE or error.axis in self.machine.letters
+        if not error.location or not here or about_itself or (linear and not error.is_rotation):
+            raise InputError(self._unknown(name, "squareness or location error", "EC0Y or EA0S"))
+
+    def _unknown(self, name: str, what: str, example: str) -> str:
+        where = f"{self.source}: " if self.source else ""
+        axes = ", ".join(self.machine.letters)
+        return f"{where}'{name}' is no {what} of machine '{self.machine.name}' with axes {axes}; expected such as {example}"
+
+    def _check_range(self, name: str, letter: str, positions: np.ndarray | None) -> None:
+        low, high = self.machine.axis(letter).travel
+        slack = 1e-6 * (high - low)
+        if positions is not None and (positions[0] > low + slack or positions[-1] < high - slack):
+            where = f"{self.source}: " if self.source else ""
+            raise InputError(
+                f"{where}{name} is known for {letter} = {positions[0]:g} … {positions[-1]:g}, but axis {letter} of machine "
+                f"'{self.machine.name}' travels {low:g} … {high:g}; use a truth that covers the travel"
+            )
+
+
+def truth_of_solution(solution: Solution) -> Truth:
+    """The identified machine as a virtual one: mean functions, cross effects, reversal and constants of a solution.
+
+    Undetermined combinations are zero, as in the solution. Stations and dead paths are left open.
+    """
+    if solution.datum != solution.machine.datum:
+        solution = solution.in_datum(solution.machine.datum)
+    functions: dict[str, Any] = {}
+    cross: dict[str, Any] = {}
+    reversal: dict[str, Any] = {}
+    constants: dict[str, float] = {}
+    for function, term in zip(solution.model.functions, solution.model.layout.terms, strict=True):
+        block = solution.model.parametrisation[function.coefficients, function.parameters]
+        c = block @ np.asarray(solution.parameters)[function.parameters]
+        axes = solution.machine.axes
+        tables = [_nodes(spline, axes[spline.axis].travel) for spline in term.basis.factors]
+        values = [design_matrix(s, t) for s, t in zip(term.basis.factors, tables, strict=True)]
+        degree = 1 if all(spline.degree == 1 for spline in term.basis.factors) else 3
+        if function.part == "location":
+            constants[function.name] = float(c[0])
+        elif len(tables) == 2:
+            shape = tuple(v.shape[1] for v in values)
+            table = CrossTable(tables[0], tables[1], values[0] @ c.reshape(shape) @ values[1].T, degree)
+            cross[function.name] = (solution.machine.letters[term.basis.factors[1].axis], table)
+        elif function.part == "reversal":
+            travel = np.array(solution.machine.axis(parse(function.name).axis).travel)
+            reversal[function.name] = Table(tables[0], values[0] @ c, degree) if tables else Table(travel, c[[0, 0]], 1)
+        else:
+            functions[function.name] = Table(tables[0], values[0] @ c, degree)
+    return Truth(solution.machine, functions, cross, reversal, constants)
+
+
+def _nodes(spline: Spline, travel: tuple[float, float]) -> np.ndarray:
+    """Positions of a table that reproduces a spline of degree 1 or 3 exactly: its knots, and some between them.
+
+    Of a periodic spline, all knots over the travel, which may be several periods.
+    """
+    between = 1 if spline.degree == 1 else max(3, -(-(POINTS - 1) // spline.segments))
+    if not spline.periodic:
+        return np.linspace(spline.low, spline.high, spline.segments * between + 1)
+    step = (spline.high - spline.low) / spline.segments
+    first, last = np.floor((travel[0] - spline.low) / step), np.ceil((travel[1] - spline.low) / step)
+    return np.linspace(spline.low + first * step, spline.low + last * step, int(last - first) * between + 1)
