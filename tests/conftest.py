@@ -17,6 +17,7 @@ cache_programs(cache_folder() / "tests")
 import numpy as np
 import pytest
 from jaxtyping import install_import_hook
+from leftovers import pytest_runtest_setup, pytest_runtest_teardown  # noqa: F401
 from shape_checks import MODULES
 
 install_import_hook(MODULES, "shape_checks.checked")  # before anything imports them

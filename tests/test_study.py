@@ -11,6 +11,7 @@ import sys
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
+from threading import Event, Thread
 
 import h5py
 import numpy as np
@@ -19,10 +20,11 @@ from distributed import LocalCluster
 
 import volid
 from volid.backend import processes
-from volid.backend.processes import Died, in_processes
+from volid.backend.processes import ONE_THREAD, Died, in_processes, single_threaded_environment
 from volid.cli import main
 from volid.exceptions import InputError, VolidError
 from volid.fitting.fit import fit
+from volid.fitting.solution import Solution
 from volid.io.machines import parse_machine
 from volid.io.studies import read_study
 from volid.io.study_results import CampaignFolder, places
@@ -88,11 +90,52 @@ def serial(study):
     return run_study(study, workers=1)
 
 
-@pytest.fixture(scope="module")
-def cluster():
-    """A real cluster: two worker processes, each watched by a nanny."""
+CLUSTER = """
+from distributed import LocalCluster
+if __name__ == "__main__":
     with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
-        yield cluster
+        print(cluster.scheduler_address, flush=True)
+        while input():
+            print(cluster.workers[1].process.pid, flush=True)
+"""
+
+
+class Cluster:
+    """A real cluster: two worker processes, each watched by a nanny.
+
+    In a process of its own: Dask puts OMP_NUM_THREADS, PYTHONHASHSEED and more into the environment of the process that starts
+    workers, and leaves them there.
+    """
+
+    def __init__(self, script: Path) -> None:
+        script.write_text(CLUSTER)
+        environment = os.environ | {"PYTHONPATH": str(SOURCE)}
+        self._process = subprocess.Popen(
+            [sys.executable, script], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment
+        )
+        self.address = self._process.stdout.readline().strip()
+
+    def a_worker(self) -> int:
+        """Process id of one of the workers."""
+        self._process.stdin.write("which\n")
+        self._process.stdin.flush()
+        return int(self._process.stdout.readline())
+
+    def close(self) -> None:
+        self._process.communicate("\n", timeout=60)
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory):
+    cluster = Cluster(tmp_path_factory.mktemp("cluster") / "cluster.py")
+    yield cluster
+    cluster.close()
+
+
+def a_fit(study: Study) -> Solution:
+    machine = study.machine(study.tasks[0])
+    campaign, _ = simulate(standard_plan(machine, 40), random_truth(machine, 1, scale=0.2, waviness=0.1), seed=1)
+    return fit(campaign)
 
 
 class Killer:
@@ -103,7 +146,7 @@ class Killer:
 
     def __call__(self, *_) -> None:
         if not self.killed:
-            self.killed = self.cluster.workers[1].process.pid
+            self.killed = self.cluster.a_worker()
             os.kill(self.killed, 9)
 
 
@@ -119,7 +162,7 @@ def test_two_processes_give_the_same(study, serial):
 
 def test_a_cluster_whose_worker_is_killed_gives_the_same(study, serial, cluster):
     kill = Killer(cluster)
-    found = run_study(study, scheduler=cluster.scheduler_address, save=kill)
+    found = run_study(study, scheduler=cluster.address, save=kill)
     assert kill.killed and not Path(f"/proc/{kill.killed}/cmdline").exists()
     assert untimed(found) == untimed(serial)
 
@@ -127,9 +170,7 @@ def test_a_cluster_whose_worker_is_killed_gives_the_same(study, serial, cluster)
 def test_monte_carlo_on_a_cluster_whose_worker_is_killed_gives_the_same(study, cluster, monkeypatch):
     for module in (monte_carlo, distributed):
         monkeypatch.setattr(module, "BATCH", 32)
-    machine = study.machine(study.tasks[0])
-    campaign, _ = simulate(standard_plan(machine, 40), random_truth(machine, 1, scale=0.2, waviness=0.1), seed=1)
-    solution = fit(campaign)
+    solution = a_fit(study)
     here = monte_carlo.monte_carlo(solution, 190, seed=4).samples
     kill = Killer(cluster)
 
@@ -137,11 +178,9 @@ def test_monte_carlo_on_a_cluster_whose_worker_is_killed_gives_the_same(study, c
         if " of 6 batches" in message:
             kill()
 
-    there = monte_carlo.monte_carlo(
-        solution, 190, seed=4, scheduler=cluster.scheduler_address, progress=progress
-    ).samples
+    there = monte_carlo.monte_carlo(solution, 190, seed=4, scheduler=cluster.address, progress=progress).samples
     assert kill.killed and there.trials == 190
-    calm = monte_carlo.monte_carlo(solution, 190, seed=4, scheduler=cluster.scheduler_address).samples
+    calm = monte_carlo.monte_carlo(solution, 190, seed=4, scheduler=cluster.address).samples
     first, second, third = (np.concatenate(list(s.batches())) for s in (here, there, calm))
     np.testing.assert_array_equal(second, third)  # identical with and without a death
     assert first.shape == second.shape
@@ -172,6 +211,51 @@ def test_processes_are_renewed_and_exceptions_are_raised(monkeypatch):
     assert len(count) >= 4 and max(count.values()) <= 2
     with pytest.raises(ZeroDivisionError):
         list(in_processes(eval, [({"i": i},) for i in range(3)], "1 // i", 2))
+
+
+def test_workers_have_one_thread_and_the_environment_here_stays(study, monkeypatch):
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    monkeypatch.setenv("MKL_NUM_THREADS", "3")
+    before, seen = dict(os.environ), []
+    names = sorted(ONE_THREAD)
+    code = f"[__import__('os').environ[n] for n in {names}]"
+    results = in_processes(eval, [({"i": i},) for i in range(3)], code, 2)
+    assert next(results)[1] == [ONE_THREAD[n] for n in names] and dict(os.environ) == before
+    results.close()
+    run_study(replace(study, noise=study.noise[:1]), workers=2, progress=lambda _: seen.append(dict(os.environ)))
+    assert seen and all(environment == before for environment in seen) and dict(os.environ) == before
+
+
+def test_a_worker_within_this_process_leaves_no_variables(study, serial, monkeypatch):
+    for name in ONE_THREAD:
+        monkeypatch.delenv(name, raising=False)
+    before = dict(os.environ)
+    with LocalCluster(n_workers=1, threads_per_worker=2, processes=False, dashboard_address=":0") as cluster:
+        assert cluster.scheduler_address.startswith("inproc://") and dict(os.environ) == before
+        records = run_study(study, scheduler=cluster.scheduler_address)
+        solution = a_fit(study)
+        monte_carlo.monte_carlo(solution, 20, seed=4, scheduler=cluster.scheduler_address)
+        assert dict(os.environ) == before
+    assert [r["error"] for r in records] == len(serial) * [""]
+
+
+def test_the_environment_returns_when_the_last_of_several_threads_leaves(monkeypatch):
+    monkeypatch.setenv("OMP_NUM_THREADS", "3")
+    before, entered, leave = dict(os.environ), Event(), Event()
+
+    def other():
+        with single_threaded_environment():
+            entered.set()
+            leave.wait()
+
+    thread = Thread(target=other)
+    with single_threaded_environment():
+        thread.start()
+        entered.wait()
+    assert os.environ["OMP_NUM_THREADS"] == "1"
+    leave.set()
+    thread.join()
+    assert dict(os.environ) == before
 
 
 def test_every_process_of_many_may_die():

@@ -30,12 +30,19 @@ volid.fit(volid.load_campaign({str(CAMPAIGN)!r}))
 
 
 def counted(script: str, **environment: str) -> list[int]:
-    clean = {k: v for k, v in os.environ.items() if k != "OPENBLAS_NUM_THREADS"}
+    clean = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")}
     run = subprocess.run(
         [sys.executable, "-c", f"{script}\nprint(json.dumps(seen))"],
         capture_output=True, text=True, check=True, env=clean | {"PYTHONPATH": str(SOURCE)} | environment,
     )  # fmt: skip
     return json.loads(run.stdout)
+
+
+@pytest.fixture(autouse=True)
+def limits_of_others(monkeypatch):
+    """What a job scheduler or Dask puts into an environment: OpenBLAS reads OMP_NUM_THREADS, too."""
+    for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        monkeypatch.setenv(name, "1")
 
 
 @pytest.mark.skipif((os.cpu_count() or 1) < 2, reason="one core, one thread")
