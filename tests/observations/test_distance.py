@@ -9,7 +9,7 @@ from exact_chain import COMPONENTS, Truth, apply, random_truth
 from support.machines import STRUCTURES, exact_machine, resolved
 from support.quick_fit import quick_fit
 from support.rtests import index_grid
-from support.same import assert_same_set
+from support.sets import assert_same_set
 
 from volid.campaign import Campaign, ObservationSet, Station
 from volid.exceptions import InputError
