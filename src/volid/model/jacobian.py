@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from volid.backend.elementary import constant_like, settled
+from volid.backend.elementary import computed_once, constant_like
 from volid.model.geometry import Vector, add, cross, rotate_small, subtract
 from volid.model.kinematics import ROWS, error_motion, nominal_factor
 from volid.model.machine import Axis, Machine
@@ -58,7 +58,7 @@ def deviation_partials(machine: Machine, q: Any, tool: Vector, errors: Any) -> l
         if axis is not None and _error_first(axis):
             point = nominal_factor(axis, q[i], point, False)
             vectors = [nominal_factor(axis, q[i], v, True) for v in vectors]
-        point, vectors = settled(point), [settled(v) for v in vectors]
+        point, vectors = computed_once(point), [computed_once(v) for v in vectors]
     return rows
 
 
@@ -71,7 +71,7 @@ def _to_workpiece(machine: Machine, q: Any, x: Vector) -> Vector:
     """Direction of the machine frame in workpiece coordinates, by the nominal rotary axes of the workpiece side."""
     for i in reversed(range(len(machine.axes))):
         if machine.axes[i].primed and not machine.axes[i].is_linear:
-            x = settled(nominal_factor(machine.axes[i], q[i], x, True))
+            x = computed_once(nominal_factor(machine.axes[i], q[i], x, True))
     return x
 
 
@@ -79,7 +79,7 @@ def _to_tool(machine: Machine, q: Any, x: Vector) -> Vector:
     """Direction of the machine frame in the tool frame, by the nominal rotary axes of the tool side."""
     for i, axis in enumerate(machine.axes):
         if not axis.primed and not axis.is_linear:
-            x = settled(nominal_factor(axis, -q[i], x, True))
+            x = computed_once(nominal_factor(axis, -q[i], x, True))
     return x
 
 
@@ -87,9 +87,9 @@ def _directions_at(axis: Axis, q: Any, rotation: Vector, found: list[Vector]) ->
     """Directions as the error motion of an axis sees them, and as the next body towards the tool does."""
     back = (-rotation[0], -rotation[1], -rotation[2])
     if _error_first(axis):
-        before = [settled(nominal_factor(axis, -q, c, True)) for c in found]
-        return before, [settled(rotate_small(back, c)) for c in before]
-    return found, [settled(nominal_factor(axis, -q, rotate_small(back, c), True)) for c in found]
+        before = [computed_once(nominal_factor(axis, -q, c, True)) for c in found]
+        return before, [computed_once(rotate_small(back, c)) for c in before]
+    return found, [computed_once(nominal_factor(axis, -q, rotate_small(back, c), True)) for c in found]
 
 
 def _by_rotation(c: Vector, y: Vector, w: Vector) -> Vector:

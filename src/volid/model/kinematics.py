@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from volid.backend.elementary import constant_like, in_rows, settled
+from volid.backend.elementary import computed_once, constant_like, in_rows
 from volid.model.geometry import Vector, add, rotate_about, rotate_small, rotation_vector, subtract
 from volid.model.iso230 import LINEAR_AXES
 from volid.model.machine import Axis, Machine
@@ -97,10 +97,10 @@ def transform(
     """
     if stop <= start:
         for i in range(start - 1, stop - 1, -1):
-            x = settled(_axis_factor(machine, i, q, errors, x, is_vector, False))
+            x = computed_once(_axis_factor(machine, i, q, errors, x, is_vector, False))
     else:
         for i in range(start, stop):
-            x = settled(_axis_factor(machine, i, q, errors, x, is_vector, True))
+            x = computed_once(_axis_factor(machine, i, q, errors, x, is_vector, True))
     return x
 
 

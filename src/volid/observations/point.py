@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from volid.backend.elementary import arctan2, in_rows, sqrt, whole
+from volid.backend.elementary import arctan2, in_rows, nearest_integer, sqrt
 from volid.campaign import Campaign, ObservationSet, Station
 from volid.exceptions import InputError
 from volid.model.geometry import Vector, rotate_small, subtract
@@ -54,7 +54,7 @@ def predict_polar(
     x, y, z = predict(machine, settings, q, tool, errors, slots, constants)
     flat = x * x + y * y
     azimuth = IN_DEGREES * arctan2(y, x)
-    azimuth = azimuth - 360.0 * whole((azimuth - constants[0]) * (1.0 / 360.0))
+    azimuth = azimuth - 360.0 * nearest_integer((azimuth - constants[0]) * (1.0 / 360.0))
     return in_rows([sqrt(flat + z * z), azimuth, IN_DEGREES * arctan2(z, sqrt(flat))], np.shape(q[0]))
 
 
