@@ -24,7 +24,7 @@ from volid.compensation.grids.parts import TABLE, rotary_letters
 from volid.exceptions import InputError, NotDeterminedError
 from volid.fitting.solution import Solution
 from volid.model.iso230 import ROTARY_AXES
-from volid.model.nominal import influence
+from volid.model.jacobian import influence
 
 
 def spindle_turn(solution: Solution) -> np.ndarray:

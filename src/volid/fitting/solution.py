@@ -18,11 +18,10 @@ from volid.fitting.prediction.determination import known_deviations
 from volid.fitting.prediction.deviations import ESTIMABLE, chain_of
 from volid.fitting.prediction.spread import linear_uncertainty
 from volid.model.error_functions import reference_of
-from volid.model.error_model import ErrorModel, build_model, error_values, evaluate_bases
+from volid.model.error_model import ErrorModel, build_model, error_values, evaluate_bases, function_rows
 from volid.model.iso230 import describe, parse
 from volid.model.kinematics import deviation
 from volid.model.machine import Datum, Machine
-from volid.model.splines import design_matrix
 from volid.observations.base import Nuisance
 
 
@@ -235,21 +234,11 @@ class Solution:
         return FunctionValue(name, parse(name).axis, np.nan, 0, value, u)
 
     def motion_rows(self, name: str, positions: np.ndarray, direction: int) -> np.ndarray:
-        """Rows a with E(position, direction) = a·θ, shape (m, n)."""
-        rows = np.zeros((len(positions), self.model.n_parameters))
-        for f in self.model.functions:
-            if f.name != name or (f.part == "reversal" and direction == 0):
-                continue
-            terms = next(t for t in self.model.layout.terms if t.name == name and t.part == f.part)
-            values = np.ones((len(positions), 1))
-            for spline in terms.basis.factors:
-                letter = self.machine.letters[spline.axis]
-                own = letter == parse(name).axis
-                x = positions if own else np.full(len(positions), reference_of(self.machine, self.datum, letter))
-                values = (values[:, :, None] * design_matrix(spline, x)[:, None, :]).reshape(len(positions), -1)
-            factor = 0.5 * direction if f.part == "reversal" else 1.0
-            rows[:, f.parameters] = factor * values @ self.model.parametrisation[f.coefficients, f.parameters]
-        return rows
+        """Rows a with E(position, direction) = a·θ, shape (m, n); cross effects along the line at the other axes' references."""
+        references = [[reference_of(self.machine, self.datum, a.letter)] for a in self.machine.axes]
+        q = np.tile(references, len(positions))
+        q[self.machine.index(parse(name).axis)] = positions
+        return function_rows(self.model, name, q, np.full_like(q, direction))
 
     def motion(self, name: str, positions: np.ndarray) -> list[FunctionValue]:
         """An error motion tabulated at positions of its own axis."""

@@ -21,8 +21,8 @@ from volid.fitting.solution import Deviations, Solution
 from volid.model.error_functions import motion_names
 from volid.model.error_model import ErrorModel
 from volid.model.iso230 import DIRECTIONS, SPINDLE, parse
+from volid.model.kinematics import carry
 from volid.model.machine import Machine
-from volid.model.nominal import carry
 
 TABLE, HEAD = "table", "head"
 LEFT_OUT = "not in the model"  # a note begins with it
