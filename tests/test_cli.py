@@ -1,5 +1,6 @@
 """The command line: light help, right exit status, one clear message, outputs whole or not at all."""
 
+import ast
 import contextlib
 import csv
 import importlib
@@ -605,13 +606,30 @@ def test_public_names(solution, solution_file, tmp_path):
     for name in volid.__all__:
         assert getattr(volid, name) is not None
     assert set(volid.__all__) <= set(dir(volid))
-    assert set(volid.__all__) == set(volid._SOURCES)
     with pytest.raises(AttributeError, match="module 'volid' has no attribute 'fitt'"):
         _ = volid.fitt
     loaded = volid.load_solution(solution_file)
     loaded.save(tmp_path / "again.h5")
     assert repr(volid.load_solution(tmp_path / "again.h5").statistics) == repr(solution.statistics)  # NaN too
     assert loaded.grid(points=2).values.shape == (8, 6)
+
+
+def test_type_checkers_read_the_same_public_names():
+    stub = ast.parse((Path(volid.__file__).with_suffix(".pyi")).read_text(encoding="utf-8"))
+    found = {
+        alias.asname or alias.name: f"{node.module}:{alias.name}"
+        for node in stub.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    assert found == volid._PUBLIC
+    names = next(node.value for node in stub.body if isinstance(node, ast.Assign))
+    assert ast.literal_eval(names) == volid.__all__
+
+
+def test_no_public_name_is_the_name_of_a_module():
+    folder = Path(volid.__file__).parent
+    assert not {path.stem for path in folder.iterdir()} & set(volid.__all__)
 
 
 def test_simulate_is_the_function_whatever_was_imported_before():

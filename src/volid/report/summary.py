@@ -21,7 +21,8 @@ from volid.compensation.residual.volume import predict_residual, volumetric_summ
 from volid.exceptions import InputError, NotDeterminedError
 from volid.fitting.diagnosis.adequacy import SuspectReading
 from volid.fitting.diagnosis.hold_out import by_angle, rotary_poses, total
-from volid.fitting.solution import FunctionValue, Solution
+from volid.fitting.results import FunctionValue
+from volid.fitting.solution import Solution
 from volid.model.iso230 import DIRECTIONS, LINEAR_AXES, ROTARY_AXES, ROTATIONS, SPINDLE, describe, parse
 from volid.observations import KINDS
 from volid.observations.distance import sees_tool

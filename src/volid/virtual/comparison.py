@@ -114,5 +114,5 @@ def _function(solution: Solution, truth: Truth, name: str) -> tuple[np.ndarray, 
     if name in truth.cross:
         other, function = truth.cross[name]
         true = true + function(at, np.full(POSITIONS, reference_of(solution.machine, solution.datum, other)))
-    lost = solution.is_lost(rows)
+    lost = solution.is_not_determined(rows)
     return np.where(lost, np.nan, rows @ np.asarray(solution.parameters) - true), np.where(lost, np.nan, u)
