@@ -6,6 +6,7 @@ import csv
 import importlib
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -18,8 +19,8 @@ import pytest
 from conftest import SINGLE_TOOL, make_campaign
 
 import volid
-from volid.cli import VERBS, main
-from volid.cli.common import input_files
+from volid.cli import VERBS, _parser, main
+from volid.cli.common import in_options, input_files
 from volid.cli.environment import cache_folder
 from volid.cli.interrupts import Interrupts
 from volid.io import load_campaign
@@ -597,6 +598,27 @@ def test_progress_speaks_after_a_second_only(capsys):
         assert capsys.readouterr().err == "volid: slow\n"
         progress("next")
     assert capsys.readouterr().err == "volid: next\n"
+
+
+def test_parameters_of_the_library_are_shown_as_options():
+    args = _parser("study").parse_args(["study", "s.toml", "-o", "r.h5"])
+    text = "`workers=0`: expected 1; go on with `resume=True`, or `overwrite=True`; `time` and `max_points=3` are no options"
+    shown = "--workers 0: expected 1; go on with --resume, or --force; `time` and `max_points=3` are no options"
+    assert in_options(text, args) == shown
+
+
+def test_the_library_does_not_speak_of_options():
+    package = Path(volid.__file__).parent
+    found = []
+    for path in package.rglob("*.py"):
+        if path.relative_to(package).parts[0] in ("cli", "compensation"):
+            continue
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        docstrings = {node.value for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str) and node not in docstrings:
+                found += re.findall(r"^--[a-z].*|[\s('\"]--[a-z].*", node.value.replace("--xla_cpu", ""))
+    assert not found
 
 
 # ------------------------------------------------------------------------------------------------------------- Python
