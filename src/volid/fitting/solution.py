@@ -132,8 +132,7 @@ class Solution:
 
     def measured_range(self) -> np.ndarray:
         """Lowest and highest measured position of every axis, shape (n_axes, 2)."""
-        positions = np.concatenate([s.positions for s in self.campaign.sets])
-        return np.stack([positions.min(axis=0), positions.max(axis=0)], axis=1)
+        return self.campaign.measured_range()
 
     def outside(self, positions: np.ndarray, axes: Sequence[str] | None = None) -> np.ndarray:
         """True for positions (m, n_axes) outside what was measured, by more than 1 % of the travel, bool (m,).

@@ -81,7 +81,7 @@ def _field(solution: Solution, truth: Truth) -> tuple[np.ndarray, np.ndarray]:
     low = np.array([axis.travel[0] for axis in solution.machine.axes])
     length = np.array([axis.length for axis in solution.machine.axes])
     positions = low + even_points(POINTS, len(low)) * length
-    vectors = np.unique(np.round(np.concatenate([s.tool for s in solution.campaign.sets]), 6), axis=0)
+    vectors = solution.campaign.tool_vectors()
     tool, still = vectors[np.arange(POINTS) % len(vectors)], np.zeros_like(positions)
     known: np.ndarray = np.ones(POINTS, dtype=bool)
     if not solution.fully_determined:
