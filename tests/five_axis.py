@@ -11,7 +11,8 @@ from exact_chain import apply as carried
 
 from volid.campaign import Campaign, ObservationSet
 from volid.fitting.diagnosis.adequacy import Adequacy
-from volid.fitting.solution import Residuals, Solution, Statistics
+from volid.fitting.results import Residuals, Statistics
+from volid.fitting.solution import Solution
 from volid.io.machines import parse_machine
 from volid.model.error_functions import spline_axes
 from volid.model.error_model import build_model

@@ -10,7 +10,7 @@ import pytest
 from compensated import MACHINES, TOOL, machine_of
 
 from volid.cli import main
-from volid.fitting.solution import Residuals, Statistics
+from volid.fitting.results import Residuals, Statistics
 from volid.io.compensations import load_control
 from volid.io.grids import read_grid
 from volid.io.solutions import write_solution

@@ -10,7 +10,7 @@ from five_axis import STRUCTURES, exact_machine, made_up, truth_of, volid_machin
 
 import volid
 from volid.cli import main
-from volid.fitting.solution import Residuals, Statistics
+from volid.fitting.results import Residuals, Statistics
 from volid.io.basics.csv_table import read_csv
 
 TILTING, SPLIT = STRUCTURES["tilting table C'A'"], STRUCTURES["table and head"]

@@ -22,7 +22,8 @@ from volid.fitting.equations.problem import Prior, Problem, build_problem, with_
 from volid.fitting.equations.solver import Optimum, solve
 from volid.fitting.fitter import Fitter, Method
 from volid.fitting.prior import check_prior, prior_notes, prior_of, shared_names
-from volid.fitting.solution import Residuals, Solution, Statistics, read_only
+from volid.fitting.results import Residuals, Statistics, read_only
+from volid.fitting.solution import Solution
 from volid.fitting.starts import find_starts
 from volid.model.error_functions import motion_names
 from volid.model.error_model import build_model

@@ -4,86 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+import volid  # the public names, each imported when it is first used: nothing above this layer is imported here
 from volid.backend.lazy import jnp
-from volid.backend.pytrees import STATIC, register_dataclass
+from volid.backend.pytrees import STATIC, register_dataclass, register_if_imported
 from volid.campaign import Campaign
 from volid.fitting.datum import s_transformation, workpiece_rows
-from volid.fitting.diagnosis.adequacy import Adequacy, SuspectReading
+from volid.fitting.diagnosis.adequacy import Adequacy
 from volid.fitting.diagnosis.identifiability import NAMED, parameter_units
 from volid.fitting.prediction.determination import known_deviations
 from volid.fitting.prediction.deviations import ESTIMABLE, chain_of
 from volid.fitting.prediction.spread import linear_uncertainty
+from volid.fitting.results import Deviations, FunctionValue, Residuals, Statistics, read_only
 from volid.model.error_functions import reference_of
 from volid.model.error_model import ErrorModel, build_model, error_values, evaluate_bases, function_rows
 from volid.model.iso230 import describe, parse
 from volid.model.kinematics import deviation
 from volid.model.machine import Datum, Machine
 from volid.observations.base import Nuisance
-
-
-class Deviations(NamedTuple):
-    """Deviations at m points: `values` and `u`, (m, 6) [mm, rad], NaN where not determined; `determined` (m, 6);
-    `outside`: (m,) True where a position lies outside what was measured;
-    `rigid`: (m,) True where the value is known up to a rigid motion of the workpiece frame only (see `determination`)."""
-
-    values: np.ndarray
-    u: np.ndarray
-    determined: np.ndarray
-    outside: np.ndarray
-    rigid: np.ndarray | None = None
-
-
-class FunctionValue(NamedTuple):
-    """One row of the table of error functions: location errors have position NaN; undetermined values are NaN."""
-
-    name: str
-    axis: str
-    position: float
-    direction: int
-    value: float
-    u: float
-
-
-class Statistics(NamedTuple):
-    """Numbers about the fit: readings used, parameters, residual RMS per set [reading's unit], iterations.
-
-    `held_out_weight`: RMS of readings predicted without them over what is expected of it, in the search for the resolution; NaN
-    where all resolutions are stated.
-    """
-
-    n_readings: int
-    n_parameters: int
-    residual_rms: Mapping[str, float]
-    iterations: int
-    converged: bool
-    held_out_weight: float = float("nan")
-
-
-@dataclass(frozen=True, eq=False)
-class Residuals:
-    """What the fit left of every reading, arrays (m, k) per set.
-
-    `residuals`: reading - predicted. `normalised`: residual / (u sqrt(1 - h)). `outliers`: set aside by the robust fit, named
-    in `outlier_readings`. `held_out`: reading - prediction by the fit to all other rotary positions, NaN where one of them
-    alone carries something; empty without rotary axes.
-    """
-
-    residuals: tuple[np.ndarray, ...]
-    normalised: tuple[np.ndarray, ...]
-    outliers: tuple[np.ndarray, ...]
-    outlier_readings: tuple[SuspectReading, ...] = ()
-    held_out: tuple[np.ndarray, ...] = ()
-
-
-def read_only(values: Any) -> np.ndarray:
-    """As NumPy array that cannot be written to."""
-    kept = np.array(values, dtype=float)
-    kept.setflags(write=False)
-    return kept
 
 
 @register_dataclass
@@ -117,6 +59,9 @@ class Solution:
     provenance: Mapping[str, str] = field(metadata=STATIC, default_factory=dict)
     prior_root: Any = None
     samples: Any = field(metadata=STATIC, default=None)
+
+    def __post_init__(self) -> None:
+        register_if_imported()
 
     @property
     def machine(self) -> Machine:
@@ -186,8 +131,7 @@ class Solution:
 
     def measured_range(self) -> np.ndarray:
         """Lowest and highest measured position of every axis, shape (n_axes, 2)."""
-        positions = np.concatenate([s.positions for s in self.campaign.sets])
-        return np.stack([positions.min(axis=0), positions.max(axis=0)], axis=1)
+        return self.campaign.measured_range()
 
     def outside(self, positions: np.ndarray, axes: Sequence[str] | None = None) -> np.ndarray:
         """True for positions (m, n_axes) outside what was measured, by more than 1 % of the travel, bool (m,).
@@ -228,9 +172,9 @@ class Solution:
         """A constant (squareness, location error, tool-frame rotation) with its standard uncertainty."""
         i = self.model.by_name[name, "location"].parameters.start
         held = name in self.held_tool_rotation
-        lost = bool(self.is_lost(np.eye(self.model.n_parameters)[i : i + 1])[0]) or held
+        unknown = bool(self.is_not_determined(np.eye(self.model.n_parameters)[i : i + 1])[0]) or held
         value, u = float(np.asarray(self.parameters)[i]), float(np.sqrt(np.asarray(self.covariance)[i, i]))
-        value, u = (np.nan, np.nan) if lost else (value, u)
+        value, u = (np.nan, np.nan) if unknown else (value, u)
         return FunctionValue(name, parse(name).axis, np.nan, 0, value, u)
 
     def motion_rows(self, name: str, positions: np.ndarray, direction: int) -> np.ndarray:
@@ -248,13 +192,13 @@ class Solution:
             rows = self.motion_rows(name, positions, direction)
             values = rows @ np.asarray(self.parameters)
             u = linear_uncertainty(rows, self.parameter_covariance)
-            lost = self.is_lost(rows)
-            for x, v, s, gone in zip(positions, values, u, lost, strict=True):
-                v, s = (np.nan, np.nan) if gone else (float(v), float(s))
+            unknown = self.is_not_determined(rows)
+            for x, v, s, not_determined in zip(positions, values, u, unknown, strict=True):
+                v, s = (np.nan, np.nan) if not_determined else (float(v), float(s))
                 result.append(FunctionValue(name, axis, float(x), direction, v, s))
         return result
 
-    def is_lost(self, rows: np.ndarray) -> np.ndarray:
+    def is_not_determined(self, rows: np.ndarray) -> np.ndarray:
         """Which functionals `rows` · θ, shape (m, n), change along an undetermined combination; bool (m,)."""
         units = parameter_units(self.model)
         if not self.null_space.shape[1]:
@@ -262,6 +206,18 @@ class Solution:
         null, _ = np.linalg.qr(np.asarray(self.null_space) / units[:, None])
         along = np.linalg.norm((rows * units) @ null, axis=1)
         return np.asarray(along > ESTIMABLE * np.maximum(np.linalg.norm(rows * units, axis=1), 1e-12))
+
+    def save(self, path: str | Path, overwrite: bool = False) -> None:
+        """Write the solution, its campaign and machine included, to one HDF5 file: `volid.save_solution`."""
+        volid.save_solution(self, path, overwrite)
+
+    def monte_carlo(self, trials: int | None = None, **keywords: Any) -> Solution:
+        """The solution with `samples` of its parameters from Monte Carlo refits; keywords of `volid.monte_carlo`."""
+        return volid.monte_carlo(self, trials, **keywords)
+
+    def grid(self, **keywords: Any) -> volid.Grid:
+        """The spatial grid of the linear axes; keywords (`step` or `points`, `tool`, …) of `volid.linear_grid`."""
+        return volid.linear_grid(self, **keywords)
 
     def in_datum(self, datum: Datum) -> Solution:
         """The same solution in another datum: an S-transformation of parameters, stations and covariance.

@@ -81,7 +81,7 @@ def _field(solution: Solution, truth: Truth) -> tuple[np.ndarray, np.ndarray]:
     low = np.array([axis.travel[0] for axis in solution.machine.axes])
     length = np.array([axis.length for axis in solution.machine.axes])
     positions = low + even_points(POINTS, len(low)) * length
-    vectors = np.unique(np.round(np.concatenate([s.tool for s in solution.campaign.sets]), 6), axis=0)
+    vectors = solution.campaign.tool_vectors()
     tool, still = vectors[np.arange(POINTS) % len(vectors)], np.zeros_like(positions)
     known: np.ndarray = np.ones(POINTS, dtype=bool)
     if not solution.fully_determined:
@@ -113,5 +113,5 @@ def _function(solution: Solution, truth: Truth, name: str) -> tuple[np.ndarray, 
     if name in truth.cross:
         other, function = truth.cross[name]
         true = true + function(at, np.full(POSITIONS, reference_of(solution.machine, solution.datum, other)))
-    lost = solution.is_lost(rows)
+    lost = solution.is_not_determined(rows)
     return np.where(lost, np.nan, rows @ np.asarray(solution.parameters) - true), np.where(lost, np.nan, u)

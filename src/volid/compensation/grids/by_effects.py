@@ -52,7 +52,7 @@ def _evaluate(
         rows = slice(start, start + CHUNK)
         gradient = field_gradient(solution, t, base, place, rows)
         gradient[:, :3] -= origin
-        lost = solution.is_lost(gradient.reshape(-1, len(theta))).reshape(gradient.shape[:2])
+        lost = solution.is_not_determined(gradient.reshape(-1, len(theta))).reshape(gradient.shape[:2])
         found.append((gradient @ theta, linear_uncertainty(gradient, covariance), ~lost))
     value, u, known = (np.concatenate(parts) for parts in zip(*found, strict=True))
     return _Found(np.where(known, value, np.nan), np.where(known, u, np.nan), known)

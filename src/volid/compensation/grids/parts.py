@@ -17,7 +17,8 @@ from volid.fitting.datum import split_null_space
 from volid.fitting.diagnosis.identifiability import parameter_units
 from volid.fitting.prediction.determination import known_deviations
 from volid.fitting.prediction.deviations import deviation_values, estimable, standard_uncertainties
-from volid.fitting.solution import Deviations, Solution
+from volid.fitting.results import Deviations
+from volid.fitting.solution import Solution
 from volid.model.error_functions import motion_names
 from volid.model.error_model import ErrorModel
 from volid.model.iso230 import DIRECTIONS, SPINDLE, parse

@@ -168,7 +168,7 @@ def _table(
 
 
 def _require_determined(solution: Solution, name: str, rows: np.ndarray) -> None:
-    if solution.is_lost(rows).any():
+    if solution.is_not_determined(rows).any():
         raise NotDeterminedError(
             f"tables: the data do not determine {name} on this line. {' '.join(solution.statements)} Measure what is missing, "
             "or choose another line (--at), tool vector (--tool) or type."
