@@ -1,4 +1,8 @@
-"""What can go wrong, one class per action that a caller can take."""
+"""What can go wrong, one class per action that a caller can take.
+
+Messages name a parameter as Python does, between backquotes: "go on with `resume=True`". The library never speaks of options of
+the command line, which shows such a name as its option, --resume (`volid.cli.common.in_options`).
+"""
 
 
 class VolidError(Exception):

@@ -1,4 +1,4 @@
-"""JAX comes when it is needed: a small fit ends without it, and trees are known to it however it comes."""
+"""JAX comes when it is needed: a small fit ends without it, and solutions are trees for JAX as `volid.backend.pytrees` says."""
 
 import subprocess
 import sys
@@ -45,24 +45,30 @@ def test_two_threads_may_use_jax_first():
     )
 
 
-def test_asking_whether_jax_is_installed_loses_nothing():
-    run(
-        "import importlib.util, volid\n"
-        + FIT
-        + "assert importlib.util.find_spec('jax')\nimport jax\n"
-        + LEAVES
-        + "assert jax.tree.leaves(solution.machine) == []\n"
-    )
+ORDERS = {
+    "JAX first": "import jax\nimport volid\n" + FIT,
+    "JAX before the fit": "import volid\nvolid.fit\nimport jax\n" + FIT,
+    "JAX after the fit, and used by volid": "import volid\n" + FIT + "import jax\n"
+    "solution.deviation([300.0, 200.0, -100.0], [0.0, 0.0, -150.0])\n",
+    "JAX after the fit, and volid is told": "import volid\n" + FIT + "import jax\n"
+    "from volid.backend.pytrees import register_waiting\nregister_waiting()\n",
+    "JAX after the fit, and a copy": "import volid\n" + FIT + "import jax\n"
+    "solution = volid.Solution(**vars(solution))\n",
+}
 
 
-@pytest.mark.parametrize("order", ["import volid\n" + FIT + "import jax\n", "import jax\nimport volid\n" + FIT])
+@pytest.mark.parametrize("order", ORDERS.values(), ids=ORDERS)
 def test_solutions_are_trees_whichever_comes_first(order):
     run(
-        order + LEAVES + "import jax.numpy as jnp\n"
+        order + LEAVES + "assert jax.tree.leaves(solution.machine) == []\nimport jax.numpy as jnp\n"
         "tool = jnp.array([0.0, 0.0, -150.0])\n"
         "slopes = jax.grad(lambda s, q: s.deviation(q, tool)[0])(solution, jnp.array([300.0, 200.0, -100.0]))\n"
         "assert slopes.parameters.shape == solution.parameters.shape and bool(jnp.any(slopes.parameters != 0.0))\n"
     )
+
+
+def test_importing_volid_changes_nothing_about_imports():
+    run("import sys\nbefore = list(sys.meta_path)\nimport volid\n" + FIT + "assert sys.meta_path == before\n")
 
 
 def test_arrays_of_a_solution_cannot_be_written_to():

@@ -1,10 +1,12 @@
 """The command line: light help, right exit status, one clear message, outputs whole or not at all."""
 
+import ast
 import contextlib
 import csv
 import importlib
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -18,8 +20,8 @@ from support.places import DATASETS, SOURCE
 from support.small_campaign import SINGLE_TOOL, make_campaign
 
 import volid
-from volid.cli import VERBS, main
-from volid.cli.common import input_files
+from volid.cli import VERBS, _parser, main
+from volid.cli.common import in_options, input_files
 from volid.cli.environment import cache_folder
 from volid.cli.interrupts import Interrupts
 from volid.io import load_campaign
@@ -586,6 +588,27 @@ def test_progress_speaks_after_a_second_only(capsys):
     assert capsys.readouterr().err == "volid: next\n"
 
 
+def test_parameters_of_the_library_are_shown_as_options():
+    args = _parser("study").parse_args(["study", "s.toml", "-o", "r.h5"])
+    text = "`workers=0`: expected 1; go on with `resume=True`, or `overwrite=True`; `time` and `max_points=3` are no options"
+    shown = "--workers 0: expected 1; go on with --resume, or --force; `time` and `max_points=3` are no options"
+    assert in_options(text, args) == shown
+
+
+def test_the_library_does_not_speak_of_options():
+    package = Path(volid.__file__).parent
+    found = []
+    for path in package.rglob("*.py"):
+        if path.relative_to(package).parts[0] in ("cli", "compensation"):
+            continue
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        docstrings = {node.value for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str) and node not in docstrings:
+                found += re.findall(r"^--[a-z].*|[\s('\"]--[a-z].*", node.value.replace("--xla_cpu", ""))
+    assert not found
+
+
 # ------------------------------------------------------------------------------------------------------------- Python
 
 
@@ -593,13 +616,30 @@ def test_public_names(solution, solution_file, tmp_path):
     for name in volid.__all__:
         assert getattr(volid, name) is not None
     assert set(volid.__all__) <= set(dir(volid))
-    assert set(volid.__all__) == set(volid._SOURCES)
     with pytest.raises(AttributeError, match="module 'volid' has no attribute 'fitt'"):
         _ = volid.fitt
     loaded = volid.load_solution(solution_file)
     loaded.save(tmp_path / "again.h5")
     assert repr(volid.load_solution(tmp_path / "again.h5").statistics) == repr(solution.statistics)  # NaN too
     assert loaded.grid(points=2).values.shape == (8, 6)
+
+
+def test_type_checkers_read_the_same_public_names():
+    stub = ast.parse((Path(volid.__file__).with_suffix(".pyi")).read_text(encoding="utf-8"))
+    found = {
+        alias.asname or alias.name: f"{node.module}:{alias.name}"
+        for node in stub.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    assert found == volid._PUBLIC
+    names = next(node.value for node in stub.body if isinstance(node, ast.Assign))
+    assert ast.literal_eval(names) == volid.__all__
+
+
+def test_no_public_name_is_the_name_of_a_module():
+    folder = Path(volid.__file__).parent
+    assert not {path.stem for path in folder.iterdir()} & set(volid.__all__)
 
 
 def test_simulate_is_the_function_whatever_was_imported_before():

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from support.compensated import MACHINES, TOOL, machine_and_solution
 
-from volid.fitting.solution import Residuals, Statistics
+from volid.fitting.results import Residuals, Statistics
 from volid.io.compensations import load_control
 from volid.io.grids import read_grid
 from volid.io.solutions import write_solution

@@ -11,7 +11,7 @@ from support.made_up import made_up, truth_of
 
 import volid
 from volid.cli import main
-from volid.fitting.solution import Residuals, Statistics
+from volid.fitting.results import Residuals, Statistics
 from volid.io.basics.csv_table import read_csv
 
 TILTING, SPLIT = STRUCTURES["tilting table C'A'"], STRUCTURES["table and head"]

@@ -335,7 +335,7 @@ def test_bases_and_samplings_that_cannot_be(three_axis):
         compensate(three_axis, ["L-SPEC"], base_of(three_axis, TOOL))
     with pytest.raises(InputError, match="--step stands alone"):
         Sampling(step=1.0, max_points=3)
-    with pytest.raises(InputError, match="--incremental goes with"):
+    with pytest.raises(InputError, match="`incremental` goes with"):
         TableForm(incremental=True, reversal="difference")
     with pytest.raises(InputError, match="FOR has no tables"):
         error_tables(three_axis, [TYPES["FOR"]], base_of(three_axis, TOOL))

@@ -26,7 +26,7 @@ from volid.compensation.rigid import best_rigid
 from volid.compensation.tables.sampling import Sampling
 from volid.compensation.types import TYPES, select
 from volid.exceptions import InputError, NotDeterminedError
-from volid.fitting.solution import Residuals, Statistics
+from volid.fitting.results import Residuals, Statistics
 from volid.io.solutions import write_solution
 from volid.uncertainty.trials.samples import Samples
 

@@ -9,7 +9,7 @@ from exact_chain import random_truth
 from support.machines import STRUCTURES, exact_machine, resolved
 from support.rtests import r_test, r_test_campaign, rotary_only
 
-from volid.fitting.diagnosis.hold_out import by_angle, rotary_poses, total
+from volid.fitting.diagnosis.hold_out import by_angle, total
 from volid.fitting.equations.compiled import predict_all
 from volid.fitting.equations.problem import build_problem, scatter
 from volid.fitting.fit import fit
@@ -41,7 +41,7 @@ def kept(campaign, rows):
 
 def test_equals_a_refit_without_the_rotary_position(case):
     campaign, solution = case
-    (poses,) = rotary_poses(campaign)
+    (poses,) = campaign.rotary_poses()
     assert poses.max() + 1 == 20 and np.bincount(poses).tolist() == [3] * 20
     (held,) = solution.readings.held_out
     for pose in (0, 7):
@@ -58,7 +58,7 @@ def test_equals_a_refit_without_the_rotary_position(case):
 
 def test_bins_by_angle_hold_every_row_once(case):
     campaign, solution = case
-    (poses,), (held,), (residual,) = rotary_poses(campaign), solution.readings.held_out, solution.readings.residuals
+    (poses,), (held,), (residual,) = campaign.rotary_poses(), solution.readings.held_out, solution.readings.residuals
     used = np.ones(len(poses), dtype=bool)
     bins = by_angle(campaign.machine, campaign.sets[0], poses, residual, held, used)
     ends = np.array([(b.low, b.high) for b in bins if b.axis == "A"])

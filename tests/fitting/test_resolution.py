@@ -43,7 +43,7 @@ def wave(axis, n_periods, amplitude):
 def test_never_more_than_the_positions_carry(n_grid, finest):
     """n segments of degree 3 have n + 3 coefficients: 9 positions carry 6 segments, not 8."""
     campaign = grid_campaign(n_grid)
-    counts = resolution.distinct_positions(campaign)
+    counts = campaign.distinct_positions()
     assert counts == dict.fromkeys("XYZ", n_grid)
     carrier, automatic = resolution.limits(campaign)
     assert automatic == set(motion_names(campaign.machine))

@@ -51,7 +51,7 @@ def test_what_a_killed_process_left_is_removed_at_the_next_writing(tmp_path):
 def test_existing_output_is_refused_and_left_alone(tmp_path):
     (tmp_path / "out.csv").write_text("old")
     with (
-        pytest.raises(OutputError, match=r"out\.csv exists; choose another name or pass --force"),
+        pytest.raises(OutputError, match=r"out\.csv exists; choose another name or pass `overwrite=True`"),
         atomic_output(tmp_path / "out.csv"),
     ):
         pytest.fail("the block must not run")
@@ -118,7 +118,10 @@ def test_the_working_folder_can_be_named_by_a_dot(tmp_path, monkeypatch):
 def test_folder_that_holds_something(tmp_path):
     (tmp_path / "a.csv").write_text("old")
     (tmp_path / "other.txt").write_text("other")
-    with pytest.raises(OutputError, match="exists; choose another name or pass --force"), atomic_folder(tmp_path):
+    with (
+        pytest.raises(OutputError, match="exists; choose another name or pass `overwrite=True`"),
+        atomic_folder(tmp_path),
+    ):
         pytest.fail("the block must not run")
     with atomic_folder(tmp_path, overwrite=True) as temporary:
         (temporary / "a.csv").write_text("new")

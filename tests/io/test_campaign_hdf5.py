@@ -152,7 +152,7 @@ def test_wrong_shape(path):
 
 def test_existing_output_and_places_that_cannot_be_written(campaign, path, tmp_path):
     before = path.read_bytes()
-    with pytest.raises(OutputError, match=r"campaign\.h5 exists; choose another name or pass --force"):
+    with pytest.raises(OutputError, match=r"campaign\.h5 exists; choose another name or pass `overwrite=True`"):
         write_campaign(campaign, path)
     assert path.read_bytes() == before
     write_campaign(replace(campaign, title="New"), path, overwrite=True)

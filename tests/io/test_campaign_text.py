@@ -146,7 +146,7 @@ def test_a_plan_written_is_a_plan(tmp_path):
 
 def test_existing_folder_is_not_overwritten(tmp_path):
     path = write_files(tmp_path)
-    with pytest.raises(OutputError, match="exists; choose another name or pass --force"):
+    with pytest.raises(OutputError, match="exists; choose another name or pass `overwrite=True`"):
         write_manifest(read_manifest(path), tmp_path)
     assert path.read_text() == MANIFEST
 

@@ -259,7 +259,7 @@ def test_units_labels_and_texts_for_plain_h5py(single_tool_solution, tmp_path):
 def test_an_existing_file_is_kept_unless_overwrite(solution, tmp_path):
     path = tmp_path / "solution.h5"
     path.write_text("mine")
-    with pytest.raises(OutputError, match=r"solution\.h5 exists; choose another name or pass --force"):
+    with pytest.raises(OutputError, match=r"solution\.h5 exists; choose another name or pass `overwrite=True`"):
         write_solution(solution, path)
     assert path.read_text() == "mine"
     write_solution(solution, path, overwrite=True)

@@ -13,7 +13,6 @@ import pytest
 from support.places import DATASETS, reference_file
 
 from volid.cli import main
-from volid.fitting.diagnosis.hold_out import rotary_poses
 from volid.io import load_campaign
 from volid.io.solutions import read_solution
 from volid.model.kinematics import nominal_point
@@ -36,7 +35,7 @@ def test_centres_spread_and_repeat_as_published(folder):
     campaign = load_campaign(folder / "router.toml")
     (readings,) = campaign.sets
     centres = nominal_point(campaign.machine, readings.positions, readings.tool)
-    (pose,) = rotary_poses(campaign)
+    (pose,) = campaign.rotary_poses()
     assert len(readings) == 101 and pose.max() + 1 == 76
     means = np.array([centres[pose == k].mean(axis=0) for k in range(76)])
     spread = np.linalg.norm(means - means.mean(axis=0), axis=1)

@@ -7,11 +7,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from exact_chain import LINEAR, ExactMachine, Truth, apply, random_truth
+from scipy.spatial.transform import Rotation
 from support.machines import VERTICAL, fixed, volid_machine
 from support.trackers import simulated
 
 from volid.fitting.fit import fit
-from volid.model.geometry import rotate_small
+from volid.model.geometry import best_rigid_motion, rotate_small
+from volid.model.jacobian import influence
 from volid.model.kinematics import deviation, functional_point, nominal_point, transform
 
 TRAVEL = {"X": (0.0, 1000.0), "Y": (0.0, 600.0), "Z": (-500.0, 0.0), "A": (-120, 30), "B": (-90, 90), "C": (0, 360)}
@@ -166,3 +168,41 @@ def test_functional_point_moves_with_the_tool():
     machine, q = volid_machine(exact), np.array([[400.0], [200.0], [-100.0]])
     one, other = (functional_point(machine, q, t, jnp.zeros((24, 1))) for t in ((0, 0, -150.0), (5.0, 6.0, -143.0)))
     np.testing.assert_allclose(np.subtract(other, one)[:, 0], [5.0, 6.0, 7.0], atol=1e-12)
+
+
+def test_best_rigid_motion_is_the_one_that_was_made():
+    """Points carried by a stated rotation and translation: the motion back is found, also where they lie in a plane."""
+    rng = np.random.default_rng(4)
+    for flat in (1.0, 0.0):
+        points = rng.uniform(-300.0, 300.0, (9, 3)) * [1.0, 1.0, flat]
+        turn = Rotation.from_rotvec([0.4, -2.0, 1.1])
+        shift = np.array([10.0, -20.0, 3000.0])
+        found = best_rigid_motion(points, turn.apply(points) + shift)
+        np.testing.assert_allclose(found.rotation, turn.as_matrix(), atol=1e-13)
+        np.testing.assert_allclose(found.translation, shift, atol=1e-10)
+        np.testing.assert_allclose(found(points), turn.apply(points) + shift, atol=1e-10)
+
+
+def test_best_rigid_motion_does_not_mirror():
+    """A mirrored tetrahedron along the axes: with edges 3, 2, 1 the shortest stays on its wrong side (closed form)."""
+    points = np.array([[3.0, 0, 0], [-3.0, 0, 0], [0, 2.0, 0], [0, -2.0, 0], [0, 0, 1.0], [0, 0, -1.0]])
+    found = best_rigid_motion(points, points * [1.0, 1.0, -1.0])
+    assert np.linalg.det(found.rotation) == pytest.approx(1.0)
+    np.testing.assert_allclose(found.rotation, np.eye(3), atol=1e-14)
+    assert np.sum((found(points) - points * [1.0, 1.0, -1.0]) ** 2) == pytest.approx(2 * 2.0**2)
+
+
+@pytest.mark.parametrize("structure", FIVE_AXES)
+def test_influence_is_the_derivative_of_the_exact_chain(structure):
+    """Against 4×4 matrices: a single small error moves the exact chain by its influence, to the second order left out."""
+    exact = ExactMachine(structure, TRAVEL, point={"C": (310.0, 280.0, 0.0)})
+    machine, rng, step = volid_machine(exact), np.random.default_rng(2), 1e-4
+    low, high = np.array([exact.travel[a] for a in exact.axes], float).T
+    q, tool = low + rng.random((6, len(low))) * (high - low), rng.uniform(-200, 200, (6, 3))
+    rows = influence(machine, q, tool)
+    for i, axis in enumerate(exact.axes):
+        for k, direction in enumerate("XYZABC"):
+            truth = Truth({f"E{direction}{axis}": lambda x: np.full_like(x, step)})
+            moved = exact.deviation(q, tool, truth, np.zeros_like(q)) / step
+            scale = 1.0 if k < 3 else 1000.0
+            np.testing.assert_allclose(moved, rows[:, :, 6 * i + k], atol=step * scale, err_msg=f"E{direction}{axis}")

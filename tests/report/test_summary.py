@@ -8,7 +8,7 @@ import pytest
 from support.small_campaign import SINGLE_TOOL, SOLUTIONS
 
 from volid.compensation.residual.volume import volumetric_summary
-from volid.report.summary import most_used_tool, summary, summary_data
+from volid.report.summary import summary, summary_data
 from volid.report.summary_text import decimals, format_summary
 from volid.report.text import WIDTH, micro, table, vector
 
@@ -51,7 +51,7 @@ def test_numbers_are_those_of_the_solution(data, solution):
     assert table["EYX"]["largest_u"] == max(v.u for v in values)
     assert table["EYX"]["segments"] == [2]
     assert len(table) == 18
-    accuracy = volumetric_summary(solution, most_used_tool(solution.campaign)).accuracy
+    accuracy = volumetric_summary(solution, solution.campaign.most_used_tool()).accuracy
     assert list(data["volume"]["accuracy"].values()) == accuracy.tolist()
 
 
@@ -85,8 +85,8 @@ def test_weakest_is_the_largest_u(data, solution):
 
 
 def test_the_most_used_tool_is_taken(solution, single_tool_solution):
-    assert most_used_tool(single_tool_solution.campaign) == SINGLE_TOOL
-    assert most_used_tool(solution.campaign) == tuple(solution.campaign.sets[0].tool[0])  # all alike: the first
+    assert single_tool_solution.campaign.most_used_tool() == SINGLE_TOOL
+    assert solution.campaign.most_used_tool() == tuple(solution.campaign.sets[0].tool[0])  # all alike: the first
     assert summary_data(solution, (1.0, 2.0, 3.0))["tool"] == [1.0, 2.0, 3.0]
 
 

@@ -182,9 +182,9 @@ def test_monte_carlo_on_a_cluster_whose_worker_is_killed_gives_the_same(study, c
 
 
 def test_a_scheduler_that_is_not_there(study):
-    with pytest.raises(InputError, match=r"--workers 2: the scheduler has its own"):
+    with pytest.raises(InputError, match=r"`workers=2`: the scheduler has its own"):
         run_study(study, workers=2, scheduler="tcp://127.0.0.1:1")
-    with pytest.raises(InputError, match="--workers 0: expected at least 1"):
+    with pytest.raises(InputError, match="`workers=0`: expected at least 1"):
         run_study(study, workers=0)
 
 

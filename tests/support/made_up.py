@@ -8,7 +8,8 @@ from exact_chain import Truth
 
 from volid.campaign import Campaign, ObservationSet
 from volid.fitting.diagnosis.adequacy import Adequacy
-from volid.fitting.solution import Residuals, Solution, Statistics
+from volid.fitting.results import Residuals, Statistics
+from volid.fitting.solution import Solution
 from volid.model.error_functions import spline_axes
 from volid.model.error_model import build_model
 from volid.model.iso230 import parse

@@ -11,7 +11,8 @@ from volid.fitting.diagnosis.identifiability import analyse
 from volid.fitting.equations.compiled import normal_equations
 from volid.fitting.equations.problem import build_problem
 from volid.fitting.prior import prior_of
-from volid.fitting.solution import Residuals, Solution, Statistics
+from volid.fitting.results import Residuals, Statistics
+from volid.fitting.solution import Solution
 from volid.fitting.starts import find_starts
 from volid.model.error_functions import motion_names, settings_for
 from volid.model.error_model import build_model

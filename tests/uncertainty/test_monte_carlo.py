@@ -245,7 +245,7 @@ def test_an_interrupted_run_keeps_what_it_has(solution, tmp_path):
     assert stops >= 2
     np.testing.assert_array_equal(found.samples.outputs(lambda v: v), whole)
     assert not (folder / ".half.part").exists()
-    with pytest.raises(InputError, match="holds the trials of an interrupted run; go on with --resume"):
+    with pytest.raises(InputError, match="holds the trials of an interrupted run; go on with `resume=True`"):
         monte_carlo(solution, 3 * BATCH, seed=2, folder=folder)
     with pytest.raises(InputError, match="another run \\(seed differs\\)"):
         monte_carlo(solution, 3 * BATCH, seed=3, folder=folder, resume=True)

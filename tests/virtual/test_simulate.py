@@ -393,7 +393,7 @@ def test_command_with_a_truth_repeats_the_readings_as_text_too(plan_path, tmp_pa
 def test_command_refuses_to_overwrite_either_file(plan_path, tmp_path):
     machine, out = plan_path.parent / "machine.toml", tmp_path / "out.h5"
     (tmp_path / "out.truth.h5").write_text("mine")
-    with pytest.raises(OutputError, match=r"out.truth.h5 exists; choose another name or pass --force"):
+    with pytest.raises(OutputError, match=r"out.truth.h5 exists; choose another name or pass `overwrite=True`"):
         run(machine, "--plan", plan_path, "-o", out)
     assert not out.exists()
     assert run(machine, "--plan", plan_path, "-o", out, "--force") == 0

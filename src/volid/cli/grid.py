@@ -152,9 +152,8 @@ def _grids(solution: Solution, args: argparse.Namespace) -> tuple[tuple[AnyGrid,
     from volid.compensation.package import compensate
     from volid.compensation.ranges import cut_notes, refuse_extrapolation
     from volid.compensation.rounding import rounded_grid
-    from volid.report.summary import most_used_tool
 
-    tool = most_used_tool(solution.campaign) if args.tool is None else args.tool
+    tool = solution.campaign.most_used_tool() if args.tool is None else args.tool
     solution, notes = prepared(solution, args, [tool])
     base, ranges = base_from(solution, args, tool), ranges_from(solution, args)
     made = compensate(

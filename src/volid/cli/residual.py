@@ -123,12 +123,11 @@ def _forecast(solution: Solution, args: argparse.Namespace) -> tuple[Forecast, l
     from volid.compensation.orientation import PoleRule
     from volid.compensation.residual.forecast import forecast
     from volid.compensation.types import select
-    from volid.report.summary import most_used_tool
 
     lists = [[t.strip() for t in text.split(",")] for text in args.type]
     for names in lists:
         select(names, solution.machine)
-    tool = most_used_tool(solution.campaign) if args.tool is None else args.tool
+    tool = solution.campaign.most_used_tool() if args.tool is None else args.tool
     tools = [tool, *(args.tools or [])]
     solution, notes = prepared(solution, args, tools)
     control: dict[str, Any] = {"poles": PoleRule(args.pole_margin, args.poles), "increment": args.increment or {}}

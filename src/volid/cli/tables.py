@@ -134,7 +134,6 @@ def _tables(solution: Solution, args: argparse.Namespace) -> tuple[tuple[ErrorTa
     from volid.compensation.types import select
     from volid.exceptions import InputError
     from volid.io.table_reader import tables_in
-    from volid.report.summary import most_used_tool
 
     types = select(args.type, solution.machine)
     needing = [t.name for t in types if t.name in ("L-ANG", "L-VOL")]
@@ -143,7 +142,7 @@ def _tables(solution: Solution, args: argparse.Namespace) -> tuple[tuple[ErrorTa
             f"--type {needing[0]} needs the tool vector of its lines, because angular errors act through it; give --tool x,y,z, "
             "such as --tool 0,0,-150"
         )
-    tool = most_used_tool(solution.campaign) if args.tool is None else args.tool
+    tool = solution.campaign.most_used_tool() if args.tool is None else args.tool
     solution, notes = prepared(solution, args, [tool])
     base, ranges = base_from(solution, args, tool), ranges_from(solution, args)
     tables = error_tables(solution, types, base, sampling_of(args, args.spacing), args.zero, ranges)

@@ -68,10 +68,9 @@ def run(args: argparse.Namespace) -> int:
         progress("evaluating the samples")
         import numpy as np
 
-        from volid.report.summary import most_used_tool
         from volid.uncertainty.statement import as_data, format_statement, statement
 
-        tool = most_used_tool(solution.campaign) if args.tool is None else args.tool
+        tool = solution.campaign.most_used_tool() if args.tool is None else args.tool
         found = statement(solution, np.asarray(tool))
     if args.json:
         print_json({"output": args.output, **as_data(found), "attention": attention(solution)})

@@ -24,7 +24,7 @@ from volid.compensation.grids.parts import TABLE, rotary_letters
 from volid.exceptions import InputError, NotDeterminedError
 from volid.fitting.solution import Solution
 from volid.model.iso230 import ROTARY_AXES
-from volid.model.nominal import influence
+from volid.model.jacobian import influence
 
 
 def spindle_turn(solution: Solution) -> np.ndarray:
@@ -44,7 +44,7 @@ def spindle_turn(solution: Solution) -> np.ndarray:
     rows = np.asarray(influence(machine, at, np.zeros(3))[0, 3:] @ errors)
     rows[2] = 0.0
     held = [n for n in solution.held_tool_rotation if n in names]
-    if held or solution.is_lost(rows[:2]).any():
+    if held or solution.is_not_determined(rows[:2]).any():
         raise NotDeterminedError(
             f"--align spindle: the data do not determine the tilt of the spindle ({', '.join(held or names)}). "
             f"{' '.join(solution.statements)} Measure with several tool vectors, or align by axes (--datum primary=Z,secondary=X)"

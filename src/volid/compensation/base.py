@@ -12,7 +12,7 @@ from volid.fitting.solution import Solution
 from volid.model.error_functions import reference_of
 from volid.model.error_model import ROWS
 from volid.model.iso230 import LINEAR_AXES, SPINDLE, ErrorName, parse
-from volid.model.splines import Basis, design_matrix
+from volid.model.splines import Basis, evaluate
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +89,7 @@ def model_errors(
     for f, term in zip(model.functions, model.layout.terms, strict=True):
         if keep(parse(f.name)):
             if term.basis not in values:
-                values[term.basis] = _basis_values(term.basis, positions, directions)
+                values[term.basis] = evaluate(term.basis, positions.T, directions.T).T
             block = model.parametrisation[f.coefficients, f.parameters]
             out[:, term.row, f.parameters] += term.sign * values[term.basis] @ block
     if turn is not None:
@@ -127,16 +127,3 @@ def _turn_frame(
             out[:, ROWS * i : ROWS * i + ROWS] += sense * moved
     if not head and keep(ErrorName("A", SPINDLE, True)):
         out[:, -3:] -= turn
-
-
-def _basis_values(basis: Basis, positions: np.ndarray, directions: np.ndarray) -> np.ndarray:
-    """`splines.evaluate` without compilation, (m, size)."""
-    values = np.ones((len(positions), 1))
-    for spline in basis.factors:
-        right = design_matrix(spline, positions[:, spline.axis])
-        values = (values[:, :, None] * right[:, None, :]).reshape(len(positions), -1)
-    if basis.linear is not None:
-        values = values * (positions[:, basis.linear[0]] - basis.linear[1])[:, None]
-    if basis.directed >= 0:
-        values = values * 0.5 * directions[:, basis.directed][:, None]
-    return values

@@ -21,8 +21,9 @@ from volid.compensation.tables.error_table import ITSELF, MODEL, ErrorTable
 from volid.exceptions import InputError
 from volid.model.error_model import ROWS
 from volid.model.iso230 import SPINDLE, parse
+from volid.model.jacobian import axis_directions, influence
+from volid.model.kinematics import nominal_point, side_rotation
 from volid.model.machine import Machine
-from volid.model.nominal import axis_directions, influence, nominal_point, side_rotation
 
 FOR = "FOR"
 TURNING = (FOR, "L-VOL+", "R-VOL+")

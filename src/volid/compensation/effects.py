@@ -37,8 +37,8 @@ from volid.compensation.types import (
 from volid.fitting.solution import Solution
 from volid.model.error_model import ROWS
 from volid.model.iso230 import LINEAR_AXES, SPINDLE, ErrorName
+from volid.model.jacobian import influence
 from volid.model.machine import Axis, Machine
-from volid.model.nominal import influence
 
 # Gauss-Legendre quadrature of the slope of a straightness line, uniform over the travel as the datum's
 PANELS, PANEL_NODES = 60, 3

@@ -16,8 +16,9 @@ import numpy as np
 
 from volid.compensation.grids.parts import full_positions
 from volid.exceptions import InputError
+from volid.model.jacobian import axis_directions
+from volid.model.kinematics import side_rotation
 from volid.model.machine import Machine
-from volid.model.nominal import axis_directions, side_rotation
 
 LIMIT, KEEP_OUT = "limit", "keep out"
 SPINDLE_AXIS = np.array([0.0, 0.0, 1.0])  # ISO 841: Z lies along the spindle

@@ -17,8 +17,8 @@ from volid.backend.lazy import jnp
 from volid.compensation.base import model_errors
 from volid.fitting.solution import Solution
 from volid.model.error_model import build_model
+from volid.model.jacobian import influence
 from volid.model.machine import FunctionSettings, ModelSettings
-from volid.model.nominal import influence
 
 POINTS = 2048
 RELATIVE_RANK = 1e-9  # of the singular values of scaled columns

@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from volid.exceptions import InputError
-from volid.fitting.solution import FunctionValue, Solution
+from volid.fitting.results import FunctionValue
+from volid.fitting.solution import Solution
 from volid.model.error_functions import reference_of
 from volid.model.iso230 import DIRECTIONS, ROTARY_AXES
 from volid.model.machine import Axis
@@ -87,7 +88,7 @@ def _of_axis(solution: Solution, axis: Axis, datum: Axis | None) -> list[Locatio
     for k in (i for i in range(6) if i % 3 != own):
         row = functional[k]
         line, u = float(row @ np.asarray(solution.parameters)), _u(solution, row)
-        if solution.is_lost(row[None])[0]:
+        if solution.is_not_determined(row[None])[0]:
             line, u = np.nan, np.nan
         name, to = f"E{DIRECTIONS[k]}0{axis.letter}", MACHINE if datum is None else datum.letter
         result.append(LocationError(name, axis.letter, to, sign * line, line, u, _remark(axis, k, datum)))
@@ -160,7 +161,7 @@ def motions_with_mean(solution: Solution, letter: str, positions: np.ndarray) ->
             rows[:, constant.parameters] += 1.0
         if not rows.any():
             continue
-        values, lost = rows @ np.asarray(solution.parameters), solution.is_lost(rows)
+        values, lost = rows @ np.asarray(solution.parameters), solution.is_not_determined(rows)
         u = [_u(solution, row) for row in rows]
         for x, v, s, gone in zip(positions, values, u, lost, strict=True):
             result.append(FunctionValue(name, letter, float(x), 0, np.nan if gone else float(v), np.nan if gone else s))

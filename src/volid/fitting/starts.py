@@ -8,30 +8,22 @@ import numpy as np
 
 from volid.campaign import Campaign, ObservationSet, Station
 from volid.exceptions import InputError
-from volid.model.kinematics import functional_point, transform
+from volid.model.geometry import best_rigid_motion
+from volid.model.kinematics import carry, nominal_point
 from volid.model.machine import Machine
 from volid.multilateration.trilateration import StationEstimate, trilaterate
 from volid.observations.distance import sees_tool, target_body, target_place
 
 
-def nominal_targets(machine: Machine, positions: np.ndarray, tool: np.ndarray, body: str) -> np.ndarray:
-    """Nominal functional points in the frame of `body`, shape (m, 3) [mm]."""
-    q = positions.T
-    point = functional_point(machine, q, tuple(tool.T), stop=machine.body_index(body))  # type: ignore[arg-type]
-    return np.stack([np.broadcast_to(np.asarray(c), len(positions)) for c in point], axis=1)
-
-
 def nominal_reflector(machine: Machine, observations: ObservationSet, rows: np.ndarray, body: str) -> np.ndarray:
     """Nominal places, in the frame of `body`, of a reflector that stands on another body than the tool, (m, 3) [mm]."""
-    q = observations.positions[rows].T
     start, stop = machine.body_index(target_body(observations)), machine.body_index(body)
-    point = transform(machine, q, None, target_place(observations), start=start, stop=stop)
-    return np.stack([np.broadcast_to(np.asarray(c), q.shape[1]) for c in point], axis=1)
+    return carry(machine, observations.positions[rows], np.asarray(target_place(observations)), start, stop)
 
 
 def _readings_of(campaign: Campaign, station: Station) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
     """Targets, distances, beam labels and whether any set is relative, over all distance sets of a station."""
-    targets, distances, beams, relative = [], [], [], False
+    machine, targets, distances, beams, relative = campaign.machine, [], [], [], False
     for number, observations in enumerate(campaign.sets):
         if observations.kind != "distance":
             continue
@@ -39,9 +31,11 @@ def _readings_of(campaign: Campaign, station: Station) -> tuple[np.ndarray, np.n
         is_relative = bool(observations.options.get("relative", True))
         relative = relative or is_relative
         targets.append(
-            nominal_targets(campaign.machine, observations.positions[rows], observations.tool[rows], station.body)
+            nominal_point(
+                machine, observations.positions[rows], observations.tool[rows], machine.body_index(station.body)
+            )
             if sees_tool(observations)
-            else nominal_reflector(campaign.machine, observations, rows, station.body)
+            else nominal_reflector(machine, observations, rows, station.body)
         )
         distances.append(observations.readings[rows, 0])
         segments = observations.labels["segment"][rows]
@@ -84,16 +78,15 @@ def _locate(campaign: Campaign, station: Station) -> tuple[StationEstimate | Non
 
 
 def _placement(known: list[tuple[Station, np.ndarray]]) -> dict[Any, float]:
-    """Known stations carried into the machine frame by the rigid motion that best fits their estimates (Kabsch 1976)."""
+    """Known stations carried into the machine frame by the rigid motion that best fits their estimates."""
     if not known:
         return {}
     given = np.array([station.position for station, _ in known], dtype=float)
     found = np.array([position for _, position in known])
-    rotation = np.eye(3)
     if len(known) >= 3:
-        u, _, vt = np.linalg.svd((given - given.mean(0)).T @ (found - found.mean(0)))
-        rotation = vt.T @ np.diag([1.0, 1.0, np.sign(np.linalg.det(vt.T @ u.T))]) @ u.T
-    placed = (given - given.mean(0)) @ rotation.T + found.mean(0)
+        placed = best_rigid_motion(given, found)(given)
+    else:  # too few for a rotation
+        placed = given - given.mean(axis=0) + found.mean(axis=0)
     return {
         ("placed", s.name, c): float(p[i]) for (s, _), p in zip(known, placed, strict=True) for i, c in enumerate("XYZ")
     }

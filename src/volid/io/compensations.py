@@ -64,7 +64,7 @@ def load_control(machine: Machine, paths: Iterable[str | Path], **options: Any) 
     names = [t.function for t in tables]
     twice = next((n for n in names if names.count(n) > 1), None)
     if twice:
-        raise InputError(f"two tables of {twice}; a control holds one per function. Sum them with --add-to")
+        raise InputError(f"two tables of {twice}; a control holds one per function. Superimpose them first")
     return Control(machine, tuple(tables), tuple(grids), **options)
 
 

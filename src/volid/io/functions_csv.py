@@ -21,7 +21,8 @@ import numpy as np
 
 from volid.compensation.grids.linear import describe_datum
 from volid.exceptions import InputError
-from volid.fitting.solution import Deviations, FunctionValue, Solution
+from volid.fitting.results import Deviations, FunctionValue
+from volid.fitting.solution import Solution
 from volid.io.basics.atomic import atomic_output
 from volid.io.basics.csv_table import CsvTable, read_csv
 from volid.io.basics.hdf5_values import to_json

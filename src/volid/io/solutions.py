@@ -50,7 +50,8 @@ import numpy as np
 from volid.campaign import Campaign, ObservationSet
 from volid.exceptions import InputError
 from volid.fitting.diagnosis.adequacy import Adequacy, GroupTest, SuspectReading
-from volid.fitting.solution import Residuals, Solution, Statistics, read_only
+from volid.fitting.results import Residuals, Statistics, read_only
+from volid.fitting.solution import Solution
 from volid.io.basics.atomic import atomic_output
 from volid.io.basics.hdf5_values import read_text, reading, to_json, write_array, write_text
 from volid.io.campaign.hdf5 import read_campaign_group, write_campaign_group

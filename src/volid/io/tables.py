@@ -3,9 +3,9 @@
 Lines "# key: value" say what the numbers are and where they come from, enough to make the table again; then the columns:
 position, values, u, `outside` (1: not measured there). The value columns are
 
-    X,EXX                 without reversal, or one `reversal value` for the axis in the header (--reversal value)
-    X,EXX(+),EXX(-)       approached in + and in - (--reversal columns)
-    X,EXX(+),B_EXX        approached in +, and the reversal value EXX(+) - EXX(-) (--reversal difference)
+    X,EXX                 without reversal, or one `reversal value` for the axis in the header (`reversal=value`)
+    X,EXX(+),EXX(-)       approached in + and in - (`reversal=columns`)
+    X,EXX(+),B_EXX        approached in +, and the reversal value EXX(+) - EXX(-) (`reversal=difference`)
 
 Lengths mm, rotations rad, positions mm or degrees. Incremental tables hold the differences of *rounded* absolute values, the
 first row the value itself, so that rounding does not add up: a running sum gives the absolute table. Read back, a table holds
@@ -63,12 +63,13 @@ class TableForm:
 
     def __post_init__(self) -> None:
         if self.reversal not in REVERSALS:
-            raise InputError(f"--reversal '{self.reversal}'; expected {', '.join(REVERSALS)}")
+            raise InputError(f"`reversal={self.reversal}`: expected {', '.join(REVERSALS)}")
         if self.incremental and self.reversal == DIFFERENCE:
-            raise InputError("--incremental goes with --reversal columns or value, not with difference")
-        for value in (self.increment, self.angle_increment):
+            raise InputError("`incremental` goes with `reversal=columns` or value, not with difference")
+        for name in ("increment", "angle_increment"):
+            value = getattr(self, name)
             if value is not None and not value > 0:
-                raise InputError(f"--increment {value:g}; expected a number > 0")
+                raise InputError(f"`{name}={value:g}`: expected a number > 0")
 
     def least(self, table: ErrorTable) -> float | None:
         """Least increment of a table's values [mm or rad]."""

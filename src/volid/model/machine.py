@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from volid.backend.pytrees import STATIC, register_dataclass
+from volid.backend.pytrees import STATIC, register_dataclass, register_if_imported
 from volid.exceptions import InputError
 from volid.model.iso230 import LINEAR_AXES, ROTARY_AXES
 
@@ -143,6 +143,9 @@ class Machine:
     datum: Datum = field(metadata=STATIC, default=Datum())
     model: ModelSettings = field(metadata=STATIC, default=ModelSettings())
     text: str = field(metadata=STATIC, default="", repr=False)
+
+    def __post_init__(self) -> None:
+        register_if_imported()
 
     @property
     def letters(self) -> tuple[str, ...]:

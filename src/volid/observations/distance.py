@@ -76,7 +76,7 @@ def target_body(observations: ObservationSet) -> str:
 
 def sees_tool(observations: ObservationSet) -> bool:
     """True unless a set measures to a reflector on another body than the tool."""
-    return observations.kind != DISTANCE.name or target_body(observations) == TOOL
+    return observations.sees_tool
 
 
 def target_place(observations: ObservationSet) -> tuple[float, float, float]:

@@ -15,11 +15,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from volid.backend.elementary import arctan2, in_rows, sqrt, whole
+from volid.backend.elementary import arctan2, in_rows, nearest_integer, sqrt
 from volid.campaign import Campaign, ObservationSet, Station
 from volid.exceptions import InputError
-from volid.model.geometry import Vector, rotate_small, subtract
-from volid.model.kinematics import functional_point, transform
+from volid.model.geometry import Vector, best_rigid_motion, rotate_small, subtract
+from volid.model.kinematics import functional_point, nominal_point, transform
 from volid.model.machine import Machine
 from volid.observations.base import Group, Kind, NuisanceTable
 
@@ -54,7 +54,7 @@ def predict_polar(
     x, y, z = predict(machine, settings, q, tool, errors, slots, constants)
     flat = x * x + y * y
     azimuth = IN_DEGREES * arctan2(y, x)
-    azimuth = azimuth - 360.0 * whole((azimuth - constants[0]) * (1.0 / 360.0))
+    azimuth = azimuth - 360.0 * nearest_integer((azimuth - constants[0]) * (1.0 / 360.0))
     return in_rows([sqrt(flat + z * z), azimuth, IN_DEGREES * arctan2(z, sqrt(flat))], np.shape(q[0]))
 
 
@@ -68,13 +68,6 @@ def cartesian(observations: ObservationSet) -> np.ndarray:
     return np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), r * np.sin(elevation)], axis=1)
 
 
-def nominal_targets(campaign: Campaign, observations: ObservationSet, rows: np.ndarray, body: int) -> np.ndarray:
-    """Nominal targets in the frame of the station's body, (m, 3) [mm]."""
-    q, tool = observations.positions[rows].T, tuple(observations.tool[rows].T)
-    point = functional_point(campaign.machine, q, tool, stop=body)  # type: ignore[arg-type]
-    return np.stack([np.broadcast_to(np.asarray(c), rows.size) for c in point], axis=1)
-
-
 def _pose(campaign: Campaign, station: Station) -> tuple[np.ndarray, np.ndarray]:
     """R0 (3, 3) and the station's position (3,) from all its readings; without readings (a plan) as the campaign says.
 
@@ -85,21 +78,19 @@ def _pose(campaign: Campaign, station: Station) -> tuple[np.ndarray, np.ndarray]
     for observations in campaign.sets:
         if observations.kind in (POINT.name, POLAR.name):
             rows = np.flatnonzero(observations.labels["station"] == station.name)
-            given.append(nominal_targets(campaign, observations, rows, body))
+            given.append(nominal_point(campaign.machine, observations.positions[rows], observations.tool[rows], body))
             seen.append(cartesian(observations)[rows])
     nominal, read = np.concatenate(given), np.concatenate(seen)
     nominal, read = nominal[np.isfinite(read).all(axis=1)], read[np.isfinite(read).all(axis=1)]
     if not len(read):
         return np.eye(3), np.array(station.position or (0.0, 0.0, 0.0))
-    centre, middle = nominal.mean(axis=0), read.mean(axis=0)
-    spread = np.linalg.svd(nominal - centre, compute_uv=False)
+    spread = np.linalg.svd(nominal - nominal.mean(axis=0), compute_uv=False)
     if len(read) < 3 or spread[1] < _FLAT * max(spread[0], 1e-300):
         raise InputError(
             f"station '{station.name}': its {len(read)} points lie on one line; its orientation needs three that do not"
         )
-    u, _, vt = np.linalg.svd((nominal - centre).T @ (read - middle))
-    rotation = vt.T @ np.diag([1.0, 1.0, np.sign(np.linalg.det(vt.T @ u.T))]) @ u.T
-    return rotation, centre - rotation.T @ middle
+    motion = best_rigid_motion(nominal, read)
+    return motion.rotation, -motion.rotation.T @ motion.translation
 
 
 def groups(observations: ObservationSet, campaign: Campaign, table: NuisanceTable) -> list[Group]:

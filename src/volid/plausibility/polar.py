@@ -12,7 +12,9 @@ import numpy as np
 
 from volid.campaign import Campaign, ObservationSet
 from volid.exceptions import InputError
-from volid.observations.point import cartesian, nominal_targets
+from volid.model.geometry import best_rigid_motion
+from volid.model.kinematics import nominal_point
+from volid.observations.point import cartesian
 
 _GON = 0.9  # degrees
 _FITS = 5e-3  # of the targets' extent: more than a machine's errors
@@ -60,10 +62,8 @@ def _misfit(readings: ObservationSet, campaign: Campaign, values: np.ndarray) ->
     for name in np.unique(readings.labels["station"]):
         rows = np.flatnonzero(readings.labels["station"] == name)
         body = campaign.machine.body_index(campaign.station(str(name)).body)
-        target = nominal_targets(campaign, readings, rows, body)
-        a, b = target - target.mean(axis=0), points[rows] - points[rows].mean(axis=0)
-        u, s, vt = np.linalg.svd(a.T @ b)
-        handed = np.array([1.0, 1.0, np.sign(np.linalg.det(vt.T @ u.T))])
-        left = max(float(np.sum(a**2) + np.sum(b**2) - 2.0 * np.sum(s * handed)), 0.0)
-        worst = max(worst, np.sqrt(left / max(float(np.sum(a**2)), 1e-300)))
+        target = nominal_point(campaign.machine, readings.positions[rows], readings.tool[rows], body)
+        left = best_rigid_motion(target, points[rows])(target) - points[rows]
+        extent = target - target.mean(axis=0)
+        worst = max(worst, float(np.sqrt(np.sum(left**2) / max(float(np.sum(extent**2)), 1e-300))))
     return worst

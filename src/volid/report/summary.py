@@ -20,11 +20,11 @@ from volid.compensation.grids.rotary import rotary_grids
 from volid.compensation.residual.volume import predict_residual, volumetric_summary
 from volid.exceptions import InputError, NotDeterminedError
 from volid.fitting.diagnosis.adequacy import SuspectReading
-from volid.fitting.diagnosis.hold_out import by_angle, rotary_poses, total
-from volid.fitting.solution import FunctionValue, Solution
+from volid.fitting.diagnosis.hold_out import by_angle, total
+from volid.fitting.results import FunctionValue
+from volid.fitting.solution import Solution
 from volid.model.iso230 import DIRECTIONS, LINEAR_AXES, ROTARY_AXES, ROTATIONS, SPINDLE, describe, parse
 from volid.observations import KINDS
-from volid.observations.distance import sees_tool
 from volid.plausibility.checks import closures
 from volid.report.summary_text import format_summary
 from volid.uncertainty.lack_of_fit import lack_of_fit
@@ -35,19 +35,9 @@ ANGLES = (", azimuth", ", elevation")
 _POINTS = 101  # of each function, for its range and largest u
 
 
-def most_used_tool(campaign: Campaign) -> tuple[float, float, float]:
-    """The tool vector of most readings [mm]; of equally frequent ones the first in the campaign."""
-    with_tool = [s for s in campaign.sets if sees_tool(s)] or campaign.sets
-    tools = np.concatenate([s.tool for s in with_tool])
-    values, first, counts = np.unique(np.round(tools, 6), axis=0, return_index=True, return_counts=True)
-    best = max(range(len(values)), key=lambda i: (counts[i], -first[i]))
-    x, y, z = (values[best] + 0.0).tolist()
-    return x, y, z
-
-
 def summary_data(solution: Solution, tool: Sequence[float] | None = None) -> dict[str, Any]:
     """The summary as plain objects, mm and rad; `tool`: tool vector [mm] of the volumetric numbers, default: the most used."""
-    at = most_used_tool(solution.campaign) if tool is None else (float(tool[0]), float(tool[1]), float(tool[2]))
+    at = solution.campaign.most_used_tool() if tool is None else (float(tool[0]), float(tool[1]), float(tool[2]))
     adequacy, statistics, lack = solution.adequacy, solution.statistics, lack_of_fit(solution)
     table = _tabulated(solution)
     constants = [name for name in table if parse(name).location]
@@ -249,7 +239,7 @@ def _reading(reading: SuspectReading) -> dict[str, Any]:
 def _held_out(solution: Solution) -> list[dict[str, Any]]:
     """Residuals of every set with rotary motion, within the fit and held out, all together (axis "") and by angle."""
     left, found = solution.readings, []
-    poses = rotary_poses(solution.campaign) if left.held_out else []
+    poses = solution.campaign.rotary_poses() if left.held_out else []
     for i, readings in enumerate(solution.campaign.sets if left.held_out else ()):
         units = [unit for _, unit, _ in _parts(readings)]
         held, residual = left.held_out[i], left.residuals[i]

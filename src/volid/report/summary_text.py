@@ -244,7 +244,7 @@ def _reading_lines(data: dict[str, Any]) -> list[str]:
     lines = []
     for key, what in (
         ("outliers", "readings set aside as outliers, and not used"),
-        ("suspects", "readings beyond the critical value, used all the same (--robust sets such aside)"),
+        ("suspects", "readings beyond the critical value, all used (a robust fit sets such aside)"),
     ):
         readings = data[key]
         if not readings:

@@ -234,7 +234,7 @@ def run_study(
     """
     if workers is not None and (scheduler or workers < 1):
         wrong = "the scheduler has its own; give one of both" if scheduler else "expected at least 1"
-        raise InputError(f"--workers {workers}: {wrong}")
+        raise InputError(f"`workers={workers}`: {wrong}")
     records, report = dict(done or {}), progress or (lambda message: None)
     waiting = [task for task in study.tasks if task not in records]
     total, failed = len(study.tasks), sum(bool(r["error"]) for r in records.values())
@@ -267,7 +267,9 @@ def _results(
         except (GeneratorExit, KeyboardInterrupt, VolidError):
             raise
         except Exception as error:
-            raise VolidError(f"--scheduler {scheduler}: the cluster gave up: {error}; go on with --resume") from error
+            raise VolidError(
+                f"`scheduler={scheduler}`: the cluster gave up: {error}; go on with `resume=True`"
+            ) from error
 
 
 _STUDIES: dict[int, Study] = {}  # of this Dask worker, the last one only

@@ -7,12 +7,12 @@ from typing import NamedTuple
 import numpy as np
 
 from volid.backend.even_points import even_points
-from volid.fitting.datum import rigid_motion_rows, tool_rotation_rows
 from volid.fitting.prediction.deviations import deviation_values, gradient_matrix
-from volid.fitting.prediction.spread import linear_uncertainty
+from volid.fitting.prediction.spread import covariance_root, linear_uncertainty
 from volid.fitting.solution import Solution
 from volid.model.error_functions import reference_of
 from volid.model.iso230 import SPINDLE, parse
+from volid.model.jacobian import rigid_motion_rows, tool_rotation_rows
 from volid.virtual.truth import Truth
 
 POINTS = 64  # of the deviation field, over the travel (Halton)
@@ -81,7 +81,7 @@ def _field(solution: Solution, truth: Truth) -> tuple[np.ndarray, np.ndarray]:
     low = np.array([axis.travel[0] for axis in solution.machine.axes])
     length = np.array([axis.length for axis in solution.machine.axes])
     positions = low + even_points(POINTS, len(low)) * length
-    vectors = np.unique(np.round(np.concatenate([s.tool for s in solution.campaign.sets]), 6), axis=0)
+    vectors = solution.campaign.tool_vectors()
     tool, still = vectors[np.arange(POINTS) % len(vectors)], np.zeros_like(positions)
     known: np.ndarray = np.ones(POINTS, dtype=bool)
     if not solution.fully_determined:
@@ -94,8 +94,7 @@ def _field(solution: Solution, truth: Truth) -> tuple[np.ndarray, np.ndarray]:
     found = deviation_values(solution.model, theta, positions, tool, still)[:, :3]
     plain = (found - truth.deviation(positions, tool)[:, :3])[known].ravel()
     gradient = gradient_matrix(solution.model, theta, positions, tool, still)[known, :3].reshape(len(plain), -1)
-    values, directions = np.linalg.eigh(solution.parameter_covariance)
-    root = gradient @ (directions * np.sqrt(np.maximum(values, 0.0)))
+    root = gradient @ covariance_root(solution.parameter_covariance)
     difference[known] = (plain - basis @ (basis.T @ plain)).reshape(-1, 3)
     u[known] = np.linalg.norm(root - basis @ (basis.T @ root), axis=1).reshape(-1, 3)
     return difference, u
@@ -114,5 +113,5 @@ def _function(solution: Solution, truth: Truth, name: str) -> tuple[np.ndarray, 
     if name in truth.cross:
         other, function = truth.cross[name]
         true = true + function(at, np.full(POSITIONS, reference_of(solution.machine, solution.datum, other)))
-    lost = solution.is_lost(rows)
+    lost = solution.is_not_determined(rows)
     return np.where(lost, np.nan, rows @ np.asarray(solution.parameters) - true), np.where(lost, np.nan, u)

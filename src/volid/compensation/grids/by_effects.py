@@ -20,10 +20,10 @@ from volid.compensation.grids.linear import Grid, describe_datum, grid_positions
 from volid.compensation.grids.parts import HEAD, TABLE, part_notes, rotary_letters
 from volid.compensation.grids.rotary import RotaryGrid, reference_of_side, rotary_grids
 from volid.compensation.grids.sampling import grid_nodes
-from volid.compensation.tables.by_function import propagated
 from volid.compensation.tables.sampling import Sampling
 from volid.compensation.types import GRID, TYPES, CompensationType
 from volid.exceptions import InputError, NotDeterminedError
+from volid.fitting.prediction.spread import linear_uncertainty
 from volid.fitting.solution import Solution
 
 Rule = Callable[..., Any]
@@ -52,8 +52,8 @@ def _evaluate(
         rows = slice(start, start + CHUNK)
         gradient = field_gradient(solution, t, base, place, rows)
         gradient[:, :3] -= origin
-        lost = solution.is_lost(gradient.reshape(-1, len(theta))).reshape(gradient.shape[:2])
-        found.append((gradient @ theta, propagated(gradient, covariance), ~lost))
+        lost = solution.is_not_determined(gradient.reshape(-1, len(theta))).reshape(gradient.shape[:2])
+        found.append((gradient @ theta, linear_uncertainty(gradient, covariance), ~lost))
     value, u, known = (np.concatenate(parts) for parts in zip(*found, strict=True))
     return _Found(np.where(known, value, np.nan), np.where(known, u, np.nan), known)
 

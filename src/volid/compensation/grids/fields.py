@@ -13,8 +13,8 @@ from volid.compensation.types import ORIENTATION, CompensationType
 from volid.fitting.solution import Solution
 from volid.model.error_model import ROWS
 from volid.model.iso230 import LINEAR_AXES, ROTARY_AXES, SPINDLE
+from volid.model.jacobian import influence
 from volid.model.machine import Machine
-from volid.model.nominal import influence
 
 CHUNK = 256  # places at a time
 

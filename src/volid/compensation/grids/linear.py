@@ -10,7 +10,8 @@ import numpy as np
 from volid.compensation.grids.interpolation import interpolate
 from volid.compensation.grids.parts import evaluate_part, full_positions, part_letters, part_notes
 from volid.exceptions import InputError, NotDeterminedError
-from volid.fitting.solution import Deviations, Solution
+from volid.fitting.results import Deviations
+from volid.fitting.solution import Solution
 from volid.model.iso230 import DIRECTIONS, LINEAR_AXES
 from volid.model.machine import Axis
 from volid.plausibility.checks import SAME_POSITION

@@ -17,12 +17,13 @@ from volid.fitting.datum import split_null_space
 from volid.fitting.diagnosis.identifiability import parameter_units
 from volid.fitting.prediction.determination import known_deviations
 from volid.fitting.prediction.deviations import deviation_values, estimable, standard_uncertainties
-from volid.fitting.solution import Deviations, Solution
+from volid.fitting.results import Deviations
+from volid.fitting.solution import Solution
 from volid.model.error_functions import motion_names
 from volid.model.error_model import ErrorModel
 from volid.model.iso230 import DIRECTIONS, SPINDLE, parse
+from volid.model.kinematics import carry
 from volid.model.machine import Machine
-from volid.model.nominal import carry
 
 TABLE, HEAD = "table", "head"
 LEFT_OUT = "not in the model"  # a note begins with it

@@ -13,8 +13,9 @@ from volid.exceptions import NotDeterminedError
 from volid.fitting.diagnosis.identifiability import parameter_units
 from volid.fitting.prediction.deviations import ESTIMABLE
 from volid.fitting.solution import Solution
+from volid.model.jacobian import influence, rigid_motion_rows
+from volid.model.kinematics import nominal_point, side_rotation
 from volid.model.machine import Machine
-from volid.model.nominal import influence, nominal_point, side_rotation
 
 POINTS = 512
 LENGTHS = ("largest", "95 %", "RMS", "X", "Y", "Z")
@@ -45,7 +46,7 @@ class Field:
         self.gradient = _gradient(solution, places, self.tool, base)
         self.estimate = self.gradient @ np.asarray(solution.parameters)
         self.tool_axis = side_rotation(self.machine, places.positions, False) @ SPINDLE_AXIS
-        self.rigid = rigid_rows(solution.machine, places.positions, self.tool)
+        self.rigid = rigid_motion_rows(solution.machine, places.positions, self.tool)
         scale = np.linalg.norm(self.rigid[:, :3].reshape(-1, 6), axis=0)
         self.inverse = np.linalg.pinv(self.rigid[:, :3].reshape(-1, 6) / scale) / scale[:, None]
         self.angles_known = self._require_determined(solution)
@@ -78,16 +79,6 @@ def _gradient(solution: Solution, places: Places, tool: np.ndarray, base: Base) 
         errors = model_errors(solution, places.positions[rows], places.directions[rows], lambda _: True, base.turn)
         parts.append(influence(solution.machine, places.positions[rows], tool) @ errors)
     return np.concatenate(parts)
-
-
-def rigid_rows(machine: Machine, positions: np.ndarray, tool: np.ndarray) -> np.ndarray:
-    """Deviation by a rigid motion (t, ω) of the workpiece frame, R_wᵀ(t + ω × f) and R_wᵀ ω, (m, 6, 6) (CONVENTIONS 4)."""
-    f = nominal_point(machine, positions, tool)
-    rows = np.zeros((len(f), 6, 6))
-    rows[:, :3, :3] = rows[:, 3:, 3:] = np.eye(3)
-    rows[:, :3, 3:] = np.cross(np.eye(3)[None], f[:, None, :]).transpose(0, 2, 1)
-    back = side_rotation(machine, positions, True).transpose(0, 2, 1)
-    return np.concatenate([back @ rows[:, :3], back @ rows[:, 3:]], axis=1)
 
 
 def moved_by(machine: Machine, commanded: np.ndarray, altered: np.ndarray, tool: np.ndarray) -> np.ndarray:

@@ -27,6 +27,7 @@ from volid.compensation.residual.fields import LENGTHS, Field, Places, moved_by,
 from volid.compensation.reversal import NONE as NO_REVERSAL
 from volid.compensation.reversal import reversal_text
 from volid.compensation.tables.sampling import Sampling
+from volid.fitting.prediction.spread import covariance_root
 from volid.fitting.solution import Solution
 from volid.model.machine import Machine
 from volid.uncertainty.coverage import coverage_intervals
@@ -132,8 +133,7 @@ def parameter_draws(solution: Solution, seed: int = 0) -> tuple[np.ndarray, str]
     if solution.samples is not None:
         values = solution.samples.outputs(lambda x: x[:, : len(theta)])[:MOST_SAMPLES]
         return values - theta, "Monte Carlo samples of the solution"
-    values, vectors = np.linalg.eigh(solution.parameter_covariance)
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    root = covariance_root(solution.parameter_covariance)
     return np.random.default_rng(seed).standard_normal(
         (DRAWS, root.shape[1])
     ) @ root.T, "the covariance of the solution"

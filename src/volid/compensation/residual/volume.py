@@ -10,10 +10,11 @@ import numpy as np
 from volid.backend.even_points import even_points
 from volid.compensation.grids.linear import Grid
 from volid.compensation.grids.rotary import RotaryGrid, deviation_from_grids
-from volid.fitting.datum import rigid_motion_rows
 from volid.fitting.prediction.deviations import deviation_values, gradient_matrix
+from volid.fitting.prediction.spread import covariance_root
 from volid.fitting.prediction.working_volume import volume_positions
 from volid.fitting.solution import Solution
+from volid.model.jacobian import rigid_motion_rows
 
 POINTS = 512
 SAMPLES = 200
@@ -95,8 +96,7 @@ def predict_residual(
     mean, exact = (deviation_values(solution.model, theta, positions, tool, d)[:, :3] - held for d in (still, ways))
     interpolation = without_rigid_motion(solution, positions, tool, mean)
     gradient = gradient_matrix(solution.model, theta, positions, tool, ways)
-    values, vectors = np.linalg.eigh(solution.parameter_covariance)
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    root = covariance_root(solution.parameter_covariance)
     draws = np.random.default_rng(seed).standard_normal((SAMPLES, root.shape[1])) @ root.T
     translations = gradient[:, :3].reshape(-1, draws.shape[1])
     fields = (draws @ translations.T).reshape(SAMPLES, POINTS, 3) + exact

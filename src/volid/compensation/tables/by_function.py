@@ -22,6 +22,7 @@ from volid.compensation.tables.error_table import ITSELF, MODEL, ErrorTable
 from volid.compensation.tables.sampling import DENSE, Sampling, choose_nodes, interpolation_error
 from volid.compensation.types import LINEAR_EFFECTS, ROTARY_EFFECTS, TABLES, CompensationType
 from volid.exceptions import InputError, NotDeterminedError
+from volid.fitting.prediction.spread import linear_uncertainty
 from volid.fitting.solution import Solution
 from volid.model.iso230 import DIRECTIONS, SPINDLE, parse
 from volid.model.machine import Axis, Machine
@@ -154,7 +155,7 @@ def _table(
         positions=nodes,
         forward=both[0] @ theta,
         reverse=both[1] @ theta,
-        u=np.stack([propagated(own, covariance) for own in both], axis=1),
+        u=np.stack([linear_uncertainty(own, covariance) for own in both], axis=1),
         outside=solution.outside(positions, judged_axes(solution, axis)),
         applied=MODEL,
         interpolation=0.0,
@@ -166,13 +167,8 @@ def _table(
     )
 
 
-def propagated(rows: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """Standard uncertainty of rows · θ, rows (..., n): sqrt(a C aᵀ)."""
-    return np.asarray(np.sqrt(np.maximum(np.sum((rows @ covariance) * rows, axis=-1), 0.0)))
-
-
 def _require_determined(solution: Solution, name: str, rows: np.ndarray) -> None:
-    if solution.is_lost(rows).any():
+    if solution.is_not_determined(rows).any():
         raise NotDeterminedError(
             f"tables: the data do not determine {name} on this line. {' '.join(solution.statements)} Measure what is missing, "
             "or choose another line (--at), tool vector (--tool) or type."
@@ -216,7 +212,7 @@ def _tool_frame(
             total = sum(row for _, row in used)[None]  # type: ignore[index]
             name = f"E{direction}0{SPINDLE}"
             _require_determined(solution, name, total)
-            value, u = total @ theta, np.full((1, 2), propagated(total, covariance)[0])
+            value, u = total @ theta, np.full((1, 2), linear_uncertainty(total, covariance)[0])
             types_of = " + ".join(t.name for t, _ in used)
             basis = {"tool vector": f"{', '.join(f'{v:g}' for v in base.tool)} mm"}
             zero, at, inside = "a constant", np.zeros(1), np.zeros(1, dtype=bool)

@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from volid.fitting.datum import rigid_motion_rows
 from volid.fitting.diagnosis.identifiability import parameter_units
 from volid.fitting.prediction.deviations import (
     ESTIMABLE,
@@ -20,7 +19,9 @@ from volid.fitting.prediction.deviations import (
     gradient_matrix,
     standard_uncertainties,
 )
+from volid.fitting.prediction.spread import covariance_root
 from volid.model.error_model import ErrorModel
+from volid.model.jacobian import rigid_motion_rows
 
 NODES = 4  # per axis, of the field that is compared with a rigid motion
 MOST_TOOLS = 16
@@ -134,8 +135,7 @@ def in_own_frame(
     inverse = mesh.scale[:, None] * np.linalg.pinv(mesh.rigid)
     motion, slope = inverse @ field.ravel(), inverse @ _translation_gradient(model, theta, mesh)
     values = deviation_values(model, theta, positions, tool, direction)
-    variances, vectors = np.linalg.eigh(covariance)
-    root = vectors * np.sqrt(np.maximum(variances, 0.0))
+    root = covariance_root(covariance)
     u = np.empty_like(values)
     for start in range(0, len(positions), 1024):
         rows = slice(start, start + 1024)

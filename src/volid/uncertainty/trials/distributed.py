@@ -25,11 +25,11 @@ def cluster(address: str) -> Iterator[Any]:
     try:
         from distributed import Client
     except ImportError:
-        raise InputError("--scheduler needs Dask: pip install 'volid[distributed]'") from None
+        raise InputError("`scheduler` needs Dask: pip install 'volid[distributed]'") from None
     try:
         client = Client(address, timeout="10s")
     except (OSError, ValueError, TimeoutError) as error:
-        raise InputError(f"--scheduler {address}: no Dask scheduler answers there ({error or 'time out'})") from None
+        raise InputError(f"`scheduler={address}`: no Dask scheduler answers there ({error or 'time out'})") from None
     try:
         yield client
     finally:
