@@ -111,7 +111,7 @@ def run(args: argparse.Namespace) -> int:
         for grid, path in zip(grids, paths, strict=True):
             print(f"{described(grid, args)} written: {path}")
     messages = [m for grid in grids for m in messages_of(grid, args, several=len(grids) > 1)]
-    return conclude(args, [m for m in attention(solution) if "do not determine" not in m] + messages)
+    return conclude(args, attention(solution, named=True) + messages)
 
 
 def _check_options(args: argparse.Namespace) -> None:
