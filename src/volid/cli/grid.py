@@ -189,14 +189,10 @@ def _superimposed(grids: tuple[AnyGrid, ...], args: argparse.Namespace) -> tuple
     found = list(grids)
     for path in args.add_to or []:
         old = read_grid(path)
-        side = getattr(old, "side", "linear")
-        own = [
-            i
-            for i, g in enumerate(found)
-            if getattr(g, "side", "linear") == side and (g.type == "FOR") == (old.type == "FOR")
-        ]
+        side = old.side
+        own = [i for i, g in enumerate(found) if g.side == side and (g.type == "FOR") == (old.type == "FOR")]
         if not own:
-            new = ", ".join(f"{g.type} ({getattr(g, 'side', 'linear')})" for g in found)
+            new = ", ".join(f"{g.type} ({g.side})" for g in found)
             raise InputError(f"--add-to {path}: a {old.type} grid ({side}) has no partner among the new ones: {new}")
         found[own[0]] = add_grid(found[own[0]], old)
     return tuple(found)
@@ -209,7 +205,7 @@ def _write(grids: tuple[AnyGrid, ...], solution: Solution, args: argparse.Namesp
 
     if len(grids) > 1 and not (args.output or args.json):
         raise InputError(
-            f"{len(grids)} grids ({', '.join(getattr(g, 'side', 'linear') for g in grids)}); name a file with -o, or take --json"
+            f"{len(grids)} grids ({', '.join(g.side for g in grids)}); name a file with -o, or take --json"
         )
     paths = grid_paths(grids, args.output) if args.output else []
     for path in paths:

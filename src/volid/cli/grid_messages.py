@@ -19,24 +19,21 @@ def described(grid: AnyGrid, args: argparse.Namespace) -> str:
     counts = " × ".join(str(len(nodes)) for nodes in grid.nodes)
     values = "error" if args.errors else "compensation"
     kind = "" if grid.type in (LINEAR, ROTARY) else f"{grid.type} "
-    if not hasattr(grid, "side"):
-        return f"{counts} nodes of {kind}{values} values for tool vector {vector(getattr(grid, 'tool', ()))} mm"
-    where = vector(getattr(grid, "reference_point", ()))
-    side = getattr(grid, "side", "")
-    return (
-        f"{counts} nodes of {kind}{values} values of {', '.join(grid.axes)} in the {side}, reference point {where} mm,"
-    )
+    where = vector(grid.reference.tolist())
+    if grid.side == "linear":
+        return f"{counts} nodes of {kind}{values} values for tool vector {where} mm"
+    return f"{counts} nodes of {kind}{values} values of {', '.join(grid.axes)} in the {grid.side}, reference point {where} mm,"
 
 
 def messages_of(grid: AnyGrid, args: argparse.Namespace, several: bool) -> list[str]:
     """What of a grid needs attention."""
     from volid.compensation.grids.parts import LEFT_OUT
 
-    what = f"{getattr(grid, 'side', 'linear')}: " if several else ""
+    what = f"{grid.side}: " if several else ""
     messages = [f"{what}{note}" for note in grid.notes if note.startswith(LEFT_OUT)]
     lost = [f"d{c}" for k, c in enumerate("XYZABC") if (grid.values[:, k] != grid.values[:, k]).any()]
     if lost:
-        advice = "no lever arm" if hasattr(grid, "side") else "no other tool vector"
+        advice = "no other tool vector" if grid.side == "linear" else "no lever arm"
         messages.append(f"{what}{', '.join(lost)} not determined by the data and left blank; use {advice}")
     outside = int(grid.outside.sum())
     if outside and not args.extrapolate:
@@ -52,5 +49,5 @@ def reversal_lines(solution: Solution, grids: tuple[AnyGrid, ...]) -> list[str]:
     """What the grids leave of the reversal, one line per side."""
     from volid.compensation.reversal import NONE, reversal_text
 
-    told = {f"reversal, {getattr(g, 'side', 'linear')} grid: {reversal_text(solution, g)}": None for g in grids}
-    return [text for text in told if NONE not in text]
+    texts = {f"reversal, {g.side} grid: {reversal_text(solution, g)}": None for g in grids}
+    return [text for text in texts if NONE not in text]
