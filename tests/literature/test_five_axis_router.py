@@ -7,11 +7,10 @@ at most, one weight per rotary position; repeatability 11 to 15 µm; rigid model
 
 import re
 import shutil
-from pathlib import Path
 
 import numpy as np
 import pytest
-from reference_data import reference_file
+from support.places import DATASETS, reference_file
 
 from volid.cli import main
 from volid.io import load_campaign
@@ -19,7 +18,7 @@ from volid.io.solutions import read_solution
 from volid.model.kinematics import nominal_point
 from volid.plausibility.checks import closures
 
-FOLDER = Path(__file__).parents[2] / "datasets" / "five_axis_router"
+FOLDER = DATASETS / "five_axis_router"
 
 
 @pytest.fixture(scope="module")

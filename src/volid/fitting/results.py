@@ -4,27 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from volid.fitting.diagnosis.adequacy import SuspectReading
 
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Float
+
 
 class Deviations(NamedTuple):
-    """Deviations at m points: `values` and `u`, (m, 6) [mm, rad], NaN where not determined; `determined` (m, 6);
-    `outside`: (m,) True where a position lies outside what was measured;
-    `rigid`: (m,) True where the value is known up to a rigid motion of the workpiece frame only (see `determination`)."""
+    """Deviations at m points, machine frame.
 
-    values: np.ndarray
-    u: np.ndarray
-    determined: np.ndarray
-    outside: np.ndarray
-    rigid: np.ndarray | None = None
+    `values` and `u`: translations and rotations with standard uncertainties [mm, rad], NaN where not determined.
+    `outside`: True where a position lies outside what was measured. `rigid`: True where the value is known up to a rigid motion
+    of the workpiece frame only (see `volid.fitting.prediction.determination`).
+    """
+
+    values: Float[np.ndarray, "m 6"]
+    u: Float[np.ndarray, "m 6"]
+    determined: Bool[np.ndarray, "m 6"]
+    outside: Bool[np.ndarray, " m"]
+    rigid: Bool[np.ndarray, " m"] | None = None
 
 
 class FunctionValue(NamedTuple):
-    """One row of the table of error functions: location errors have position NaN; undetermined values are NaN."""
+    """One row of the table of error functions [mm or rad]: location errors have position NaN; NaN is what is not determined."""
 
     name: str
     axis: str
@@ -35,7 +41,7 @@ class FunctionValue(NamedTuple):
 
 
 class Statistics(NamedTuple):
-    """Numbers about the fit: readings used, parameters, residual RMS per set [reading's unit], iterations.
+    """Numbers about the fit: readings used, free parameters, RMS of the residuals by set [reading's unit], iterations.
 
     `held_out_weight`: RMS of readings predicted without them over what is expected of it, in the search for the resolution; NaN
     where all resolutions are stated.
@@ -51,11 +57,11 @@ class Statistics(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Residuals:
-    """What the fit left of every reading, arrays (m, k) per set.
+    """What is left of every reading after the fit, one array (m, k) per set.
 
     `residuals`: reading - predicted. `normalised`: residual / (u sqrt(1 - h)). `outliers`: set aside by the robust fit, named
-    in `outlier_readings`. `held_out`: reading - prediction by the fit to all other rotary positions, NaN where one of them
-    alone carries something; empty without rotary axes.
+    in `outlier_readings`. `held_out`: reading - prediction by the fit to all other rotary positions, NaN where one of
+    them alone determines something; empty without rotary axes.
     """
 
     residuals: tuple[np.ndarray, ...]

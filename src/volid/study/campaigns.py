@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
 import pickle
 import time
 from collections.abc import Callable, Generator, Mapping
@@ -14,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from volid.backend.processes import Died, cores, in_processes, single_threaded
+from volid.backend.processes import Died, cores, in_processes, single_threaded_environment
 from volid.campaign import Campaign, ObservationSet
 from volid.exceptions import InputError, VolidError
 from volid.fitting.fit import fit
@@ -282,10 +281,13 @@ def _campaign(study: Study, *task: Any) -> Record:
 
 
 def _campaign_of_worker(payload: bytes, *task: Any) -> Record:
-    """One campaign, in a Dask worker; in a fresh one JAX and NumPy take one thread."""
-    os.environ.update(single_threaded())
-    key = hash(payload)
-    if key not in _STUDIES:
-        _STUDIES.clear()
-        _STUDIES[key] = pickle.loads(payload)
-    return run_campaign(_STUDIES[key], Task(*task))
+    """One campaign, in a Dask worker; in a fresh one JAX and NumPy take one thread.
+
+    A worker may be a thread of the user's own process, whose environment stays as it was.
+    """
+    with single_threaded_environment():
+        key = hash(payload)
+        if key not in _STUDIES:
+            _STUDIES.clear()
+            _STUDIES[key] = pickle.loads(payload)
+        return run_campaign(_STUDIES[key], Task(*task))

@@ -1,0 +1,40 @@
+"""The examples in the docstrings run, with paths relative to the repository root; every module of volid is looked at."""
+
+import doctest
+import pkgutil
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+import volid
+
+ROOT = Path(__file__).parents[1]
+EXTRAS = ("matplotlib", "distributed")  # what a plain installation lacks
+MODULES = [m.name for m in pkgutil.walk_packages(volid.__path__, "volid.") if not m.name.endswith("__main__")]
+
+
+def examples(name):
+    """The docstrings of a module that have examples."""
+    try:
+        module = import_module(name)
+    except ModuleNotFoundError as missing:
+        if missing.name in EXTRAS:
+            pytest.skip(f"needs {missing.name}")
+        raise
+    return [test for test in doctest.DocTestFinder(exclude_empty=True).find(module) if test.examples]
+
+
+@pytest.mark.parametrize("name", ["volid", *MODULES])
+def test_examples_run(name, monkeypatch, request):
+    monkeypatch.chdir(ROOT)
+    for test in examples(name):
+        test.globs["getfixture"] = request.getfixturevalue  # as in doctests that pytest collects
+        runner = doctest.DocTestRunner(optionflags=doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS)
+        found = []
+        runner.run(test, out=found.append)
+        assert not runner.failures, "".join(found)
+
+
+def test_examples_are_found():
+    assert sum(len(examples(name)) for name in ("volid.campaign", "volid.fitting.fit", "volid.fitting.solution")) >= 5
