@@ -31,7 +31,7 @@ from volid.cli.compensation_options import (
     rule_from,
     sampling_of,
 )
-from volid.cli.grid_messages import LINEAR, ROTARY, described, messages_of, reversal_lines, side_of
+from volid.cli.grid_messages import LINEAR, ROTARY, described, messages_of, reversal_lines
 from volid.cli.progress import Progress
 
 if TYPE_CHECKING:
@@ -214,16 +214,16 @@ def _superimposed(grids: tuple[AnyGrid, ...], args: argparse.Namespace) -> tuple
         old = read_grid(path)
         partner = next((i for i, new in enumerate(found) if _are_partners(new, old)), None)
         if partner is None:
-            new = ", ".join(f"{g.type} ({side_of(g)})" for g in found)
+            new = ", ".join(f"{g.type} ({g.side})" for g in found)
             raise InputError(
-                f"--add-to {path}: a {old.type} grid ({side_of(old)}) has no partner among the new ones: {new}"
+                f"--add-to {path}: a {old.type} grid ({old.side}) has no partner among the new ones: {new}"
             )
         found[partner] = add_grid(found[partner], old)
     return tuple(found)
 
 
 def _are_partners(new: AnyGrid, old: AnyGrid) -> bool:
-    return side_of(new) == side_of(old) and (new.type == "FOR") == (old.type == "FOR")
+    return new.side == old.side and (new.type == "FOR") == (old.type == "FOR")
 
 
 def _write(grids: tuple[AnyGrid, ...], solution: Solution, args: argparse.Namespace, notes: list[str]) -> list[Path]:
@@ -232,7 +232,7 @@ def _write(grids: tuple[AnyGrid, ...], solution: Solution, args: argparse.Namesp
     from volid.io.grids import grid_paths, grid_sheet
 
     if len(grids) > 1 and not (args.output or args.json):
-        sides = ", ".join(side_of(g) for g in grids)
+        sides = ", ".join(g.side for g in grids)
         raise InputError(f"{len(grids)} grids ({sides}); name a file with -o, or take --json")
     paths = grid_paths(grids, args.output) if args.output else []
     for path in paths:

@@ -12,12 +12,6 @@ if TYPE_CHECKING:
     from volid.io.grids import AnyGrid
 
 LINEAR, ROTARY = "L-VOL", "R-VOL"
-SIDE = "linear"  # of a grid over the linear axes
-
-
-def side_of(grid: AnyGrid) -> str:
-    """What a grid holds the errors of: "linear" (axes), or the rotary axes of "table" or "head"."""
-    return getattr(grid, "side", SIDE)
 
 
 def described(grid: AnyGrid, args: argparse.Namespace) -> str:
@@ -26,10 +20,10 @@ def described(grid: AnyGrid, args: argparse.Namespace) -> str:
     values = "error" if args.errors else "compensation"
     kind = "" if grid.type in (LINEAR, ROTARY) else f"{grid.type} "
     what = f"{counts} nodes of {kind}{values} values"
-    if side_of(grid) == SIDE:
-        return f"{what} for tool vector {vector(getattr(grid, 'tool', ()))} mm"
-    where = vector(getattr(grid, "reference_point", ()))
-    return f"{what} of {', '.join(grid.axes)} in the {side_of(grid)}, reference point {where} mm,"
+    if grid.side == "linear":
+        return f"{what} for tool vector {vector(grid.reference.tolist())} mm"
+    where = vector(grid.reference.tolist())
+    return f"{what} of {', '.join(grid.axes)} in the {grid.side}, reference point {where} mm,"
 
 
 def messages_of(grid: AnyGrid, args: argparse.Namespace, several: bool) -> list[str]:
@@ -39,7 +33,7 @@ def messages_of(grid: AnyGrid, args: argparse.Namespace, several: bool) -> list[
     messages = [note for note in grid.notes if note.startswith(LEFT_OUT)]
     unknown = [f"d{c}" for k, c in enumerate("XYZABC") if (grid.values[:, k] != grid.values[:, k]).any()]
     if unknown:
-        advice = "no other tool vector" if side_of(grid) == SIDE else "no lever arm"
+        advice = "no other tool vector" if grid.side == "linear" else "no lever arm"
         messages.append(f"{', '.join(unknown)} not determined by the data and left blank; use {advice}")
     outside = int(grid.outside.sum())
     if outside and not args.extrapolate:
@@ -47,12 +41,12 @@ def messages_of(grid: AnyGrid, args: argparse.Namespace, several: bool) -> list[
             f"{outside} of {len(grid.outside)} nodes lie outside the measured positions: extrapolated (outside = 1). Measure "
             "there, or accept with --extrapolate"
         )
-    return [f"{side_of(grid)}: {message}" if several else message for message in messages]
+    return [f"{grid.side}: {message}" if several else message for message in messages]
 
 
 def reversal_lines(solution: Solution, grids: tuple[AnyGrid, ...]) -> list[str]:
     """What the grids leave of the reversal, one line per side."""
     from volid.compensation.reversal import NONE, reversal_text
 
-    lines = dict.fromkeys(f"reversal, {side_of(g)} grid: {reversal_text(solution, g)}" for g in grids)
+    lines = dict.fromkeys(f"reversal, {g.side} grid: {reversal_text(solution, g)}" for g in grids)
     return [line for line in lines if NONE not in line]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from volid.compensation.grids.rotary import RotaryGrid
+from volid.compensation.grids.grid import RotaryGrid
 from volid.fitting.results import FunctionValue
 from volid.fitting.solution import Solution
 from volid.model.iso230 import DIRECTIONS, ROTARY_AXES, describe, motion, parse

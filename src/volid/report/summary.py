@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from volid.campaign import Campaign, ObservationSet
-from volid.compensation.grids.linear import describe_datum, linear_grid
+from volid.compensation.grids.linear import linear_grid
 from volid.compensation.grids.parts import left_out
 from volid.compensation.grids.rotary import rotary_grids
 from volid.compensation.residual.volume import predict_residual, volumetric_summary
@@ -23,6 +23,7 @@ from volid.fitting.diagnosis.adequacy import SuspectReading
 from volid.fitting.diagnosis.hold_out import by_angle, total
 from volid.fitting.results import FunctionValue
 from volid.fitting.solution import Solution
+from volid.model.error_functions import describe_datum
 from volid.model.iso230 import DIRECTIONS, LINEAR_AXES, ROTARY_AXES, ROTATIONS, SPINDLE, describe, parse
 from volid.observations import KINDS
 from volid.plausibility.checks import closures
@@ -90,7 +91,7 @@ def _origin(solution: Solution) -> dict[str, Any]:
         "machine": {"name": solution.machine.name, "structure": solution.machine.structure},
         "axes": _axes(solution),
         "campaign": solution.campaign.title,
-        "datum": describe_datum(solution),
+        "datum": describe_datum(solution.machine, solution.datum),
         "sets": [row for i in sets for row in _set_rows(solution, i)],
     }
 
