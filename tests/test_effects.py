@@ -8,7 +8,7 @@ from campaign_files import MANIFEST, edited, write_files
 from virtual_campaigns import VERTICAL, fixed, judge, simulated
 
 from volid.campaign import Campaign, Effect, ObservationSet, Station
-from volid.effects.base import NODES
+from volid.effects.drift import NODES
 from volid.exceptions import InputError
 from volid.fitting.equations.compiled import normal_equations, predict_all
 from volid.fitting.equations.problem import build_problem, scatter, with_random_effects

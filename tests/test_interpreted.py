@@ -10,7 +10,7 @@ from test_problem import everything
 from virtual_campaigns import VERTICAL, fixed, simulated
 
 from volid.backend.reverse import Recorded, gradients
-from volid.effects.base import predict_readings
+from volid.effects.prediction import predict_readings
 from volid.fitting.diagnosis.hold_out import _projected
 from volid.fitting.equations import interpreted as interpreted_module
 from volid.fitting.equations.compiled import (

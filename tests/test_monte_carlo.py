@@ -11,7 +11,7 @@ from virtual_campaigns import VERTICAL, fixed, simulated
 
 from volid.campaign import Campaign, Effect
 from volid.cli import main
-from volid.effects.base import effect_samples
+from volid.effects.prediction import effect_samples
 from volid.exceptions import InputError
 from volid.fitting.diagnosis.robust import critical_value
 from volid.fitting.fit import fit

@@ -14,7 +14,7 @@ from volid.backend.threads import one_blas_thread
 from volid.campaign import Campaign
 from volid.exceptions import InputError
 from volid.fitting.diagnosis import resolution
-from volid.fitting.diagnosis.adequacy import SuspectReading, assess, reading_label
+from volid.fitting.diagnosis.adequacy import assess, suspect
 from volid.fitting.diagnosis.identifiability import NAMED, analyse
 from volid.fitting.diagnosis.robust import down_weight, name_outliers, set_aside
 from volid.fitting.equations.interpreted import interpreted, is_small
@@ -234,8 +234,7 @@ def _outlier_readings(campaign: Campaign, whitened: list[np.ndarray], outliers: 
     found = []
     for s, r, o in zip(campaign.sets, whitened, outliers, strict=True):
         for i, k in zip(*np.nonzero(o), strict=True):
-            label = reading_label(s, int(i), int(k))
-            found.append(SuspectReading(s.where(int(i)), label, float(r[i, k] * s.u[i, k]), float(r[i, k])))
+            found.append(suspect(s, int(i), int(k), float(r[i, k]), float(r[i, k])))
     return tuple(sorted(found, key=lambda x: -abs(x.normalised)))
 
 

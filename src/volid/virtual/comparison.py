@@ -7,12 +7,12 @@ from typing import NamedTuple
 import numpy as np
 
 from volid.backend.even_points import even_points
-from volid.fitting.datum import rigid_motion_rows, tool_rotation_rows
 from volid.fitting.prediction.deviations import deviation_values, gradient_matrix
 from volid.fitting.prediction.spread import linear_uncertainty
 from volid.fitting.solution import Solution
 from volid.model.error_functions import reference_of
 from volid.model.iso230 import SPINDLE, parse
+from volid.model.rigid_motion import rigid_motion_rows, tool_rotation_rows
 from volid.virtual.truth import Truth
 
 POINTS = 64  # of the deviation field, over the travel (Halton)

@@ -10,10 +10,10 @@ import numpy as np
 from volid.backend.even_points import even_points
 from volid.compensation.grids.linear import Grid
 from volid.compensation.grids.rotary import RotaryGrid, deviation_from_grids
-from volid.fitting.datum import rigid_motion_rows
 from volid.fitting.prediction.deviations import deviation_values, gradient_matrix
 from volid.fitting.prediction.working_volume import volume_positions
 from volid.fitting.solution import Solution
+from volid.model.rigid_motion import rigid_motion_rows
 
 POINTS = 512
 SAMPLES = 200

@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from volid.fitting.datum import rigid_motion_rows
 from volid.fitting.diagnosis.identifiability import parameter_units
 from volid.fitting.prediction.deviations import (
     ESTIMABLE,
@@ -21,6 +20,7 @@ from volid.fitting.prediction.deviations import (
     standard_uncertainties,
 )
 from volid.model.error_model import ErrorModel
+from volid.model.rigid_motion import rigid_motion_rows
 
 NODES = 4  # per axis, of the field that is compared with a rigid motion
 MOST_TOOLS = 16
