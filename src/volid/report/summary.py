@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from volid.campaign import Campaign, ObservationSet
+from volid.campaign import Campaign
 from volid.compensation.grids.linear import linear_grid
 from volid.compensation.grids.parts import left_out
 from volid.compensation.grids.rotary import rotary_grids
@@ -24,15 +24,15 @@ from volid.fitting.diagnosis.hold_out import by_angle, total
 from volid.fitting.results import FunctionValue
 from volid.fitting.solution import Solution
 from volid.model.error_functions import describe_datum
-from volid.model.iso230 import DIRECTIONS, LINEAR_AXES, ROTARY_AXES, ROTATIONS, SPINDLE, describe, parse
+from volid.model.iso230 import DIRECTIONS, LINEAR_AXES, ROTARY_AXES, SPINDLE, describe, parse
 from volid.observations import KINDS
+from volid.observations.base import DEGREES
 from volid.plausibility.checks import closures
 from volid.report.summary_text import format_summary
 from volid.uncertainty.lack_of_fit import lack_of_fit
 
 FORMAT = "volid-summary/1"
 K = 2.0
-ANGLES = (", azimuth", ", elevation")
 _POINTS = 101  # of each function, for its range and largest u
 
 
@@ -123,29 +123,11 @@ def _axes(solution: Solution) -> list[dict[str, Any]]:
     return sorted(found, key=lambda row: DIRECTIONS.index(row["axis"]))
 
 
-def _parts(readings: ObservationSet) -> Iterator[tuple[str, str, np.ndarray]]:
-    """Kind in words, unit and rows, or rows and columns, of the parts of a set whose readings share a unit."""
-    components, kind = readings.labels.get("component"), KINDS[readings.kind]
-    for unit in dict.fromkeys(kind.units):
-        columns = [u == unit for u in kind.units]
-        names = ", ".join(n for n, own in zip(kind.readings, columns, strict=True) if own)
-        yield f"{kind.file_kind or kind.name}, {names}", unit, np.tile(columns, (len(readings), 1))
-    if kind.units:
-        return
-    if components is None:
-        yield readings.kind, KINDS[readings.kind].unit, np.ones(len(readings), dtype=bool)
-        return
-    for unit, letters in (("mm", DIRECTIONS[:3]), ("rad", ROTATIONS)):
-        rows = np.isin(components, letters)
-        if rows.any():
-            yield f"{readings.kind} {''.join(sorted(set(components[rows])))}", unit, rows
-
-
 def _set_rows(solution: Solution, i: int) -> Iterator[dict[str, Any]]:
     readings, left = solution.campaign.sets[i], solution.readings
-    for kind, unit, rows in _parts(readings):
+    for kind, unit, rows in KINDS[readings.kind].parts(readings):
         used = ~left.outliers[i][rows]
-        to_rad = np.pi / 180.0 if unit == "degrees" else 1.0
+        to_rad = np.pi / 180.0 if unit == DEGREES else 1.0
         yield {
             "set": readings.name,
             "kind": kind,
@@ -153,7 +135,7 @@ def _set_rows(solution: Solution, i: int) -> Iterator[dict[str, Any]]:
             "n_outliers": int(used.size - used.sum()),
             "u_rms": to_rad * _rms(readings.u[rows][used]),
             "residual_rms": to_rad * _rms(left.residuals[i][rows][used]),
-            "unit": "rad" if unit == "degrees" else unit,
+            "unit": "rad" if unit == DEGREES else unit,
         }
 
 
@@ -252,15 +234,12 @@ def _weakest(rows: Iterable[FunctionValue]) -> dict[str, Any] | None:
 
 
 def _reading(reading: SuspectReading) -> dict[str, Any]:
-    rotation = any(f"component {letter}" in reading.label for letter in ROTATIONS)
-    angle = reading.label.endswith(ANGLES)  # degrees
-    rotation = rotation or angle
     return {
         "where": reading.where,
         "label": reading.label,
-        "residual": reading.residual * (np.pi / 180.0 if angle else 1.0),
+        "residual": reading.residual * (np.pi / 180.0 if reading.unit == DEGREES else 1.0),
         "normalised": reading.normalised,
-        "unit": "rad" if rotation else "mm",
+        "unit": "rad" if reading.unit == DEGREES else reading.unit,
     }
 
 
@@ -269,7 +248,7 @@ def _held_out(solution: Solution) -> list[dict[str, Any]]:
     left, found = solution.readings, []
     poses = solution.campaign.rotary_poses() if left.held_out else []
     for i, readings in enumerate(solution.campaign.sets if left.held_out else ()):
-        units = [unit for _, unit, _ in _parts(readings)]
+        units = [part.unit for part in KINDS[readings.kind].parts(readings)]
         held, residual = left.held_out[i], left.residuals[i]
         known = np.isfinite(held).all(axis=1)
         used = known & ~left.outliers[i].any(axis=1)
@@ -283,7 +262,7 @@ def _held_out(solution: Solution) -> list[dict[str, Any]]:
 
 def _repeats(campaign: Campaign) -> list[dict[str, Any]]:
     """How well readings repeated at one place agree: drift and repeatability, before any model."""
-    units = {s.name: [unit for _, unit, _ in _parts(s)] for s in campaign.sets}
+    units = {s.name: [part.unit for part in KINDS[s.kind].parts(s)] for s in campaign.sets}
     return [
         {
             "set": c.set,
