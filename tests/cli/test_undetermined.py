@@ -8,7 +8,7 @@ from exact_chain import ExactMachine, default_stations, gauge_free
 from support.small_campaign import TRAVEL, make_campaign
 
 from volid.cli import main
-from volid.io.grids import read_grid
+from volid.io.grid_reader import read_grid
 from volid.io.solutions import read_solution
 
 STATIONS = default_stations(ExactMachine("w Y' X' b Z (C) t", TRAVEL))

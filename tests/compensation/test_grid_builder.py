@@ -19,7 +19,9 @@ from volid.exceptions import InputError, NotDeterminedError
 
 LAYOUTS = ("tilting table", "fork head")
 WITH_GRID = [name for name, t in TYPES.items() if GRID in t.forms]
-SECOND_ORDER = 5e-5  # mm, rad: products of the errors of `machine_and_solution`, some 100 µrad, with lever arms of up to a metre
+SECOND_ORDER = (
+    5e-5  # mm, rad: products of the errors of `machine_and_solution`, some 100 µrad, with lever arms of up to a metre
+)
 
 
 def both_ways(solution, name, **options):

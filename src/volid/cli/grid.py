@@ -35,8 +35,8 @@ from volid.cli.grid_messages import LINEAR, ROTARY, described, messages_of, reve
 from volid.cli.progress import Progress
 
 if TYPE_CHECKING:
+    from volid.compensation.grids.grid import AnyGrid
     from volid.fitting.solution import Solution
-    from volid.io.grids import AnyGrid
 
 HELP = "spatial grid of compensation (or error) values over the working volume"
 
@@ -184,7 +184,7 @@ def _superimposed(grids: tuple[AnyGrid, ...], args: argparse.Namespace) -> tuple
     """Grids on top of the existing ones of --add-to, matched by side. Raises `InputError` for one that has no partner."""
     from volid.compensation.superposition import add_grid
     from volid.exceptions import InputError
-    from volid.io.grids import read_grid
+    from volid.io.grid_reader import read_grid
 
     found = list(grids)
     for path in args.add_to or []:
@@ -201,7 +201,8 @@ def _superimposed(grids: tuple[AnyGrid, ...], args: argparse.Namespace) -> tuple
 def _write(grids: tuple[AnyGrid, ...], solution: Solution, args: argparse.Namespace, notes: list[str]) -> list[Path]:
     """The grids to their files, or one to standard output; the paths. Raises `InputError` for two without a file."""
     from volid.exceptions import InputError
-    from volid.io.grids import COMPENSATION, ERROR, grid_header, grid_paths, grid_sheet, write_grid_hdf5
+    from volid.io.grids import grid_header, grid_paths, grid_sheet, write_grid_hdf5
+    from volid.io.record import COMPENSATION, ERROR
 
     if len(grids) > 1 and not (args.output or args.json):
         raise InputError(

@@ -39,10 +39,27 @@ class Expected(NamedTuple):
 class Control:
     """A control of `machine` (nominal kinematics) with its compensation data; immutable.
 
-    `tool`: the tool vector it believes in (3,) [mm]; None: it knows the true one. `increment`: least increment by axis
-    letter [mm or °]. `clamped`: letters that do not move for a compensation. `poles`: see `PoleRule`. `correct_motion`:
-    whether X, Y, Z make up for what turned rotary axes do to the functional point; None: yes, unless orientation is all that
-    is corrected (FOR alone).
+    Args:
+        machine: whose axes it moves.
+        tables: of single functions.
+        grids: spatial grids.
+        tool: the tool vector it believes in (3,) [mm]; None: it knows the true one.
+        increment: least increment by axis letter [mm or °].
+        clamped: letters of axes that do not move for a compensation.
+        poles: what it does near kinematic poles, see `PoleRule`.
+        correct_motion: whether X, Y, Z make up for what turned rotary axes do to the functional point; None: yes, unless
+            orientation is all that is corrected (FOR alone).
+
+    Raises `InputError` for an axis that the machine does not have, or an increment that is none.
+
+    >>> import numpy as np
+    >>> import volid
+    >>> machine = volid.load_machine("models/wYXbZt_vertical.toml")
+    >>> x, values = np.array([0.0, 1000.0]), np.array([[0.0] * 6, [0.010] + [0.0] * 5])
+    >>> grid = volid.Grid("L-POS", ("X",), (x,), x[:, None], values, values, x > 1e4, (0.0, 0.0, 0.0), "machine", "")
+    >>> control = volid.Control(machine, grids=(grid,), increment={"X": 0.001})
+    >>> control.command(np.array([[0.0, 520.0, 0.0]]), np.zeros(3)).round(6).tolist()  # Y, X, Z: 5.2 µm are taken off X
+    [[0.0, 519.995, 0.0]]
     """
 
     machine: Machine

@@ -36,10 +36,22 @@ class Remaining(NamedTuple):
 def best_rigid(solution: Solution, tools: np.ndarray) -> tuple[Solution, Remaining]:
     """The solution with single-axis functions only, and what they leave.
 
-    `tools`: tool vectors (k, 3) [mm] over which the volume is to be served; several non-collinear ones tell angular functions
-    from translations. θ' = (A'ᵀA')⁺A'ᵀ A θ over 2048 points spread evenly (Halton), translations of the functional point;
-    the covariance goes along. Directions that the tools leave open stay at their least-norm value. Reversal and constants are
-    kept as parts of the fit.
+    θ' = (A'ᵀA')⁺A'ᵀ A θ over 2048 points spread evenly (Halton), translations of the functional point; the covariance goes along.
+    Directions that the tools leave open stay at their least-norm value. Reversal and constants are kept as parts of the fit.
+
+    Args:
+        solution: of `fit`.
+        tools: tool vectors over which the volume is to be served, shape (k, 3) [mm]; several non-collinear ones tell angular
+            functions from translations.
+
+    Source: ISO/TR 16907 7.4.2.
+
+    >>> import numpy as np
+    >>> import volid
+    >>> solution = volid.fit(volid.load_campaign("datasets/five_axis_rtest/campaign.toml"))
+    >>> rigid, left = volid.best_rigid(solution, np.array([[0.0, 0.0, -150.0], [80.0, 0.0, -150.0], [0.0, 80.0, -150.0]]))
+    >>> left.rms < 1e-6 * left.rms_before  # its functions depend on one axis each: nothing is left
+    True
     """
     machine = solution.machine
     settings = {n: replace(s, over=None, segments=_own(s)) for n, s in machine.model.functions.items()}

@@ -2,6 +2,10 @@
 
 A type is a set of *effects*. Each effect belongs to one place in a control: a table of an axis, a spatial grid, or the rotary
 axes themselves. Types combine as long as no effect is corrected twice.
+
+>>> import volid
+>>> len(volid.COMPENSATION_TYPES), volid.COMPENSATION_TYPES["L-STR"].leaves
+(15, 'positioning; roll elsewhere')
 """
 
 from __future__ import annotations

@@ -65,8 +65,19 @@ class Column:
 
 @dataclass(frozen=True, eq=False)
 class Forecast:
-    """Columns from "none" to the last list of types. `tools`: tool vectors (k, 3) [mm]. `draws`: how many, `source`: from
-    where."""
+    """What `forecast` predicts.
+
+    Args:
+        columns: one for each list of types, after "none".
+        tools: tool vectors, shape (k, 3) [mm].
+        draws: number of draws of the parameters.
+        source: where the draws come from, in words.
+        notes: what else a user should know.
+
+    >>> import numpy as np
+    >>> Forecast((), np.zeros((1, 3)), 400, "the covariance of the solution").draws
+    400
+    """
 
     columns: tuple[Column, ...]
     tools: np.ndarray

@@ -18,11 +18,27 @@ COLUMNS, VALUE, DIFFERENCE = "columns", "value", "difference"
 class ErrorTable:
     """One error function as a control holds it.
 
-    `function`: ISO 230-1 symbol; `type`: the compensation types whose effects it holds. `positions`: (n,) [mm or °]. `forward`,
-    `reverse`: ERROR values approached in + and -, (n,) [mm or rad]; `u`: standard uncertainties (n, 2). `outside`: (n,) True
-    where a position lies outside what was measured. `applied`: "kinematic model" or "the axis itself". `interpolation`: largest
-    deviation of linear interpolation between the points [mm or rad]. `basis`: lines, tool vector or elevation, in words. `zero`:
-    where values are zero. `period`: 360 for a full turn, else 0.
+    Args:
+        type: the compensation types whose effects it holds.
+        function: ISO 230-1 symbol.
+        positions: rising, shape (n,) [mm or °].
+        forward: ERROR values approached in +, shape (n,) [mm or rad].
+        reverse: approached in -.
+        u: standard uncertainties of both, shape (n, 2).
+        outside: True where a position lies outside what was measured, shape (n,).
+        applied: "kinematic model" or "the axis itself".
+        interpolation: largest deviation of linear interpolation between the points [mm or rad].
+        basis: lines, tool vector or elevation, in words.
+        zero: where values are zero, in words.
+        datum: in words.
+        period: 360 for a full turn, else 0 [°].
+        notes: what else a user should know.
+
+    >>> import numpy as np
+    >>> x, e = np.array([0.0, 100.0]), np.array([0.0, 0.010])
+    >>> table = ErrorTable("L-POS", "EXX", x, e, e - 0.002, np.zeros((2, 2)), x > 100.0, "kinematic model", 0.0)
+    >>> table.at(np.array([50.0, 50.0, 50.0]), np.array([1.0, -1.0, 0.0])).round(6).tolist()
+    [0.005, 0.003, 0.004]
     """
 
     type: str
