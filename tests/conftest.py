@@ -23,12 +23,7 @@ install_import_hook(MODULES, "support.shape_checks.checked")  # before anything 
 from exact_chain import ExactMachine, Truth, machine_toml, random_truth, tracker_campaign, write_campaign
 from support.small_campaign import ONLY_C, RICH, SINGLE_TOOL, TRAVEL, Virtual, fitted, make_campaign
 
-
-def pytest_collection_modifyitems(items):
-    """Long statistics take the time they take."""
-    for item in items:
-        if item.get_closest_marker("long"):
-            item.add_marker(pytest.mark.timeout(0))
+pytest_plugins = ["support.leftovers", "support.order"]
 
 
 @pytest.fixture(autouse=True, scope="module")

@@ -4,14 +4,13 @@ import doctest
 import pkgutil
 from functools import cache
 from importlib import import_module
-from pathlib import Path
 
 import pytest
+from support.places import ROOT
 
 import volid
 from volid.fitting.fit import fit
 
-ROOT = Path(__file__).parents[1]
 EXTRAS = ("matplotlib", "distributed")  # what a plain installation lacks
 MODULES = [m.name for m in pkgutil.walk_packages(volid.__path__, "volid.") if not m.name.endswith("__main__")]
 

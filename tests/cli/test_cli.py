@@ -35,17 +35,6 @@ MINE = sorted(set(VERBS) - {"simulate", "multilaterate"})
 
 
 @pytest.fixture
-def run(capsys):
-    """Runs a command in this process; returns exit status, standard output and standard error."""
-
-    def run(*arguments):
-        status = main([str(a) for a in arguments])
-        return status, *capsys.readouterr()
-
-    return run
-
-
-@pytest.fixture
 def interruptible():
     """Interrupts as at a terminal, even where whoever runs the tests ignores them."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from support.compensated import MACHINES, TOOL, machine_and_solution
 
-from volid.cli import main
 from volid.fitting.results import Residuals, Statistics
 from volid.io.compensations import load_control
 from volid.io.grid_reader import read_grid
@@ -34,16 +33,6 @@ def files(tmp_path_factory):
         write_solution(solution, path)
         found[layout] = (path, solution)
     return found
-
-
-@pytest.fixture
-def run(capsys):
-    def call(*arguments):
-        status = main([str(a) for a in arguments])
-        captured = capsys.readouterr()
-        return status, captured.out, captured.err
-
-    return call
 
 
 def test_tables_command(files, run, tmp_path):

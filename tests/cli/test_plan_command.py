@@ -7,7 +7,6 @@ import pytest
 from support.machines import exact_of
 from support.places import MODELS
 
-from volid.cli import main
 from volid.exceptions import InputError, OutputError
 from volid.io import load_campaign, read_machine, write_manifest
 from volid.io.solutions import read_solution
@@ -18,15 +17,6 @@ TRUNNION = MODELS / "wCAYXbZt_trunnion.toml"
 ROTARY = [f for f in sorted(MODELS.glob("*.toml")) if set("ABC") & set(f.stem.split("_")[0])]
 SHORT_TRAVEL = "wCbZXYBt_mill_turn"  # may not follow at every pair of angles
 LOCATIONS_ONLY = '\n[model.functions]\n"E??" = false\n"E?0[XYZS]" = false\n'
-
-
-@pytest.fixture
-def run(capsys):
-    def run(*arguments):
-        status = main([str(a) for a in arguments])
-        return status, *capsys.readouterr()
-
-    return run
 
 
 def sphere_of(readings):

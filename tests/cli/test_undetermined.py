@@ -7,7 +7,6 @@ import pytest
 from exact_chain import ExactMachine, default_stations, gauge_free
 from support.small_campaign import TRAVEL, make_campaign
 
-from volid.cli import main
 from volid.io.grid_reader import read_grid
 from volid.io.solutions import read_solution
 
@@ -31,17 +30,6 @@ CASES = {
         "every tool vector lies on the spindle axis; add one with a lateral offset",
     ),
 }
-
-
-@pytest.fixture
-def run(capsys):
-    """Runs a command in this process; returns exit status, standard output and standard error."""
-
-    def run(*arguments):
-        status = main([str(a) for a in arguments])
-        return status, *capsys.readouterr()
-
-    return run
 
 
 @pytest.mark.parametrize("name", CASES)

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.campaign_files import MANIFEST, edited, write_files
+from support.campaign_files import MACHINE, MANIFEST, edited, write_files
 from support.judging import judge
 from support.machines import VERTICAL, fixed
 from support.trackers import simulated
 
 from volid.campaign import Campaign, Effect, ObservationSet, Station
-from volid.effects.base import NODES
+from volid.effects.drift import NODES
 from volid.exceptions import InputError
 from volid.fitting.equations.compiled import normal_equations, predict_all
 from volid.fitting.equations.problem import build_problem, scatter, with_random_effects
@@ -19,11 +19,7 @@ from volid.io.campaign.manifest import read_manifest
 from volid.io.machines import parse_machine
 from volid.virtual.simulate import simulate
 
-MACHINE = parse_machine(
-    'format = "volid-machine/1"\nname = "m"\nstructure = "w b X Y Z t"\n[axis.X]\ntravel = [0.0, 1000.0]\n[axis.Y]\n'
-    "travel = [0.0, 600.0]\n[axis.Z]\ntravel = [-500.0, 0.0]\n[model]\nsegments = 2\n",
-    "m.toml",
-)
+SMALL = parse_machine(MACHINE + "[model]\nsegments = 2\n", "m.toml")
 HOURS = np.array([0.0, 1.0, 2.0, 4.0])
 
 
@@ -46,7 +42,7 @@ def along_x(*effects: Effect, readings=(500.0, 600.0, 700.0, 800.0)) -> Campaign
         effects=effects,
     )
     stations = tuple(Station(s, position=(0.0, 0.0, 0.0), known=True, frame="machine") for s in ("S1", "S2"))
-    return Campaign(MACHINE, stations, (one,))
+    return Campaign(SMALL, stations, (one,))
 
 
 def change(campaign: Campaign, values: dict[str, float]) -> np.ndarray:
@@ -65,7 +61,7 @@ def _model():
     from volid.model.error_functions import motion_names
     from volid.model.error_model import build_model
 
-    return build_model(MACHINE, {n: (2,) for n in motion_names(MACHINE)})
+    return build_model(SMALL, {n: (2,) for n in motion_names(SMALL)})
 
 
 def test_scale_per_station():
@@ -138,7 +134,7 @@ def test_scale_of_each_component_of_a_sensor():
         {"sphere": np.array(["1", "1"])}, options={"sphere": (0.1, 0.2, 0.3)},
         effects=(Effect("s", "scale", 1e-3, "set", {"components": "XZ"}),),
     )  # fmt: skip
-    campaign = Campaign(MACHINE, (), (sensor,))
+    campaign = Campaign(SMALL, (), (sensor,))
     problem = build_problem(campaign, _model())
     names, z = [e.name for e in problem.nuisance], problem.start.copy()
     for name, value in (("s rtest X", 1e-3), ("s rtest Z", 2e-3)):

@@ -36,6 +36,7 @@ def verdicts_when_the_model_holds():
     return verdicts
 
 
+@pytest.mark.slow
 def test_chi_square_is_distributed_as_stated():
     verdicts = verdicts_when_the_model_holds()
     assert {v.degrees_of_freedom for v in verdicts} == {360 - (18 * 7 - 24 + 3) - 24}
@@ -44,12 +45,14 @@ def test_chi_square_is_distributed_as_stated():
     assert np.mean([v.unit_weight**2 for v in verdicts]) == pytest.approx(1.0, abs=4 * 0.012)
 
 
+@pytest.mark.slow
 def test_true_models_are_accepted():
     """Rejection at 1e-3 overall or 1e-3 among all groups: two of sixty would be a chance of 0.6 %."""
     assert sum(v.rejected for v in verdicts_when_the_model_holds()) <= 1
     assert {v.verdict for v in verdicts_when_the_model_holds() if not v.rejected} == {"model accepted by the data"}
 
 
+@pytest.mark.slow
 def test_group_tests_keep_their_level():
     """The smallest probability times the number of groups is below 0.05 in at most 5 % of the cases (Bonferroni)."""
     least = np.array([v.groups[0].probability * len(v.groups) for v in verdicts_when_the_model_holds()])
@@ -162,15 +165,7 @@ def test_numbers_of_a_verdict():
     campaign, _, _ = sound()
     s = campaign.sets[0]
     rows = np.r_[0:30, 200:230]
-    part = replace(
-        s,
-        positions=s.positions[rows],
-        directions=s.directions[rows],
-        tool=s.tool[rows],
-        readings=s.readings[rows],
-        u=s.u[rows],
-        labels={k: v[rows] for k, v in s.labels.items()},
-    )
+    part = s.rows_of(rows)
     whitened = np.repeat([1.0, 2.0], 30)[:, None]
     leverage = np.full((60, 1), 1 / 3)
     found = assess(replace(campaign, sets=(part,)), [whitened], [leverage], [np.ones((60, 1), bool)], 40)

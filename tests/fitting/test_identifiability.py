@@ -259,15 +259,7 @@ def fitted(tools, stations=6, extra="", **plan):
     rows = np.isin(tracker.station, [f"S{i + 1}" for i in range(stations)])
     campaign = distance_campaign(volid_machine(BED_XYZ, fixed(4, extra)), tracker)
     s = campaign.sets[0]
-    part = replace(
-        s,
-        positions=s.positions[rows],
-        directions=s.directions[rows],
-        tool=s.tool[rows],
-        readings=s.readings[rows],
-        u=s.u[rows],
-        labels={k: v[rows] for k, v in s.labels.items()},
-    )
+    part = s.rows_of(rows)
     kept = tuple(x for x in campaign.stations if x.name in set(part.labels["station"]))
     return fit(replace(campaign, sets=(part,), stations=kept)), truth
 

@@ -225,13 +225,5 @@ def test_choice_does_not_depend_on_the_order_of_rows():
     campaign, solution = wavy_and_straight()
     s = campaign.sets[0]
     order = np.random.default_rng(0).permutation(len(s))
-    mixed = replace(
-        s,
-        positions=s.positions[order],
-        directions=s.directions[order],
-        tool=s.tool[order],
-        readings=s.readings[order],
-        u=s.u[order],
-        labels={k: v[order] for k, v in s.labels.items()},
-    )
+    mixed = s.rows_of(order)
     assert fit(replace(campaign, sets=(mixed,))).model.segments == solution.model.segments

@@ -6,7 +6,7 @@ import h5py
 import numpy as np
 import pytest
 from support.campaign_files import MACHINE, MANIFEST, csv_text, level_rows, volume_rows, write_files
-from support.same import assert_same_set
+from support.sets import assert_same_set
 
 from volid.campaign import Campaign, Effect, Station
 from volid.exceptions import InputError, OutputError

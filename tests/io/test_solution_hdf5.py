@@ -8,7 +8,7 @@ import jax
 import numpy as np
 import pytest
 from scipy.interpolate import NdBSpline
-from support.small_campaign import SINGLE_TOOL
+from support.small_campaign import SINGLE_TOOL, SOLUTIONS
 
 from volid.exceptions import InputError, OutputError
 from volid.io import write_campaign
@@ -16,14 +16,6 @@ from volid.io.solutions import read_solution, write_solution
 from volid.model.machine import Datum
 from volid.uncertainty.trials.samples import Samples
 
-SOLUTIONS = (
-    "solution",
-    "single_tool_solution",
-    "rejected_solution",
-    "outlier_solution",
-    "rich_solution",
-    "rotary_solution",
-)
 ARRAYS = ("parameters", "nuisance", "covariance", "null_space", "held_directions")
 TOOL = np.array([30.0, -20.0, -180.0])
 

@@ -5,7 +5,7 @@ import re
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from exact_chain import ExactMachine
+from support.machines import exact_of
 from support.places import MODELS
 
 from volid.io import read_machine
@@ -25,17 +25,6 @@ def table() -> dict[str, list[str]]:
 
 def travel(axis) -> str:
     return f"{axis.travel[0]:g} … {axis.travel[1]:g}"
-
-
-def exact_machine(machine) -> ExactMachine:
-    """The same chain in plain matrices, from the numbers of the file."""
-    rotary = [a for a in machine.axes if not a.is_linear]
-    return ExactMachine(
-        machine.structure,
-        {a.letter: a.travel for a in machine.axes},
-        point={a.letter: a.point for a in rotary},
-        direction={a.letter: a.direction for a in rotary},
-    )
 
 
 def random_positions(machine, m: int = 20) -> tuple[np.ndarray, np.ndarray]:
@@ -71,7 +60,7 @@ def test_without_errors_there_is_no_deviation_and_the_chain_is_the_exact_one(fil
     zero = jnp.zeros((6 * (len(machine.axes) + 1), len(q)))
     assert np.abs(deviation(machine, columns, vectors, zero)).max() < ROUNDING
     point = np.stack(functional_point(machine, columns, vectors), axis=1)
-    np.testing.assert_allclose(point, exact_machine(machine).functional_point(q, tool), rtol=0, atol=ROUNDING)
+    np.testing.assert_allclose(point, exact_of(machine).functional_point(q, tool), rtol=0, atol=ROUNDING)
 
 
 @pytest.mark.parametrize("file", FILES, ids=lambda file: file.stem)

@@ -8,7 +8,7 @@ import pytest
 from exact_chain import COMPONENTS
 from support.machines import LAYOUTS, exact_machine
 from support.rtests import NO_LINEAR, SPHERES, TOOLS, displacement, rotary_truth, rtest, small_rotation
-from support.same import assert_same_set
+from support.sets import assert_same_set
 
 from volid.campaign import Campaign, standard_uncertainty
 from volid.exceptions import InputError, OutputError

@@ -11,7 +11,7 @@ from support.judging import judge
 from support.machines import LAYOUTS, VERTICAL, exact_machine, fixed
 from support.points import PLACE, TURN, points
 from support.rtests import small_rotation
-from support.same import assert_same_set
+from support.sets import assert_same_set
 
 from volid.campaign import Station
 from volid.exceptions import InputError

@@ -10,7 +10,7 @@ from support.judging import judge
 from support.machines import VERTICAL, fixed
 from support.points import PLACE, TURN, points
 from support.quick_fit import quick_fit
-from support.same import assert_same_set
+from support.sets import assert_same_set
 
 from volid.campaign import Campaign, ObservationSet, Station
 from volid.exceptions import InputError

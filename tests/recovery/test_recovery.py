@@ -11,18 +11,16 @@ from functools import cache
 
 import numpy as np
 import pytest
-from exact_chain import default_tools
-from scipy.stats import chi2, norm, qmc
+from scipy.stats import chi2, norm
 from support.judging import Judgement, judge
 from support.machines import MACHINES
+from support.recovery import LARGEST, MANY, TOOL_ROTATION, volume
 from support.trackers import simulated
 
 from volid.fitting.fit import fit
 from volid.fitting.solution import Solution
 
-LARGEST = {"vertical": 0.5e-3, "gantry": 0.7e-3, "horizontal": 0.5e-3}  # 3-D root mean square, mm
-QUICK, MANY, SOME, FEW = 3, 100, 30, 10  # seeds
-TOOL_ROTATION = ("EA0S", "EB0S", "EC0S")
+QUICK, SOME, FEW = 3, 30, 10  # seeds
 VARIANTS = {
     "single tool": {},
     "every tool": {"every_station_sees_every_tool": True},
@@ -39,15 +37,6 @@ class Run:
     tool_rotation: np.ndarray
     missed: int = 0
     false_alarms: int = 0
-
-
-@cache
-def volume(machine):
-    """256 points spread evenly over the travel, default tools in turn."""
-    exact = MACHINES[machine]
-    low, high = np.array([exact.travel[a] for a in exact.axes], float).T
-    q = low + qmc.Sobol(3, seed=3).random(256) * (high - low)
-    return q, default_tools()[np.arange(256) % 3]
 
 
 def run(machine, variant, seed):

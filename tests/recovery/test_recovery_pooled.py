@@ -18,8 +18,8 @@ import pytest
 from exact_chain import gauge_basis, random_truth
 from scipy.stats import chi2
 from support.machines import MACHINES
+from support.recovery import LARGEST, MANY, TOOL_ROTATION, volume
 from support.trackers import simulated
-from test_recovery import LARGEST, MANY, TOOL_ROTATION, volume
 
 from volid.fitting.fit import fit
 from volid.fitting.prediction.deviations import deviation_values, gradient_matrix

@@ -5,21 +5,12 @@ import re
 
 import numpy as np
 import pytest
-from support.small_campaign import SINGLE_TOOL
+from support.small_campaign import SINGLE_TOOL, SOLUTIONS
 
 from volid.compensation.residual.volume import volumetric_summary
 from volid.report.summary import summary, summary_data
 from volid.report.summary_text import decimals, format_summary
 from volid.report.text import WIDTH, micro, table, vector
-
-SOLUTIONS = (
-    "solution",
-    "single_tool_solution",
-    "rejected_solution",
-    "outlier_solution",
-    "rich_solution",
-    "rotary_solution",
-)
 
 
 @pytest.fixture(scope="module")

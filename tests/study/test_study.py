@@ -8,19 +8,17 @@ import json
 import os
 import subprocess
 import sys
-from collections import Counter
 from dataclasses import replace
 from pathlib import Path
-from threading import Event, Thread
 
 import h5py
 import numpy as np
 import pytest
 from distributed import LocalCluster
+from support.campaign_files import MACHINE, edited
 from support.places import BUNDLED, SOURCE
 
-from volid.backend import processes
-from volid.backend.processes import ONE_THREAD, Died, in_processes, single_threaded_environment
+from volid.backend.processes import ONE_THREAD
 from volid.cli import main
 from volid.exceptions import InputError, VolidError
 from volid.fitting.fit import fit
@@ -38,20 +36,14 @@ from volid.virtual.random_truth import random_truth
 from volid.virtual.simulate import simulate
 from volid.virtual.truth import truth_of_solution
 
-MACHINE = """format = "volid-machine/1"
-name = "small"
-structure = "w b X Y Z t"
-[axis.X]
-travel = [0.0, 1000.0]
-[axis.Y]
-travel = [0.0, 600.0]
-[axis.Z]
-travel = [-500.0, 0.0]
-[model]
+SMALL = (
+    edited(MACHINE, "Test machine", "small")
+    + """[model]
 segments = 4
 [model.functions]
 "E[ABC][XYZ]" = false
 """
+)
 STUDY = """format = "volid-study/1"
 machines = ["small.toml"]
 noise = [1.0, 2.0]
@@ -67,7 +59,7 @@ n_per_station = 40
 
 
 def study_file(folder: Path, text: str = STUDY) -> Path:
-    (folder / "small.toml").write_text(MACHINE, encoding="utf-8")
+    (folder / "small.toml").write_text(SMALL, encoding="utf-8")
     path = folder / "study.toml"
     path.write_text(text, encoding="utf-8")
     return path
@@ -196,31 +188,8 @@ def test_a_scheduler_that_is_not_there(study):
         run_study(study, workers=0)
 
 
-def test_tasks_whose_process_dies_are_done_again_and_then_named():
-    code = "__import__('os')._exit(1) if i == 1 else i * i"  # eval is a function that every process has
-    found = dict(in_processes(eval, [({"i": i},) for i in range(4)], code, 2))
-    assert isinstance(found.pop(1), Died) and found == {0: 0, 2: 4, 3: 9}
-
-
-def test_processes_are_renewed_and_exceptions_are_raised(monkeypatch):
-    monkeypatch.setattr(processes, "RENEW", 2)
-    found = dict(in_processes(eval, [({"i": i},) for i in range(7)], "__import__('os').getpid(), i", 2))
-    assert [found[i][1] for i in range(7)] == list(range(7))
-    count = Counter(number for number, _ in found.values())
-    assert len(count) >= 4 and max(count.values()) <= 2
-    with pytest.raises(ZeroDivisionError):
-        list(in_processes(eval, [({"i": i},) for i in range(3)], "1 // i", 2))
-
-
-def test_workers_have_one_thread_and_the_environment_here_stays(study, monkeypatch):
-    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
-    monkeypatch.setenv("MKL_NUM_THREADS", "3")
+def test_the_environment_stays_while_worker_processes_are_at_work(study):
     before, seen = dict(os.environ), []
-    names = sorted(ONE_THREAD)
-    code = f"[__import__('os').environ[n] for n in {names}]"
-    results = in_processes(eval, [({"i": i},) for i in range(3)], code, 2)
-    assert next(results)[1] == [ONE_THREAD[n] for n in names] and dict(os.environ) == before
-    results.close()
     run_study(replace(study, noise=study.noise[:1]), workers=2, progress=lambda _: seen.append(dict(os.environ)))
     assert seen and all(environment == before for environment in seen) and dict(os.environ) == before
 
@@ -236,46 +205,6 @@ def test_a_worker_within_this_process_leaves_no_variables(study, serial, monkeyp
         monte_carlo.monte_carlo(solution, 20, seed=4, scheduler=cluster.scheduler_address)
         assert dict(os.environ) == before
     assert [r["error"] for r in records] == len(serial) * [""]
-
-
-def test_the_environment_returns_when_the_last_of_several_threads_leaves(monkeypatch):
-    monkeypatch.setenv("OMP_NUM_THREADS", "3")
-    before, entered, leave = dict(os.environ), Event(), Event()
-
-    def other():
-        with single_threaded_environment():
-            entered.set()
-            leave.wait()
-
-    thread = Thread(target=other)
-    with single_threaded_environment():
-        thread.start()
-        entered.wait()
-    assert os.environ["OMP_NUM_THREADS"] == "1"
-    leave.set()
-    thread.join()
-    assert dict(os.environ) == before
-
-
-def test_every_process_of_many_may_die():
-    """Also while others are being started."""
-    code = "__import__('os')._exit(1) if i % 3 else i"
-    found = dict(in_processes(eval, [({"i": i},) for i in range(8)], code, 4))
-    assert {i: r for i, r in found.items() if not isinstance(r, Died)} == {0: 0, 3: 3, 6: 6} and len(found) == 8
-
-
-def test_a_script_without_main_guard_is_told(tmp_path):
-    script = tmp_path / "script.py"
-    script.write_text(  # what is shared is larger than a pipe holds
-        "from volid.backend.processes import in_processes\n"
-        "print(list(in_processes(eval, [({'i': 1},)], 'i' + 10**6 * ' ', 1)))\n"
-    )
-    environment = os.environ | {"PYTHONPATH": str(SOURCE)}
-    done = subprocess.run([sys.executable, script], capture_output=True, text=True, env=environment, timeout=60)
-    assert done.returncode == 1
-    assert 'VolidError: worker processes do not start; in a script, call this under `if __name__ == "__main__":`' in (
-        done.stderr
-    )
 
 
 # ------------------------------------------------------------------------------------------------------------- numbers
@@ -437,7 +366,7 @@ def test_a_plan_of_ones_own(tmp_path):
     task = Task("small", "few", 2.0, 0)
     planned = study.design(task).on(study.machine(task))
     assert planned.machine.name == "small" and planned.n_readings == 2400
-    two = MACHINE.replace("w b X Y Z t", "w b X Y t").replace("[axis.Z]\ntravel = [-500.0, 0.0]\n", "")
+    two = SMALL.replace("w b X Y Z t", "w b X Y t").replace("[axis.Z]\ntravel = [-500.0, 0.0]\n", "")
     parse_machine(two, "two")
     (tmp_path / "two.toml").write_text(two)
     path = tmp_path / "study.toml"

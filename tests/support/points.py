@@ -26,7 +26,7 @@ def points(exact: ExactMachine, n: int = 60, body: str = "workpiece", u: float =
     if body == "bed":  # back through the factors of the axes that carry the workpiece
         pose = np.tile(np.eye(4), (len(q), 1, 1))
         for axis in [a for a in exact.axes if exact.primed[a]]:
-            pose = pose @ _factor(exact, axis, q, truth)
+            pose = pose @ factor(exact, axis, q, truth)
         target = apply(np.linalg.inv(pose), target)
     read = (target - PLACE) @ TURN.T + u * rng.standard_normal(target.shape)
     readings = ObservationSet(
@@ -36,7 +36,7 @@ def points(exact: ExactMachine, n: int = 60, body: str = "workpiece", u: float =
     return Campaign(volid_machine(exact, model), (Station("T", body=body),), (readings,)), truth
 
 
-def _factor(exact: ExactMachine, axis: str, q, truth) -> np.ndarray:
+def factor(exact: ExactMachine, axis: str, q, truth) -> np.ndarray:
     """One factor of the chain, as matrices."""
     N, E = exact.nominal_factor(axis, q), exact.errors(axis, q, truth)
     D = rigid(E[:, 3:], E[:, :3], exact.error_point[axis])

@@ -23,6 +23,15 @@ from volid.io.basics.provenance import provenance
 
 TRAVEL = {"X": (0.0, 1000.0), "Y": (0.0, 600.0), "Z": (-500.0, 0.0)}
 SINGLE_TOOL = (0.0, 0.0, -150.0)
+# fixtures of tests/conftest.py, one for each state that a solution can be in
+SOLUTIONS = (
+    "solution",
+    "single_tool_solution",
+    "rejected_solution",
+    "outlier_solution",
+    "rich_solution",
+    "rotary_solution",
+)
 COARSE = "[model]\nsegments = 2\n"
 RICH = """[model]
 segments = 2
