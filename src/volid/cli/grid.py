@@ -247,8 +247,8 @@ def _write(grids: tuple[AnyGrid, ...], solution: Solution, args: argparse.Namesp
 
 
 def _header(grid: AnyGrid, solution: Solution, args: argparse.Namespace, notes: list[str]) -> dict[str, str]:
-    from volid.io.record import COMPENSATION, ERROR
     from volid.io.grids import grid_header
+    from volid.io.record import COMPENSATION, ERROR
 
     values = ERROR if args.errors else COMPENSATION
     header = dict(grid_header(grid, values, solution, args.solution, args.command_line))

@@ -1,4 +1,4 @@
-"""A whole compensation: tables and grids of several types together, as one control gets them."""
+"""A compensation: tables and grids of several types together, as one control gets them."""
 
 from __future__ import annotations
 

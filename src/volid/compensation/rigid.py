@@ -8,7 +8,7 @@ least-squares sense over points and tool vectors. What remains then is the cross
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -18,6 +18,9 @@ from volid.compensation.residual.fields import Places, volume_places
 from volid.fitting.solution import Solution
 from volid.model.error_model import build_model
 from volid.model.machine import FunctionSettings, ModelSettings
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 POINTS = 2048
 RELATIVE_RANK = 1e-9  # of the singular values of scaled columns
@@ -33,7 +36,7 @@ class Remaining(NamedTuple):
     maximum_before: float
 
 
-def best_rigid(solution: Solution, tools: np.ndarray) -> tuple[Solution, Remaining]:
+def best_rigid(solution: Solution, tools: Float[np.ndarray, "k 3"]) -> tuple[Solution, Remaining]:
     """The solution with single-axis functions only, and what they leave.
 
     θ' = (A'ᵀA')⁺A'ᵀ A θ over 2048 points spread evenly (Halton), translations of the functional point; the covariance goes along.

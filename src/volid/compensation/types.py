@@ -35,7 +35,7 @@ TABLES, GRID = "tables", "grid"
 class CompensationType:
     """One type of ISO/TR 16907.
 
-    `effects`: what of the error model it uses. `based_on`: the specific line through `at`, the whole volume, one elevation or
+    `effects`: what of the error model it uses. `based_on`: the specific line through `at`, all of the volume, one elevation or
     tool length, or the axis alone. `control`: what the control does with it. `leaves`: what it must not touch. `forms`: table
     of an axis, or spatial grid. `needs_tool`: the control must know the tool vector.
     """

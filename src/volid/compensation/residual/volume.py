@@ -20,7 +20,7 @@ SAMPLES = 200
 
 
 class VolumeSummary(NamedTuple):
-    """The working volume in a few numbers, for one tool vector; lengths [mm], rotations [rad], NaN if undetermined.
+    """The working volume in a few numbers, for one tool vector; lengths [mm], rotations [rad], NaN where not determined.
 
     `accuracy`: ranges of the six components, ISO 230-1 V_XYZ. `before_max`, `before_rms`: deviation of the functional point
     (3-D length) in the stated datum, `before_at` its place, machine axis order.

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from volid.compensation.grids.interpolation import into_period
 from volid.model.iso230 import parse
+
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Float
 
 MODEL, ITSELF = "kinematic model", "the axis itself"
 COLUMNS, VALUE, DIFFERENCE = "columns", "value", "difference"
@@ -43,11 +47,11 @@ class ErrorTable:
 
     type: str
     function: str
-    positions: np.ndarray
-    forward: np.ndarray
-    reverse: np.ndarray
-    u: np.ndarray
-    outside: np.ndarray
+    positions: Float[np.ndarray, " n"]
+    forward: Float[np.ndarray, " n"]
+    reverse: Float[np.ndarray, " n"]
+    u: Float[np.ndarray, "n 2"]
+    outside: Bool[np.ndarray, " n"]
     applied: str
     interpolation: float
     basis: Mapping[str, str] = field(default_factory=dict)
@@ -71,7 +75,7 @@ class ErrorTable:
         """Unit of the values."""
         return parse(self.function).unit
 
-    def at(self, positions: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    def at(self, positions: Float[np.ndarray, " m"], direction: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
         """Error value by linear interpolation, (m,): end values held outside; direction 0 or unknown: mean of both."""
         x = into_period(np.asarray(positions, dtype=float), self.positions[0], self.positions[-1], self.period)
         up, down = (np.interp(x, self.positions, v) for v in (self.forward, self.reverse))
