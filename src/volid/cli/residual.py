@@ -141,7 +141,7 @@ def _forecast(solution: Solution, args: argparse.Namespace) -> tuple[Forecast, l
 
 
 def _check_limits(found: Forecast, solution: Solution, feeds: Any, args: argparse.Namespace) -> None:
-    from volid.compensation.control import asked_speed, check_motion
+    from volid.compensation.motion import asked_speed, check_motion
     from volid.exceptions import InputError
 
     for column in found.columns[1:]:

@@ -94,8 +94,14 @@ class Axis:
 class Datum:
     """The machine coordinate system after the fit (CONVENTIONS 4).
 
-    `primary`, `secondary`: the linear axes that align it. `line`: reference line of the straightness functions,
-    "least_squares" over the travel or "end_point". `reference`: positions of zero error that override the axes' own.
+    Args:
+        primary: letter of the linear axis that aligns it.
+        secondary: letter of the linear axis that lies in its plane.
+        line: reference line of the straightness functions, "least_squares" over the travel or "end_point".
+        reference: positions of zero error by axis letter that override the axes' own [mm or °].
+
+    >>> Datum(primary="Z", secondary="X", reference=(("X", 0.0),)).line
+    'least_squares'
     """
 
     primary: str = "X"
@@ -134,7 +140,18 @@ class ModelSettings:
 class Machine:
     """A machine tool's kinematic chain, its datum and the settings of its error model.
 
-    `axes` run from the workpiece to the tool, as in `structure`; arrays of axis positions follow this order.
+    Args:
+        name: in words.
+        structure: structural code, such as "w Y' X' b Z t" (CONVENTIONS 2).
+        axes: from the workpiece to the tool, as in `structure`; arrays of axis positions follow this order.
+        datum: machine coordinate system after the fit.
+        model: settings of the error model.
+        text: the machine file.
+
+    >>> import volid
+    >>> machine = volid.load_machine("models/wCAYXbZt_trunnion.toml")
+    >>> machine.letters, machine.axis("X").travel, machine.index("Z")
+    (('C', 'A', 'Y', 'X', 'Z'), (-300.0, 300.0), 4)
     """
 
     name: str = field(metadata=STATIC)
