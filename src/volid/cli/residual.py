@@ -100,21 +100,26 @@ def run(args: argparse.Namespace) -> int:
         solution = read_solution(args.solution)
         progress("predicting")
         found, notes = _forecast(solution, args)
-        axes = solution.machine.axes
-        feeds = np.array([args.feed if a.is_linear else args.turn for a in axes])
+        feeds = np.array([args.feed if a.is_linear else args.turn for a in solution.machine.axes])
         _check_limits(found, solution, feeds, args)
         if args.figure:
             progress("drawing")
             _draw(found, solution, args)
     _write(found, solution, feeds, notes, args)
-    outside = [a.letter for a, (low, high) in zip(axes, solution.measured_range(), strict=True)
-               if low > a.travel[0] + 0.01 * a.length or high < a.travel[1] - 0.01 * a.length]  # fmt: skip
-    messages = attention(solution, named=True)
-    if outside:
-        messages.append(
-            f"the travel of {', '.join(outside)} was not measured to its ends; the prediction extrapolates there"
-        )
-    return conclude(args, messages)
+    return conclude(args, attention(solution, named=True) + _messages(solution))
+
+
+def _messages(solution: Solution) -> list[str]:
+    """Which axes were not measured over their whole travel."""
+    measured = zip(solution.machine.axes, solution.measured_range(), strict=True)
+    outside = [
+        axis.letter
+        for axis, (low, high) in measured
+        if low > axis.travel[0] + 0.01 * axis.length or high < axis.travel[1] - 0.01 * axis.length
+    ]
+    if not outside:
+        return []
+    return [f"the travel of {', '.join(outside)} was not measured to its ends; the prediction extrapolates there"]
 
 
 def _forecast(solution: Solution, args: argparse.Namespace) -> tuple[Forecast, list[str]]:
