@@ -66,6 +66,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--tables", action="store_true", help="types as tables of single functions where they have them"
     )
     add_range(parser, "nodes and points")
+    _add_motion(parser)
+    parser.add_argument("--figure", metavar="FILE", help="a figure, .png, .svg or .pdf (needs matplotlib)")
+    parser.add_argument("--seed", metavar="N", type=int, default=0, help="of points and draws")
+    add_output(parser, "OUT.csv", "table of all numbers; the text goes to standard output anyway")
+
+
+def _add_motion(parser: argparse.ArgumentParser) -> None:
+    """What the axes can do, and may be asked for."""
     parser.add_argument(
         "--increment", metavar="X=..", type=assignments, help="least increments of the axes, mm or degrees"
     )
@@ -82,9 +90,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--turn", metavar="F", type=float, default=ROTARY_FEED, help=f"degrees/min; default {ROTARY_FEED:g}"
     )
-    parser.add_argument("--figure", metavar="FILE", help="a figure, .png, .svg or .pdf (needs matplotlib)")
-    parser.add_argument("--seed", metavar="N", type=int, default=0, help="of points and draws")
-    add_output(parser, "OUT.csv", "table of all numbers; the text goes to standard output anyway")
 
 
 def run(args: argparse.Namespace) -> int:
