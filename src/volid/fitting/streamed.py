@@ -33,7 +33,7 @@ STREAMED = "streamed"  # option of a solution: number of readings that it was ma
 
 
 class Stream(Protocol):
-    """Where the readings come from: `io.campaign_stream.CampaignStream`, or anything like it."""
+    """Where the readings come from: `volid.CampaignStream`, or anything like it."""
 
     rows: int
     n_readings: int

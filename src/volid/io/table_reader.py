@@ -1,4 +1,4 @@
-"""Tables read back from CSV (`volid-table/1`), whatever form they were written in; see `table_files`."""
+"""Tables read back from CSV (`volid-table/1`), whatever form they were written in; see `volid.io.tables`."""
 
 from __future__ import annotations
 

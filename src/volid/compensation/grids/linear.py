@@ -129,7 +129,7 @@ def linear_grid(
 ) -> Grid:
     """Spatial grid of the linear axes over the whole travel, for (rotated) tool vector `tool` [mm].
 
-    On a machine with rotary axes: the errors of the linear axes alone, see `volid.compensation.rotary_grids`.
+    On a machine with rotary axes: the errors of the linear axes alone, see `volid.rotary_grids`.
 
     `step` [mm], or `points` per axis (default 21), or `nodes` by axis letter. Raises `NotDeterminedError` when the data do not
     determine the translations for this tool vector, `InputError` for a step or a number of points that makes no grid. ISO/TR
