@@ -11,6 +11,7 @@ import volid
 
 ROOT = Path(__file__).parents[1]
 EXTRAS = ("matplotlib", "distributed")  # what a plain installation lacks
+SLOW = ("volid.fitting.streamed", "volid.uncertainty.trials.monte_carlo")  # JAX compiles their programs
 MODULES = [m.name for m in pkgutil.walk_packages(volid.__path__, "volid.") if not m.name.endswith("__main__")]
 
 
@@ -25,7 +26,9 @@ def examples(name):
     return [test for test in doctest.DocTestFinder(exclude_empty=True).find(module) if test.examples]
 
 
-@pytest.mark.parametrize("name", ["volid", *MODULES])
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=pytest.mark.slow if n in SLOW else ()) for n in ("volid", *MODULES)]
+)
 def test_examples_run(name, monkeypatch, request):
     monkeypatch.chdir(ROOT)
     for test in examples(name):
