@@ -20,6 +20,7 @@ from kind_examples import (
     predictions,
 )
 from test_campaign_hdf5 import assert_same_set
+from volid.model.rigid_motion import rigid_motion_rows
 
 from volid.campaign import Campaign
 from volid.exceptions import InputError
@@ -32,7 +33,6 @@ from volid.fitting.starts import find_starts
 from volid.io import load_campaign, write_campaign, write_manifest
 from volid.io.solutions import read_solution, write_solution
 from volid.model.machine import Datum, Machine
-from volid.model.rigid_motion import rigid_motion_rows
 from volid.observations import KINDS
 from volid.plausibility.checks import check_campaign
 from volid.uncertainty.trials.samples import Samples
