@@ -50,7 +50,8 @@ def compare(solution: Solution, truth: Truth) -> Comparison:
 
     Example:
         >>> import volid
-        >>> plan = volid.standard_plan(volid.read_machine("models/wYXbZt_vertical.toml"), n_per_station=60)
+        >>> from volid.io import read_machine
+        >>> plan = volid.standard_plan(read_machine("models/wYXbZt_vertical.toml"), n_per_station=60)
         >>> campaign, truth = volid.simulate(plan, seed=1)
         >>> found = compare(volid.fit(campaign), truth)
         >>> found.field.shape, found.functions["EXX"].shape
