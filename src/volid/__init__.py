@@ -53,9 +53,9 @@ _PUBLIC = {  # public name: where it comes from, in the order of the work
     "monte_carlo": "volid.uncertainty.trials.monte_carlo:monte_carlo",
     # compensation
     "linear_grid": "volid.compensation.grids.linear:linear_grid",
-    "Grid": "volid.compensation.grids.linear:Grid",
+    "Grid": "volid.compensation.grids.grid:Grid",
     "rotary_grids": "volid.compensation.grids.rotary:rotary_grids",
-    "RotaryGrid": "volid.compensation.grids.rotary:RotaryGrid",
+    "RotaryGrid": "volid.compensation.grids.grid:RotaryGrid",
     "save_grid": "volid.io.grids:save_grid",
     "load_grid": "volid.io.grids:read_grid",
     "COMPENSATION_TYPES": "volid.compensation.types:TYPES",

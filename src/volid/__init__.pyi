@@ -3,8 +3,9 @@
 from volid.campaign import Campaign, ObservationSet, Station
 from volid.compensation.base import base_of as compensation_base
 from volid.compensation.control import Control
-from volid.compensation.grids.linear import Grid, linear_grid
-from volid.compensation.grids.rotary import RotaryGrid, rotary_grids
+from volid.compensation.grids.grid import Grid, RotaryGrid
+from volid.compensation.grids.linear import linear_grid
+from volid.compensation.grids.rotary import rotary_grids
 from volid.compensation.package import Compensation, compensate
 from volid.compensation.residual.forecast import Forecast, forecast
 from volid.compensation.residual.volume import predict_residual, volumetric_summary

@@ -45,6 +45,11 @@ class Station:
     known: bool = False
     frame: str = "stations"
 
+    @property
+    def is_placed(self) -> bool:
+        """Whether the position is known in a frame that all such stations share and whose place in the machine is unknown."""
+        return self.known and self.frame != "machine"
+
 
 @dataclass(frozen=True, eq=False)
 class Effect:

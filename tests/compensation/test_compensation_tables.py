@@ -10,9 +10,10 @@ import pytest
 from support.compensated import TOOL, machine_and_solution, only
 
 from volid.compensation.base import base_of
-from volid.compensation.grids.by_effects import effect_grids
-from volid.compensation.grids.linear import Grid
-from volid.compensation.grids.sampling import grid_interpolation
+from volid.compensation.grids.builder import effect_grids
+from volid.compensation.grids.grid import Grid
+from volid.compensation.grids.nodes import grid_interpolation
+from volid.compensation.grids.request import GridRequest
 from volid.compensation.package import compensate
 from volid.compensation.rounding import round_to
 from volid.compensation.superposition import add_grid, add_tables
@@ -171,7 +172,7 @@ def test_grid_interpolation_is_predicted_and_falls_with_the_square_of_the_step(t
         (grid,) = effect_grids(three_axis, TYPES["L-VOL"], base, points=n, uncertainty=False)
         off = np.abs(grid.interpolate(q[:, order])[:, :3] - exact)
         found.append(off.max())
-        predicted.append(grid_interpolation(three_axis, TYPES["L-VOL"], base, grid))
+        predicted.append(grid_interpolation(three_axis, GridRequest(TYPES["L-VOL"], base), grid))
     np.testing.assert_allclose(predicted, found, rtol=0.2)
     assert found[0] / found[1] == pytest.approx(4.0, rel=0.15)
 
@@ -327,13 +328,13 @@ def test_undetermined_functions_make_no_table(three_axis):
 
 
 def test_bases_and_samplings_that_cannot_be(three_axis):
-    with pytest.raises(InputError, match="--at X=900 lies outside the travel; expected -400 … 400"):
+    with pytest.raises(InputError, match="`at=X=900` lies outside the travel; expected -400 … 400"):
         base_of(three_axis, TOOL, {"X": 900.0})
-    with pytest.raises(InputError, match="--functions EXQ"):
+    with pytest.raises(InputError, match="`functions=EXQ`"):
         base_of(three_axis, TOOL, functions=["EXQ"])
     with pytest.raises(InputError, match="L-SPEC needs what it corrects"):
         compensate(three_axis, ["L-SPEC"], base_of(three_axis, TOOL))
-    with pytest.raises(InputError, match="--step stands alone"):
+    with pytest.raises(InputError, match="`step` stands alone"):
         Sampling(step=1.0, max_points=3)
     with pytest.raises(InputError, match="`incremental` goes with"):
         TableForm(incremental=True, reversal="difference")

@@ -194,7 +194,7 @@ def test_poles_are_found_named_and_kept_out_or_limited():
         assert np.all(out[np.abs(a) < 4.99] == 0.0)
         np.testing.assert_allclose(limited[np.abs(a) > 5.01], out[np.abs(a) > 5.01], rtol=1e-9)
         assert limited.max() < 2.0 * out.max() and limited[100] < 1e-9  # at the pole itself no turn
-        with pytest.raises(InputError, match="--poles 'off'"):
+        with pytest.raises(InputError, match="`poles=off`"):
             PoleRule(5.0, "off")
 
 
@@ -372,7 +372,7 @@ def test_alignment_to_other_axes_is_the_solution_in_that_datum():
 @pytest.mark.parametrize(
     ("layout", "names", "message"),
     [
-        ("three-axis", ["FOR"], "--type FOR: machine .* cannot turn its tool"),
+        ("three-axis", ["FOR"], "`type=FOR`: machine .* cannot turn its tool"),
         ("three-axis", ["R-POS"], "has no rotary axis"),
         ("three-axis", ["LVOL"], "is no compensation type of ISO/TR 16907; available: L-POS"),
         ("three-axis", ["L-POS", "L-VOL"], "L-POS and L-VOL both correct positioning"),
@@ -387,7 +387,7 @@ def test_types_that_cannot_be(layout, names, message):
 
 
 def test_for_needs_two_directions_of_rotary_axes():
-    with pytest.raises(InputError, match=r"FOR: .* at least two rotary axes that are not parallel"):
+    with pytest.raises(InputError, match=r"FOR`: .* at least two rotary axes that are not parallel"):
         select(["FOR"], resolved(exact_machine(ROTARY_TABLE), segments=4))
 
 

@@ -10,7 +10,7 @@ from support.machines import VERTICAL, fixed
 from support.trackers import simulated
 
 from volid.campaign import Campaign, Effect, ObservationSet, Station
-from volid.effects.base import NODES
+from volid.effects.drift import NODES
 from volid.exceptions import InputError
 from volid.fitting.equations.compiled import normal_equations, predict_all
 from volid.fitting.equations.problem import build_problem, scatter, with_random_effects

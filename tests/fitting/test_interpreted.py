@@ -11,7 +11,7 @@ from support.rtests import rtest
 from support.trackers import simulated
 
 from volid.backend.reverse import Recorded, gradients
-from volid.effects.base import predict_readings
+from volid.effects.prediction import predict_readings
 from volid.fitting.diagnosis.hold_out import _projected
 from volid.fitting.equations import interpreted as interpreted_module
 from volid.fitting.equations.compiled import (

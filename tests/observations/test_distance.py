@@ -13,7 +13,6 @@ from support.sets import assert_same_set
 
 from volid.campaign import Campaign, ObservationSet, Station
 from volid.exceptions import InputError
-from volid.fitting.starts import nominal_reflector
 from volid.io import load_campaign, write_campaign, write_manifest
 from volid.observations import KINDS
 from volid.observations.base import NuisanceTable
@@ -78,9 +77,9 @@ def test_distances_are_those_of_the_exact_chain(layout, station, target):
     np.testing.assert_allclose(np.asarray(found)[0], d, rtol=0, atol=1e-9)  # rotations enter to their third power
     assert np.abs(d - distances(exact, Truth(), q, STATION, REFLECTOR, (station, target))).max() > 0.005
     if target != "tool":
-        nominal = nominal_reflector(campaign.machine, given, np.arange(len(q)), station)
+        (beam,) = KINDS["distance"].beams(given, campaign)
         plain = distances(exact, Truth(), q, STATION, REFLECTOR, (station, target))
-        np.testing.assert_allclose(np.linalg.norm(nominal - STATION, axis=1), plain, atol=1e-9)
+        np.testing.assert_allclose(np.linalg.norm(beam.targets - STATION, axis=1), plain, atol=1e-9)
 
 
 PLACES = {

@@ -74,7 +74,7 @@ def _at_nodes(solution, names, base, rule):
         for n in (LINEAR_NODES, ROTARY_NODES)
     ]
     tables = [t for t in parts[0].tables if t.axis not in "ABC"] + [t for t in parts[1].tables if t.axis in "ABC"]
-    grids = [g for g in parts[0].grids if not hasattr(g, "side")] + [g for g in parts[1].grids if hasattr(g, "side")]
+    grids = [g for g in parts[0].grids if g.side == "linear"] + [g for g in parts[1].grids if g.side != "linear"]
     return replace(parts[0], tables=tuple(tables), grids=tuple(grids))
 
 

@@ -18,8 +18,8 @@ from support.trackers import simulated
 
 from volid.campaign import Campaign, Effect
 from volid.compensation.grids.linear import linear_grid
-from volid.compensation.grids.parts import full_positions, tool_reaching
 from volid.compensation.grids.rotary import rotary_grids
+from volid.compensation.grids.sides import full_positions, tool_reaching
 from volid.fitting.fit import fit
 from volid.fitting.prediction.deviations import deviation_values, gradient_matrix
 from volid.fitting.solution import Solution

@@ -12,7 +12,7 @@ from support.trackers import simulated
 
 from volid.campaign import Campaign, Effect
 from volid.cli import main
-from volid.effects.base import effect_samples
+from volid.effects.prediction import effect_samples
 from volid.exceptions import InputError
 from volid.fitting.diagnosis.robust import critical_value
 from volid.fitting.fit import fit

@@ -132,8 +132,11 @@ def print_json(data: Any) -> None:
     print(json.dumps(plain(data), ensure_ascii=False, indent=1, allow_nan=False))
 
 
-def attention(solution: Solution) -> list[str]:
-    """Why numbers of this solution need attention; empty when all is well."""
+def attention(solution: Solution, named: bool = False) -> list[str]:
+    """Why numbers of this solution need attention; empty when all is well.
+
+    `named`: the verb itself names what is not determined.
+    """
     messages = []
     if solution.adequacy.rejected:
         messages.append(
@@ -141,7 +144,7 @@ def attention(solution: Solution) -> list[str]:
         )
     if not solution.statistics.converged:
         messages.append("the fit has not converged: do not use its numbers")
-    if not solution.fully_determined:
+    if not named and not solution.fully_determined:
         directions = solution.null_space.shape[1]
         messages.append(
             f"the data do not determine {directions} combination(s) of the parameters (volid summary names them)"

@@ -54,7 +54,7 @@ def run(args: argparse.Namespace) -> int:
             intervals = deviation_intervals(solution, found.values, *where)
     write_sheet(deviations_sheet(points, found, solution, args.solution, intervals), args)
     n, lost, outside = len(points.positions), int((~found.determined).any(axis=1).sum()), int(found.outside.sum())
-    messages = [m for m in attention(solution) if "do not determine" not in m]
+    messages = attention(solution, named=True)
     if lost:
         reason = " ".join(solution.statements)
         messages.append(f"{lost} of {n} points have components that the data do not determine, left blank. {reason}")

@@ -49,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
 
         intervals = function_intervals(solution, rows)
     write_sheet(functions_sheet(rows, solution, args.solution, intervals), args)
-    messages = [m for m in attention(solution) if "do not determine" not in m]
+    messages = attention(solution, named=True)
     names = list(dict.fromkeys(row.name for row in rows))
     lost = list(dict.fromkeys(row.name for row in rows if row.value != row.value))
     if lost:

@@ -52,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
         )
     rows = location_errors(solution, args.relative_to)
     write_sheet(locations_sheet(rows, solution, args.solution), args)
-    messages = [m for m in attention(solution) if "do not determine" not in m]
+    messages = attention(solution, named=True)
     lost = [row.symbol for row in rows if row.u != row.u]
     if lost:
         messages.append(f"not determined by the data, and left blank: {', '.join(lost)}")

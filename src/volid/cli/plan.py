@@ -203,10 +203,13 @@ def _only_one(values: list[Any], option: str, test: str) -> Any:
 
 def _summary(plan: Campaign) -> list[str]:
     """What is to be measured, in a few lines."""
+    from volid.observations import KINDS
+
     lines = [f"machine '{plan.machine.name}', {plan.machine.structure}"]
     for readings in plan.sets:
         lines.append(f"set '{readings.name}': {len(readings)} rows of kind {readings.kind}")
-        lines += [f"sphere {n}: {vector(p)} mm" for n, p in dict(readings.options.get("sphere", {})).items()]
+        kind = KINDS[readings.kind]
+        lines += [f"{kind.standing} {n}: {vector(p)} mm" for n, p in kind.standing_at(readings).items()]
         tools = dict.fromkeys(map(tuple, readings.tool.tolist()))
         lines.append(f"tool vectors: {', '.join(vector(t) for t in tools)} mm")
     return [*lines, *(f"station {s.name}: {vector(s.position)} mm" for s in plan.stations if s.position is not None)]

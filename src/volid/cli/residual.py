@@ -109,7 +109,7 @@ def run(args: argparse.Namespace) -> int:
     _write(found, solution, feeds, notes, args)
     outside = [a.letter for a, (low, high) in zip(axes, solution.measured_range(), strict=True)
                if low > a.travel[0] + 0.01 * a.length or high < a.travel[1] - 0.01 * a.length]  # fmt: skip
-    messages = [m for m in attention(solution) if "do not determine" not in m]
+    messages = attention(solution, named=True)
     if outside:
         messages.append(
             f"the travel of {', '.join(outside)} was not measured to its ends; the prediction extrapolates there"

@@ -107,7 +107,7 @@ def run(args: argparse.Namespace) -> int:
     else:
         _print(tables, form, args)
     tell(args, notes)
-    return conclude(args, [m for m in attention(solution) if "do not determine" not in m] + _messages(tables, args))
+    return conclude(args, attention(solution, named=True) + _messages(tables, args))
 
 
 def _refuse_existing(args: argparse.Namespace) -> None:

@@ -13,16 +13,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from volid.compensation.grids.linear import Grid
-from volid.compensation.grids.parts import lever_points, rotated_tool
-from volid.compensation.grids.rotary import RotaryGrid
+from volid.compensation.grids.grid import AnyGrid
 from volid.compensation.orientation import PoleRule, rotary_turns
 from volid.compensation.tables.error_table import ITSELF, MODEL, ErrorTable
 from volid.exceptions import InputError
-from volid.model.error_model import ROWS
 from volid.model.iso230 import SPINDLE, parse
 from volid.model.jacobian import axis_directions, influence
-from volid.model.kinematics import nominal_point, side_rotation
+from volid.model.kinematics import ROWS, nominal_point, side_rotation
 from volid.model.machine import Machine
 
 FOR = "FOR"
@@ -42,7 +39,7 @@ class Expected(NamedTuple):
 class Control:
     """A control of `machine` (nominal kinematics) with its compensation data; immutable.
 
-    `tool`: the tool vector it believes in (3,) [mm]; None: it is told the true one. `increment`: least increment by axis
+    `tool`: the tool vector it believes in (3,) [mm]; None: it knows the true one. `increment`: least increment by axis
     letter [mm or °]. `clamped`: letters that do not move for a compensation. `poles`: see `PoleRule`. `correct_motion`:
     whether X, Y, Z make up for what turned rotary axes do to the functional point; None: yes, unless orientation is all that
     is corrected (FOR alone).
@@ -50,7 +47,7 @@ class Control:
 
     machine: Machine
     tables: tuple[ErrorTable, ...] = ()
-    grids: tuple[Grid | RotaryGrid, ...] = ()
+    grids: tuple[AnyGrid, ...] = ()
     tool: tuple[float, float, float] | None = None
     increment: Mapping[str, float] = field(default_factory=dict)
     clamped: Sequence[str] = ()
@@ -62,7 +59,7 @@ class Control:
             self.machine.index(letter)
         for letter, value in self.increment.items():
             if not value > 0:
-                raise InputError(f"--increment {letter}={value:g}; expected a number > 0")
+                raise InputError(f"`increment={letter}={value:g}`; expected a number > 0")
         for table in self.tables:
             if table.axis != SPINDLE:
                 self.machine.index(table.axis)
@@ -79,11 +76,11 @@ class Control:
         """
         q = np.atleast_2d(np.asarray(positions, dtype=float))
         way = np.zeros_like(q) if directions is None else np.broadcast_to(np.asarray(directions, dtype=float), q.shape)
-        told = self._told(tool, len(q))
-        point = self._from_tables(q, told, way)
+        believed = self._believed(tool, len(q))
+        point = self._from_tables(q, believed, way)
         orientation = np.zeros((len(q), 3))
         for grid in self.grids:
-            values = self._from_grid(grid, q, told)
+            values = self._from_grid(grid, q, believed)
             if grid.type in TURNING:
                 orientation += values[:, 3:]
             if grid.type != FOR:
@@ -100,7 +97,7 @@ class Control:
         turns = np.zeros_like(q)
         if self._turns:
             turns = rotary_turns(self.machine, q, found.orientation, self.poles, self.clamped)
-        step = self._linear_motion(q, turns, found.point, self._told(tool, len(q)))
+        step = self._linear_motion(q, turns, found.point, self._believed(tool, len(q)))
         step += turns + found.turn
         step[:, [self.machine.index(a) for a in self.clamped]] = 0.0
         for letter, least in self.increment.items():
@@ -122,9 +119,9 @@ class Control:
     def _turns(self) -> bool:
         return any(grid.type in TURNING for grid in self.grids)
 
-    def _told(self, tool: np.ndarray | None, m: int) -> np.ndarray:
-        believed = self.tool if self.tool is not None else tool
-        if believed is None:
+    def _believed(self, tool: np.ndarray | None, m: int) -> np.ndarray:
+        vector = self.tool if self.tool is not None else tool
+        if vector is None:
             needing = [t.function for t in self.tables if t.applied == MODEL and parse(t.function).is_rotation]
             needing += [g.type for g in self.grids if g.type != FOR]
             if needing:
@@ -132,10 +129,10 @@ class Control:
                     f"control: {', '.join(dict.fromkeys(needing))} needs the tool vector, because rotations act through it; "
                     "give the control its tool data, such as (0, 0, -150) mm"
                 )
-            believed = np.zeros(3)
-        return np.broadcast_to(np.asarray(believed, dtype=float), (m, 3))
+            vector = np.zeros(3)
+        return np.broadcast_to(np.asarray(vector, dtype=float), (m, 3))
 
-    def _from_tables(self, q: np.ndarray, told: np.ndarray, way: np.ndarray) -> np.ndarray:
+    def _from_tables(self, q: np.ndarray, tool: np.ndarray, way: np.ndarray) -> np.ndarray:
         errors = np.zeros((len(q), ROWS * (len(self.machine.axes) + 1)))
         for table in self.tables:
             if table.applied == MODEL:
@@ -145,7 +142,7 @@ class Control:
                 errors[:, ROWS * i + component] += table.at(x, d)
         if not errors.any():
             return np.zeros((len(q), 3))
-        return np.asarray(np.einsum("mij,mj->mi", influence(self.machine, q, told)[:, :3], errors))
+        return np.asarray(np.einsum("mij,mj->mi", influence(self.machine, q, tool)[:, :3], errors))
 
     def _place(self, table: ErrorTable) -> int:
         return len(self.machine.axes) if table.axis == SPINDLE else self.machine.index(table.axis)
@@ -162,29 +159,20 @@ class Control:
                 turns[:, i] -= np.rad2deg(value) * along[parse(table.function).component - 3]
         return turns
 
-    def _from_grid(self, grid: Grid | RotaryGrid, q: np.ndarray, told: np.ndarray) -> np.ndarray:
+    def _from_grid(self, grid: AnyGrid, q: np.ndarray, tool: np.ndarray) -> np.ndarray:
         """Six components of the deviation (m, 6); end values held outside the grid."""
-        own = q[:, [self.machine.index(a) for a in grid.axes]]
-        if isinstance(grid, RotaryGrid):
-            lever = lever_points(self.machine, grid.side, q, told) - np.asarray(grid.reference_point)
-            turning = np.array([bool(p) for p in grid.period])
-        else:
-            lever = rotated_tool(self.machine, q, told) - np.asarray(grid.tool)
-            turning = np.zeros(len(grid.axes), dtype=bool)
-        held = np.stack([np.clip(own[:, k], n[0], n[-1]) for k, n in enumerate(grid.nodes)], axis=1)
-        values = np.array(grid.interpolate(np.where(turning, own, held)))
+        values, lever = grid.held(grid.own_positions(self.machine, q)), grid.lever_arms(self.machine, q, tool)
         blank = np.isnan(values[:, 3:]).any(axis=1)
         if np.any(blank & (np.abs(lever).max(axis=1) > 1e-9)):
             raise InputError(
-                f"control: rotations of the {grid.type} grid are blank, not determined by the data; it holds for its "
-                f"own tool vector "
-                "or reference point only"
+                f"control: rotations of the {grid.type} grid are blank, not determined by the data; it holds for its own tool "
+                "vector or reference point only"
             )
         values[:, 3:] = np.nan_to_num(values[:, 3:])
         values[:, :3] += np.cross(values[:, 3:], lever)
         return values
 
-    def _linear_motion(self, q: np.ndarray, turns: np.ndarray, point: np.ndarray, told: np.ndarray) -> np.ndarray:
+    def _linear_motion(self, q: np.ndarray, turns: np.ndarray, point: np.ndarray, tool: np.ndarray) -> np.ndarray:
         """Moves of the linear axes (m, n_axes): minus the deviation, and what the turns ask for, through the axes' directions."""
         linear = [i for i, a in enumerate(self.machine.axes) if a.is_linear]
         step = np.zeros_like(q)
@@ -192,7 +180,7 @@ class Control:
         after = q
         if self._corrects_motion and turns.any():
             after = q + turns
-            moved = nominal_point(self.machine, after, told) - nominal_point(self.machine, q, told)
+            moved = nominal_point(self.machine, after, tool) - nominal_point(self.machine, q, tool)
             wanted = wanted - np.einsum("mji,mj->mi", side_rotation(self.machine, q, True), moved)
             # the axes move the point in the frame of the turned table
             before, now = (side_rotation(self.machine, x, True) for x in (q, after))
@@ -247,5 +235,5 @@ def check_motion(
                 raise InputError(
                     f"the compensation asks axis {letter} for {name} of {found[i]:.4g} {machine.axes[i].unit}{unit}, "
                     f"more than the limit "
-                    f"of {limit:g}; keep out of poles (--poles, --pole-margin), or allow more"
+                    f"of {limit:g}; keep out of poles (`poles`), or allow more"
                 )

@@ -19,7 +19,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from volid.compensation.base import Base, model_errors
-from volid.compensation.grids.parts import HEAD, rotary_letters
+from volid.compensation.grids.sides import HEAD, rotary_letters
 from volid.compensation.types import (
     ANG,
     LINEAR_EFFECTS,
@@ -35,9 +35,9 @@ from volid.compensation.types import (
     STR,
 )
 from volid.fitting.solution import Solution
-from volid.model.error_model import ROWS
 from volid.model.iso230 import LINEAR_AXES, SPINDLE, ErrorName
 from volid.model.jacobian import influence
+from volid.model.kinematics import ROWS
 from volid.model.machine import Axis, Machine
 
 # Gauss-Legendre quadrature of the slope of a straightness line, uniform over the travel as the datum's

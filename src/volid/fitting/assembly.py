@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from volid.campaign import Campaign
-from volid.fitting.diagnosis.adequacy import Adequacy, SuspectReading, assess, reading_label
+from volid.fitting.diagnosis.adequacy import Adequacy, SuspectReading, assess, suspect
 from volid.fitting.diagnosis.identifiability import NAMED
 from volid.fitting.diagnosis.resolution import Resolution
 from volid.fitting.equations.problem import Problem
@@ -117,8 +117,7 @@ class Assembly:
         found = []
         for s, r, o in zip(self.campaign.sets, self._whitened, self.outliers, strict=True):
             for i, k in np.argwhere(o).tolist():
-                residual = float(r[i, k])
-                found.append(SuspectReading(s.where(i), reading_label(s, i, k), residual * float(s.u[i, k]), residual))
+                found.append(suspect(s, i, k, float(r[i, k]), float(r[i, k])))
         return tuple(sorted(found, key=lambda x: -abs(x.normalised)))
 
     def _notes(self) -> list[str]:

@@ -6,20 +6,17 @@ Two datums describe one deviation field up to a rigid motion of the workpiece fr
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
-from volid.campaign import Campaign
 from volid.exceptions import InputError
 from volid.fitting.diagnosis.identifiability import UNIT, parameter_units
 from volid.fitting.prediction.deviations import gradient_matrix
 from volid.model.error_model import LOCATION, ErrorModel
-from volid.model.iso230 import DIRECTIONS, LINEAR_AXES, ROTARY_AXES
+from volid.model.iso230 import LINEAR_AXES, SPINDLE, parse
 from volid.model.jacobian import rigid_motion_rows, tool_rotation_rows
-from volid.model.machine import WORKPIECE, Datum, Machine
-from volid.observations.base import Nuisance
+from volid.model.machine import Datum, Machine
 
+LAST_CHOICE = 1e-5  # weight of a motion of the tool vectors, which stands for what the model cannot express otherwise
 ARM = 500.0  # mm: weighs rotations against translations in the comparison of two fields
 
 
@@ -55,30 +52,6 @@ def _number(key: str, value: str) -> float:
         raise InputError(f"datum: {key} = '{value}' is not a number") from None
 
 
-def workpiece_rows(campaign: Campaign, table: Sequence[Nuisance], values: np.ndarray) -> np.ndarray:
-    """∂(nuisance)/∂(rigid motion of the workpiece frame), shape (k, 6): what stands on the workpiece moves with it.
-
-    Stations and targets on the workpiece, the placement of known stations, spheres (or nests) of displacement sets, and the
-    orientation of a sensor that stands on the workpiece.
-    """
-    rows = np.zeros((len(table), 6))
-    index = {entry.name: i for i, entry in enumerate(table)}
-    points = [f"station {s.name}" for s in campaign.stations if s.body == WORKPIECE]
-    points += list(dict.fromkeys(n[:-2] for n in index if n.startswith(("sphere ", f"target on {WORKPIECE} "))))
-    for point in points:
-        if f"{point} X" in index:
-            i = [index[f"{point} {c}"] for c in LINEAR_AXES]
-            rows[i, :3] = np.eye(3)
-            for axis in range(3):
-                rows[i, 3 + axis] = np.cross(np.eye(3)[axis], values[i])
-    if "placement X" in index:
-        rows[[index[f"placement {c}"] for c in DIRECTIONS]] = np.eye(6)
-    for s in campaign.sets:
-        if s.options.get("sensor_on") == WORKPIECE and f"rotation {s.name} A" in index:
-            rows[[index[f"rotation {s.name} {c}"] for c in ROTARY_AXES], 3:] = -np.eye(3)
-    return rows
-
-
 def sample_points(machine: Machine, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Well-spread positions, tool vectors and approach directions for comparing fields."""
     from scipy.stats import qmc  # takes as long to import as most fits last
@@ -98,8 +71,11 @@ def _nominal_gradient(model: ErrorModel, positions: np.ndarray, tool: np.ndarray
     return gradient_matrix(model, np.zeros(model.n_parameters), positions, tool, direction)
 
 
-def s_transformation(old: ErrorModel, new: ErrorModel) -> tuple[np.ndarray, np.ndarray]:
+def s_transformation(old: ErrorModel, new: ErrorModel, hold: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
     """S with θ' = S θ, shape (n', n), and the rigid motion ρ = R θ of the workpiece frame, shape (6, n).
+
+    `hold`: projector (n', n') that keeps what is held at 0 of the tool frame's constants there. The rest of the model takes over
+    what it can; what it cannot is a motion of the tool vectors, which is left out of θ'.
 
     Raises `InputError` when the new datum needs a squareness that the old model leaves out.
     """
@@ -111,24 +87,36 @@ def s_transformation(old: ErrorModel, new: ErrorModel) -> tuple[np.ndarray, np.n
     def flat(rows: np.ndarray) -> np.ndarray:
         return np.asarray((rows * weight).reshape(-1, rows.shape[2]))
 
+    kept, held = _kept_and_held(new, np.eye(new.n_parameters) if hold is None else hold)
     before = flat(_nominal_gradient(old, positions, tool, direction))
-    after = flat(_nominal_gradient(new, positions, tool, direction))
-    extra = [flat(rigid_motion_rows(machine, positions, tool))]
-    if not any(name.endswith("0S") for name in new.names):
-        extra.append(flat(tool_rotation_rows(machine, positions, tool)))
-    left = np.hstack([after, *extra])
+    whole = flat(_nominal_gradient(new, positions, tool, direction))
+    last = whole @ held if _has_tool_frame(new) else flat(tool_rotation_rows(machine, positions, tool))
+    left = np.hstack([whole @ kept, flat(rigid_motion_rows(machine, positions, tool)), last])
     scale = 1.0 / np.maximum(np.linalg.norm(left, axis=0), 1e-300)
+    scale[left.shape[1] - last.shape[1] :] *= LAST_CHOICE
     first = _same_constants(old, new)
-    mapping, *_ = np.linalg.lstsq(left * scale, before - after @ first, rcond=1e-12)
+    first = first if hold is None else hold @ first
+    mapping, *_ = np.linalg.lstsq(left * scale, before - whole @ first, rcond=1e-12)
     mapping = scale[:, None] * mapping
-    mapping[: new.n_parameters] += first
-    misfit = np.linalg.norm(left @ mapping - before, axis=0)
+    misfit = np.linalg.norm(left @ mapping + whole @ first - before, axis=0)
     if np.any(misfit > 1e-6 * np.maximum(np.linalg.norm(before, axis=0), 1.0)):
         raise InputError(
             "datum: the model cannot be expressed in this datum; it leaves out a squareness, straightness or location error that "
             "the new datum needs (see [model.functions])"
         )
-    return mapping[: new.n_parameters], mapping[new.n_parameters : new.n_parameters + 6]
+    n = kept.shape[1]
+    return kept @ mapping[:n] + first, mapping[n : n + 6]
+
+
+def _has_tool_frame(model: ErrorModel) -> bool:
+    return any(parse(name).axis == SPINDLE for name in model.names)
+
+
+def _kept_and_held(model: ErrorModel, hold: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Bases (n, n - r) and (n, r) of what a projector leaves and takes out; it is symmetric in physical units."""
+    units = parameter_units(model)
+    values, vectors = np.linalg.eigh(hold * units / units[:, None])
+    return units[:, None] * vectors[:, values > 0.5], units[:, None] * vectors[:, values <= 0.5]
 
 
 def split_null_space(model: ErrorModel, null_space: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

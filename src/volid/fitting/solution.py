@@ -13,9 +13,10 @@ import volid  # the public names, each imported when it is first used: nothing a
 from volid.backend.lazy import jnp
 from volid.backend.pytrees import STATIC, register_dataclass, register_if_imported
 from volid.campaign import Campaign
-from volid.fitting.datum import s_transformation, workpiece_rows
+from volid.fitting.datum import s_transformation
 from volid.fitting.diagnosis.adequacy import Adequacy
 from volid.fitting.diagnosis.identifiability import NAMED, parameter_units
+from volid.fitting.frames import check_exact, frames, unknown_rows
 from volid.fitting.prediction.determination import known_deviations
 from volid.fitting.prediction.deviations import ESTIMABLE, chain_of
 from volid.fitting.prediction.spread import linear_uncertainty
@@ -267,20 +268,24 @@ class Solution:
         return volid.linear_grid(self, **keywords)
 
     def in_datum(self, datum: Datum) -> Solution:
-        """The same solution in another datum: an S-transformation of parameters, stations and covariance, never a new fit.
+        """The same solution in another datum: an S-transformation of everything that is unknown, never a new fit.
 
-        Raises `InputError` when the model cannot be expressed in that datum. Source: CONVENTIONS 4.
+        Every unknown answers as its kind of observation declares, so that no predicted reading changes. Raises `InputError` when
+        the model cannot be expressed in that datum, or when readings could not stay as they are (a straightedge whose slope is
+        said to be known), with the reason and what to do. Source: CONVENTIONS 4.
         """
         machine = self.machine
         model = build_model(machine, self.model.segments, carrier=self.model.carrier, datum=datum)
-        s, motion = s_transformation(self.model, model)
-        s = self._hold_tool_rotation(model) @ s
+        s, motion = s_transformation(self.model, model, self._hold_tool_rotation(model))
         n, k = self.model.n_parameters, len(self.nuisance_table)
+        moved_frames = frames(self.model, model, s, motion)
+        check_exact(machine, self.nuisance_table, moved_frames, np.asarray(self.parameters), self.parameter_covariance)
         full = np.zeros((model.n_parameters + k, n + k))
         full[: model.n_parameters, :n] = s
         full[model.n_parameters :, n:] = np.eye(k)
-        moving = workpiece_rows(self.campaign, self.nuisance_table, np.asarray(self.nuisance))
-        full[model.n_parameters :, :n] = -moving @ motion
+        full[model.n_parameters :, :n] = -unknown_rows(
+            machine, self.nuisance_table, np.asarray(self.nuisance), moved_frames
+        )
         start = np.concatenate([np.zeros(n), np.asarray(self.nuisance)])
         moved = full @ np.concatenate([np.asarray(self.parameters), np.zeros(k)]) + np.pad(
             start[n:], (model.n_parameters, 0)

@@ -16,6 +16,7 @@ import numpy as np
 from volid.backend.lazy import jax, jnp
 from volid.backend.threads import one_blas_thread
 from volid.campaign import Campaign
+from volid.effects import TYPES
 from volid.exceptions import InputError
 from volid.fitting.diagnosis.adequacy import Tally
 from volid.fitting.equations.compiled import predict_all, quadratic_forms
@@ -155,10 +156,10 @@ def fit_streamed(
 def _check_effects(campaign: Campaign) -> None:
     for s in campaign.sets:
         for effect in s.effects:
-            if effect.type == "drift":
+            if TYPES[effect.type].spans_campaign:
                 raise InputError(
-                    f"set '{s.name}', effect '{effect.name}': drift spans all parts of the campaign and cannot be fitted part by "
-                    "part; fit the campaign in memory, or thin it out"
+                    f"set '{s.name}', effect '{effect.name}': {effect.type} spans all parts of the campaign and cannot be "
+                    "fitted part by part; fit the campaign in memory, or thin it out"
                 )
 
 

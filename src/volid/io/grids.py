@@ -21,9 +21,9 @@ from typing import Any
 import h5py
 import numpy as np
 
-from volid.compensation.grids.linear import Grid, grid_positions
-from volid.compensation.grids.parts import HEAD, TABLE
-from volid.compensation.grids.rotary import RotaryGrid
+from volid.compensation.grids.grid import IN_DEGREES, AnyGrid, Grid, RotaryGrid
+from volid.compensation.grids.interpolation import grid_positions
+from volid.compensation.grids.sides import HEAD, TABLE
 from volid.compensation.reversal import reversal_text
 from volid.exceptions import InputError
 from volid.fitting.solution import Solution
@@ -50,7 +50,6 @@ HDF5 = (".h5", ".hdf5")
 COLUMNS = tuple(f"d{letter}" for letter in DIRECTIONS)
 U_COLUMNS = tuple(f"u_{name}" for name in COLUMNS)
 INTERVAL_COLUMNS = tuple(f"{end}_{name}" for end in INTERVAL for name in COLUMNS)
-_IN_DEGREES = np.array([1.0] * 3 + [180.0 / np.pi] * 3)
 _SIGN = {
     ERROR: "error value = actual - nominal; the compensation value is minus it",
     COMPENSATION: "compensation value = -(actual - nominal); a control that adds it to the command removes the deviation",
@@ -67,8 +66,6 @@ _ROTARY = "R-VOL"
 _REFERENCE = "{} mm, in the frame of the body that bears the rotary axes: the machine's, with the linear axes at 0"
 _EFFECT = "; at a functional point: d + (dA, dB, dC in rad) x lever arm"
 _NAMED = ("format", "type", "values", "frame", "datum")
-
-AnyGrid = Grid | RotaryGrid
 
 
 def grid_header(
@@ -138,7 +135,7 @@ def grid_paths(grids: Sequence[AnyGrid], path: str | Path) -> list[Path]:
     path = Path(path)
     if len(grids) == 1:
         return [path]
-    names = [getattr(grid, "side", "linear") for grid in grids]
+    names = [grid.side for grid in grids]
     several = {n for n in names if names.count(n) > 1}
     parts = [f"{n}.{g.type}" if n in several else n for n, g in zip(names, grids, strict=True)]
     return [path.with_name(f"{path.stem}.{part}{path.suffix}") for part in parts]
@@ -163,7 +160,7 @@ def _interval_columns(grid: AnyGrid, values: str) -> np.ndarray:
     if grid.bands is None:
         return np.zeros((len(grid.values), 0))
     ends = grid.bands if values == ERROR else -grid.bands[[1, 0, 3, 2]]
-    return np.concatenate([2.0 * grid.u * _IN_DEGREES, *(end * _IN_DEGREES for end in ends)], axis=1)
+    return np.concatenate([2.0 * grid.u * IN_DEGREES, *(end * IN_DEGREES for end in ends)], axis=1)
 
 
 def write_grid_hdf5(grid: AnyGrid, header: Mapping[str, str], path: str | Path, overwrite: bool = False) -> None:
@@ -207,7 +204,7 @@ def save_grid(
 def _outward(grid: AnyGrid, values: str) -> tuple[np.ndarray, np.ndarray]:
     """Values with the sign asked for, and u, both (n, 6) [mm, degrees]."""
     sign = {ERROR: 1.0, COMPENSATION: -1.0}[values]
-    return sign * grid.values * _IN_DEGREES, grid.u * _IN_DEGREES
+    return sign * grid.values * IN_DEGREES, grid.u * IN_DEGREES
 
 
 def read_grid(path: str | Path) -> AnyGrid:
@@ -276,8 +273,8 @@ def _assemble(
         "axes": axes,
         "nodes": nodes,
         "positions": positions,
-        "values": sign * values / _IN_DEGREES,
-        "u": u / _IN_DEGREES,
+        "values": sign * values / IN_DEGREES,
+        "u": u / IN_DEGREES,
         "outside": outside,
         "frame": header["frame"],
         "datum": header["datum"],

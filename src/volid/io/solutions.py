@@ -17,7 +17,8 @@ Root attributes: `format`; `machine_name`; `axes` (letters, machine axis order);
   (JSON texts: symbol -> intervals that were chosen, and in which coefficients are stored), `parametrisation` P (c, n) and
   `coefficients` P θ (c,).
 - `nuisance/`: `name`, `unit`, `value`, `u`, each (k,), and what the fit began with: `start`, `prior_u` (inf: unknown, 0:
-  exact), `spread`.
+  exact), `spread`; `distribution`, `effect`; `key` (JSON list: what it is) and `response` (JSON object: how it answers a rigid
+  motion of the frame it lives in, see `volid.observations.response`).
 - `covariance` (n + k, n + k): of (θ, ν), in the units of both; zero along what is not determined.
 - `prior_root` (r, n), only after a fit with an earlier solution: its pseudo-readings W θ with unit variance.
 - `identifiability/`: `statements` (text, what is not determined); `null_space` (n, d), undetermined combinations of θ;
@@ -27,7 +28,7 @@ Root attributes: `format`; `machine_name`; `axes` (letters, machine axis order);
   axes `held_out` (m, r) = reading - prediction by the fit to all other rotary positions, NaN where one alone carries something.
 - `adequacy/`: attributes `verdict`, `rejected`, `chi_square`, `degrees_of_freedom`, `unit_weight`, `probability`; `groups/`:
   `what`, `n`, `unit_weight`, `probability`, each (g,), least probable first; `suspects/`: `where`, `label`, `residual`,
-  `normalised`, each (s,). `outliers/`: the same columns, for the readings that were set aside.
+  `normalised`, `unit`, each (s,). `outliers/`: the same columns, for the readings that were set aside.
 - `statistics/`: attributes `n_readings`, `n_parameters`, `iterations`, `converged`, `held_out_weight`
   (NaN: none). `notes`: text, (t,).
 - `monte_carlo/`, once run: attributes `trials` M, `seed`, `tolerance` (numerical tolerance reached over the one wanted, NaN for a
@@ -47,26 +48,26 @@ from typing import Any, NamedTuple, TypeVar
 import h5py
 import numpy as np
 
-from volid.campaign import Campaign, ObservationSet
+from volid.campaign import Campaign
 from volid.exceptions import InputError
-from volid.fitting.diagnosis.adequacy import Adequacy, GroupTest, SuspectReading
+from volid.fitting.diagnosis.adequacy import Adequacy, GroupTest, SuspectReading, reading_label
 from volid.fitting.results import Residuals, Statistics, read_only
 from volid.fitting.solution import Solution
 from volid.io.basics.atomic import atomic_output
 from volid.io.basics.hdf5_values import read_text, reading, to_json, write_array, write_text
 from volid.io.campaign.hdf5 import read_campaign_group, write_campaign_group
+from volid.io.nuisance import read_nuisance, write_nuisance
 from volid.model.error_model import LOCATION, MEAN, ErrorModel, build_model
 from volid.model.iso230 import describe, parse
 from volid.model.machine import Datum
 from volid.observations import KINDS
-from volid.observations.base import Nuisance
 from volid.uncertainty.trials.samples import Samples
 
 FORMAT = "volid-solution/1"
 POINTS = 101  # of each function in `functions/`
 _SAME_SPACE = 1e-9
 
-Row = TypeVar("Row", GroupTest, SuspectReading, Nuisance)
+Row = TypeVar("Row", GroupTest, SuspectReading)
 
 
 def write_solution(solution: Solution, path: str | Path, overwrite: bool = False) -> None:
@@ -182,7 +183,7 @@ def _write_parameters(file: h5py.File, solution: Solution) -> None:
     write_array(group, "parametrisation", model.parametrisation)
     write_array(group, "coefficients", model.parametrisation @ np.asarray(solution.parameters))
     group = file.create_group("nuisance")
-    _write_rows(group, Nuisance, table)
+    write_nuisance(group, table)
     write_array(group, "value", solution.nuisance)
     write_array(group, "u", u[model.n_parameters :])
     write_array(file, "covariance", solution.covariance)
@@ -197,21 +198,16 @@ def _write_identifiability(group: h5py.Group, solution: Solution) -> None:
     write_array(names, "directions", list(solution.undetermined.values()))
 
 
-def _unit(readings: ObservationSet) -> str:
-    kind = KINDS[readings.kind]
-    return ", ".join(kind.units) or kind.unit
-
-
 def _write_residuals(group: h5py.Group, solution: Solution) -> None:
     left = solution.readings
     for i, readings in enumerate(solution.campaign.sets):
         part = group.create_group(str(i + 1))
         part.attrs["set"], part.attrs["rms"] = readings.name, solution.statistics.residual_rms[readings.name]
-        write_array(part, "residual", left.residuals[i], unit=_unit(readings))
+        write_array(part, "residual", left.residuals[i], unit=KINDS[readings.kind].unit_words)
         write_array(part, "normalised", left.normalised[i])
         write_array(part, "outlier", left.outliers[i], bool)
         if left.held_out:
-            write_array(part, "held_out", left.held_out[i], unit=_unit(readings))
+            write_array(part, "held_out", left.held_out[i], unit=KINDS[readings.kind].unit_words)
 
 
 def _write_adequacy(group: h5py.Group, adequacy: Adequacy) -> None:
@@ -250,8 +246,8 @@ def read_solution(path: str | Path) -> Solution:
             **numbers._asdict(),
             model=model,
             campaign=campaign,
-            nuisance_table=_read_rows(file["nuisance"], Nuisance),
-            adequacy=_read_adequacy(file["adequacy"]),
+            nuisance_table=read_nuisance(file["nuisance"], campaign),
+            adequacy=_read_adequacy(file["adequacy"], campaign),
             statistics=_read_statistics(file),
             readings=_read_residuals(file, campaign, str(path)),
             statements=tuple(read_text(file["identifiability/statements"]).tolist()),
@@ -327,7 +323,29 @@ def _read_array(file: h5py.File, where: str, shape: tuple[int | None, ...], path
     return np.asarray(values)
 
 
-def _read_adequacy(group: h5py.Group) -> Adequacy:
+def _read_suspects(group: h5py.Group, campaign: Campaign) -> tuple[SuspectReading, ...]:
+    """Named readings; the unit that files of earlier versions do not hold is that of the reading in the campaign."""
+    if "unit" in group:
+        return _read_rows(group, SuspectReading)
+    names = [f.name for f in fields(SuspectReading) if f.name != "unit"]
+    columns = [(read_text(group[n]) if n in ("where", "label") else group[n][()]).tolist() for n in names]
+    rows = [SuspectReading(*values) for values in zip(*columns, strict=True)]
+    return tuple(replace(row, unit=_unit_of(row, campaign)) for row in rows)
+
+
+def _unit_of(row: SuspectReading, campaign: Campaign) -> str:
+    for readings in campaign.sets:
+        kind = KINDS[readings.kind]
+        for i in range(len(readings)):
+            if readings.where(i) != row.where:
+                continue
+            for k in range(len(kind.readings)):
+                if reading_label(readings, i, k) == row.label:
+                    return kind.unit_at(readings, i, k)
+    return "mm"
+
+
+def _read_adequacy(group: h5py.Group, campaign: Campaign) -> Adequacy:
     attributes = group.attrs
     return Adequacy(
         chi_square=float(attributes["chi_square"]),
@@ -335,7 +353,7 @@ def _read_adequacy(group: h5py.Group) -> Adequacy:
         unit_weight=float(attributes["unit_weight"]),
         probability=float(attributes["probability"]),
         groups=_read_rows(group["groups"], GroupTest),
-        suspects=_read_rows(group["suspects"], SuspectReading),
+        suspects=_read_suspects(group["suspects"], campaign),
         rejected=bool(attributes["rejected"]),
         verdict=attributes["verdict"],
     )
@@ -360,7 +378,7 @@ def _read_residuals(file: h5py.File, campaign: Campaign, path: str) -> Residuals
             for i, s in enumerate(campaign.sets, start=1)
         )
 
-    outliers = _read_rows(file["outliers"], SuspectReading)
+    outliers = _read_suspects(file["outliers"], campaign)
     held_out = column("held_out") if "residuals/1/held_out" in file else ()
     return Residuals(column("residual"), column("normalised"), column("outlier"), outliers, held_out)
 

@@ -166,6 +166,14 @@ def carry(machine: Machine, positions: np.ndarray, points: np.ndarray, start: in
     return _rows(transform(machine, q, None, (x, y, z), start=start, stop=stop), q.shape[1])
 
 
+def nominal_rotation(machine: Machine, positions: np.ndarray, start: int, stop: int) -> np.ndarray:
+    """Nominal rotation from the frame of body number `start` to that of `stop`, (m, 3, 3); `positions` (m, n_axes) [mm, °]."""
+    q = np.atleast_2d(np.asarray(positions, dtype=float)).T
+    units = [tuple(np.full(q.shape[1], c) for c in unit) for unit in np.eye(3)]
+    turned = [transform(machine, q, None, x, start=start, stop=stop, is_vector=True) for x in units]  # type: ignore[arg-type]
+    return np.stack([_rows(x, q.shape[1]) for x in turned], axis=2)
+
+
 def nominal_point(machine: Machine, positions: np.ndarray, tool: np.ndarray, body: int = 0) -> np.ndarray:
     """Nominal functional point in the frame of body number `body`, by default the workpiece's, (m, 3) [mm].
 

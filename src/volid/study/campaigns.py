@@ -235,19 +235,24 @@ def run_study(
     if workers is not None and (scheduler or workers < 1):
         wrong = "the scheduler has its own; give one of both" if scheduler else "expected at least 1"
         raise InputError(f"`workers={workers}`: {wrong}")
-    records, report = dict(done or {}), progress or (lambda message: None)
+    records = dict(done or {})
     waiting = [task for task in study.tasks if task not in records]
-    total, failed = len(study.tasks), sum(bool(r["error"]) for r in records.values())
-    report(f"{total - len(waiting)} of {total} campaigns" if len(waiting) < total else f"{total} campaigns")
+    total, failed = len(study.tasks), sum(bool(record["error"]) for record in records.values())
+    report = progress or (lambda message: None)
+    report(_progress_of(len(records), total, failed) if records else f"{total} campaigns")
     with closing(_results(study, waiting, workers or cores(), scheduler)) as results:
         for task, record in results:
             records[task] = record
             if save is not None:
                 save(task, record)
             failed += bool(record["error"])
-            left = f", {failed} failed" if failed else ""
-            report(f"{len(records)} of {total} campaigns ({100 * len(records) // total} %){left}")
+            report(_progress_of(len(records), total, failed))
     return [records[task] for task in study.tasks]
+
+
+def _progress_of(done: int, total: int, failed: int) -> str:
+    text = f"{done} of {total} campaigns ({100 * done // total} %)"
+    return f"{text}, {failed} failed" if failed else text
 
 
 def _results(

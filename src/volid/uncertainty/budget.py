@@ -141,7 +141,7 @@ def budget(solution: Solution) -> Budget:
         )
         matrix = basis.T @ np.asarray(normal_equations(system, frozen.z).matrix) @ basis
         sources.append(f"readings of set '{s.name}'")
-        stated.append(_one_u(s.u.ravel(), list(KINDS[s.kind].units) or [KINDS[s.kind].unit]))
+        stated.append(_one_u(s.u.ravel(), [part.unit for part in KINDS[s.kind].parts(s)]))
         parts.append(covariance @ matrix @ covariance)
     for name, rows, u in _prior_sources(solution, refitter):
         reach = rows @ covariance

@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from volid.backend.even_points import even_points
 from volid.fitting.prediction.deviations import deviation_values, gradient_matrix
 from volid.fitting.prediction.spread import covariance_root, linear_uncertainty
+from volid.fitting.prediction.working_volume import spread_positions
 from volid.fitting.solution import Solution
 from volid.model.error_functions import reference_of
 from volid.model.iso230 import SPINDLE, parse
@@ -94,9 +94,7 @@ def gauge_basis(solution: Solution, positions: np.ndarray, tool: np.ndarray) -> 
 
 def _field(solution: Solution, truth: Truth) -> tuple[np.ndarray, np.ndarray]:
     """Difference of the deviation fields and its u, (POINTS, 3) each."""
-    low = np.array([axis.travel[0] for axis in solution.machine.axes])
-    length = np.array([axis.length for axis in solution.machine.axes])
-    positions = low + even_points(POINTS, len(low)) * length
+    positions = spread_positions(solution.machine, POINTS)
     vectors = solution.campaign.tool_vectors()
     tool, still = vectors[np.arange(POINTS) % len(vectors)], np.zeros_like(positions)
     known: np.ndarray = np.ones(POINTS, dtype=bool)

@@ -11,14 +11,14 @@ import numpy as np
 
 from volid.backend.lazy import jit, jnp
 from volid.campaign import Campaign, Effect, ObservationSet, Station, standard_uncertainty
-from volid.effects.base import (
+from volid.effects.distributions import standardised
+from volid.effects.prediction import (
     Extended,
     Form,
     effect_samples,
     groups_of,
     predict_readings,
 )
-from volid.effects.distributions import standardised
 from volid.effects.random import random_parts, split_normal
 from volid.exceptions import InputError
 from volid.fitting.prediction.deviations import chain_of
@@ -95,8 +95,8 @@ def simulate(
         stations=tuple(_approximate(s, seed, station_error) for s in real.stations),
         conditions={**plan.conditions, **record},
     )
-    recorded = [_is_open(e) or key[0] == "sphere" for key, e in zip(table.keys, table.entries, strict=True)]
-    drawn = {e.name: float(v) for e, v, kept in zip(table.entries, values, recorded, strict=True) if kept}
+    entries = zip(table.entries, values, strict=True)
+    drawn = {e.name: float(v) for e, v in entries if e.recorded or _is_open(e)}
     stations = {s.name: s.position for s in real.stations if s.position is not None}
     return campaign, replace(truth, stations={**truth.stations, **stations}, instruments={**truth.instruments, **drawn})
 
@@ -138,18 +138,15 @@ def _approximate(station: Station, seed: int, error: float | None) -> Station:
 
 
 def _about(readings: ObservationSet, seed: int, error: float | None) -> ObservationSet:
-    """The set with its spheres (or nests) standing about where they do."""
-    given = readings.options.get("sphere")
-    if not given or not error:
+    """The set with what stands on the workpiece (spheres, nests) standing about where it does."""
+    if not error:
         return readings
 
     def near(name: str, place: Any) -> list[float]:
         offset = error * generator(seed, "approximate sphere", name).standard_normal(3)
         return [float(c) for c in np.round(np.asarray(place, dtype=float) + offset, 3)]
 
-    several = isinstance(given, Mapping)
-    spheres = {n: near(n, p) for n, p in given.items()} if several else near(readings.name, given)
-    return replace(readings, options={**readings.options, "sphere": spheres})
+    return KINDS[readings.kind].approximate(readings, near)
 
 
 class _Exact(NamedTuple):

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from volid.compensation.grids.interpolation import into_period
 from volid.model.iso230 import parse
 
 MODEL, ITSELF = "kinematic model", "the axis itself"
@@ -56,10 +57,7 @@ class ErrorTable:
 
     def at(self, positions: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """Error value by linear interpolation, (m,): end values held outside; direction 0 or unknown: mean of both."""
-        x = np.asarray(positions, dtype=float)
-        if self.period:
-            beyond = (x < self.positions[0]) | (x > self.positions[-1])
-            x = np.where(beyond, self.positions[0] + np.mod(x - self.positions[0], self.period), x)
+        x = into_period(np.asarray(positions, dtype=float), self.positions[0], self.positions[-1], self.period)
         up, down = (np.interp(x, self.positions, v) for v in (self.forward, self.reverse))
         return np.asarray(0.5 * (up + down) + 0.5 * np.sign(direction) * (up - down))
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from volid.backend.elementary import in_rows
 from volid.backend.lazy import jax, jit, jnp
-from volid.effects.base import Form, predict_readings
+from volid.effects.prediction import Form, predict_readings
 from volid.fitting.equations import interpreted
 from volid.fitting.equations.system import Block, Normal, System
 from volid.fitting.equations.tiles import assemble_tiles

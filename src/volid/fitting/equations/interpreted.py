@@ -16,7 +16,7 @@ import numpy as np
 
 from volid.backend.reverse import Recorded, gradients
 from volid.campaign import Campaign
-from volid.effects.base import Form, predict_readings
+from volid.effects.prediction import Form, predict_readings
 from volid.model.error_model import Layout, coefficient_rows, error_values, evaluate_bases, summed_rows
 
 LARGEST = 12_000  # readings: up to here the whole fit takes less than tracing its programs, let alone compiling them

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from volid.campaign import Campaign, Effect
-from volid.effects.base import Extended, groups_of
+from volid.effects.prediction import Extended, groups_of
 from volid.effects.random import random_parts
 from volid.fitting.equations.system import Block, System
 from volid.fitting.equations.tiles import reweighted, tiles_of

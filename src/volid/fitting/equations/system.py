@@ -13,7 +13,7 @@ import numpy as np
 
 from volid.backend.lazy import jax
 from volid.backend.pytrees import STATIC, map_arrays, register_dataclass
-from volid.effects.base import Form
+from volid.effects.prediction import Form
 from volid.fitting.equations.tiles import Tiles
 from volid.model.error_model import Layout
 from volid.model.machine import Machine

@@ -74,7 +74,7 @@ def _write_set(group: h5py.Group, readings: ObservationSet) -> None:
     for name in ("readings", "u"):
         dataset = write_array(group, name, getattr(readings, name))
         dataset.attrs["columns"] = list(kind.readings)
-        dataset.attrs["unit"] = ", ".join(kind.units) or kind.unit
+        dataset.attrs["unit"] = kind.unit_words
     labels = group.create_group("labels")
     for name, values in readings.labels.items():
         write_text(labels, name, values)

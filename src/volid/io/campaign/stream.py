@@ -16,7 +16,7 @@ from volid.io.campaign.hdf5 import read_outline, read_set, set_groups
 from volid.io.campaign.rules import FORMAT, check_whole
 
 PART = 2**17  # rows read at once
-EACH = 25  # rows that a sample has at least of every station and segment, sphere, line or component
+EACH = 25  # rows that a sample has at least of every combination of labels: station and segment, sphere, …
 
 
 class CampaignStream:

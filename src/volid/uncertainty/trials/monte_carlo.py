@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from volid.backend.threads import one_blas_thread
-from volid.effects.base import effect_samples
+from volid.effects.prediction import effect_samples
 from volid.exceptions import InputError
 from volid.fitting.equations.problem import random_effects
 from volid.fitting.solution import Solution

@@ -22,7 +22,7 @@ import numpy as np
 
 from volid.backend.lazy import jnp
 from volid.campaign import Campaign
-from volid.effects.base import groups_of
+from volid.effects.prediction import groups_of
 from volid.fitting.diagnosis.robust import Weighted, critical_value, down_weight, name_outliers, set_aside
 from volid.fitting.equations.compiled import predict_all, quadratic_forms
 from volid.fitting.equations.problem import Problem, build_problem, pad_rows, reweight, with_random_effects
