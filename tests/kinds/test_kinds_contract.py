@@ -20,7 +20,6 @@ from kind_examples import (
     predictions,
 )
 from test_campaign_hdf5 import assert_same_set
-from volid.model.rigid_motion import rigid_motion_rows
 
 from volid.campaign import Campaign
 from volid.exceptions import InputError
@@ -32,6 +31,7 @@ from volid.fitting.solution import Solution
 from volid.fitting.starts import find_starts
 from volid.io import load_campaign, write_campaign, write_manifest
 from volid.io.solutions import read_solution, write_solution
+from volid.model.jacobian import rigid_motion_rows
 from volid.model.machine import Datum, Machine
 from volid.observations import KINDS
 from volid.plausibility.checks import check_campaign
