@@ -31,8 +31,8 @@ from volid.fitting.solution import Solution
 from volid.fitting.starts import find_starts
 from volid.io import load_campaign, write_campaign, write_manifest
 from volid.io.solutions import read_solution, write_solution
+from volid.model.jacobian import rigid_motion_rows
 from volid.model.machine import Datum, Machine
-from volid.model.rigid_motion import rigid_motion_rows
 from volid.observations import KINDS
 from volid.plausibility.checks import check_campaign
 from volid.uncertainty.trials.samples import Samples

@@ -13,17 +13,26 @@ from volid.fitting.diagnosis.identifiability import UNIT, parameter_units
 from volid.fitting.prediction.deviations import gradient_matrix
 from volid.model.error_model import LOCATION, ErrorModel
 from volid.model.iso230 import LINEAR_AXES, SPINDLE, parse
+from volid.model.jacobian import rigid_motion_rows, tool_rotation_rows
 from volid.model.machine import Datum, Machine
-from volid.model.rigid_motion import rigid_motion_rows, tool_rotation_rows
 
 LAST_CHOICE = 1e-5  # weight of a motion of the tool vectors, which stands for what the model cannot express otherwise
 ARM = 500.0  # mm: weighs rotations against translations in the comparison of two fields
 
 
 def parse_datum(machine: Machine, text: str) -> Datum:
-    """Datum from "primary=Z,secondary=X,line=end_point,reference_X=0"; parts left out stay as the machine has them.
+    """The datum that a text such as "primary=Z,secondary=X,line=end_point,reference_X=0" describes.
 
-    Raises `InputError` for an unknown key, an axis the machine does not have, or primary equal to secondary.
+    Args:
+        machine: whose datum holds for everything that the text leaves out.
+        text: pairs of key and value: primary, secondary, line, and reference_ with an axis letter [mm or degrees].
+
+    Raises:
+        InputError: an unknown key, an axis that the machine does not have, or primary equal to secondary.
+
+    >>> import volid
+    >>> volid.parse_datum(volid.load_machine("models/wYXbZt_vertical.toml"), "primary=Z,secondary=X").primary
+    'Z'
     """
     values = {"primary": machine.datum.primary, "secondary": machine.datum.secondary, "line": machine.datum.line}
     reference = dict(machine.datum.reference)

@@ -16,9 +16,9 @@ from volid.campaign import Campaign, ObservationSet
 from volid.exceptions import InputError
 from volid.model.geometry import Vector
 from volid.model.iso230 import DIRECTIONS, ROTATIONS
+from volid.model.jacobian import rigid_motion_rows, tool_rotation_rows
 from volid.model.kinematics import deviation
 from volid.model.machine import Machine
-from volid.model.rigid_motion import rigid_motion_rows, tool_rotation_rows
 from volid.observations.base import Group, Kind, NuisanceTable, Part
 from volid.observations.response import Linear, Remainder, remainder
 

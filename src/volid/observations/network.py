@@ -8,6 +8,7 @@ import numpy as np
 
 from volid.campaign import Campaign, Station
 from volid.exceptions import InputError
+from volid.model.geometry import best_rigid_motion
 from volid.multilateration.trilateration import StationEstimate, trilaterate
 from volid.observations.base import NuisanceTable
 from volid.observations.beams import Beam
@@ -114,16 +115,15 @@ def _numbered(beams: list[Beam]) -> tuple[dict[tuple[str, int | None], int], np.
 
 
 def _placement(known: list[tuple[Station, np.ndarray]]) -> dict[Any, float]:
-    """Known stations carried into the machine frame by the rigid motion that best fits their estimates (Kabsch 1976)."""
+    """Known stations carried into the machine frame by the rigid motion that best fits their estimates."""
     if not known:
         return {}
     given = np.array([station.position for station, _ in known], dtype=float)
     found = np.array([position for _, position in known])
-    rotation = np.eye(3)
     if len(known) >= 3:
-        u, _, vt = np.linalg.svd((given - given.mean(0)).T @ (found - found.mean(0)))
-        rotation = vt.T @ np.diag([1.0, 1.0, np.sign(np.linalg.det(vt.T @ u.T))]) @ u.T
-    placed = (given - given.mean(0)) @ rotation.T + found.mean(0)
+        placed = best_rigid_motion(given, found)(given)
+    else:  # too few for a rotation
+        placed = given - given.mean(axis=0) + found.mean(axis=0)
     return {
         ("placed", s.name, c): float(p[i]) for (s, _), p in zip(known, placed, strict=True) for i, c in enumerate("XYZ")
     }

@@ -16,16 +16,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from volid.backend.elementary import arctan2, in_rows, sqrt, whole
+from volid.backend.elementary import arctan2, in_rows, nearest_integer, sqrt
 from volid.campaign import Campaign, ObservationSet, Station
 from volid.exceptions import InputError
 from volid.model.geometry import Vector, rotate_small, subtract
-from volid.model.kinematics import functional_point, transform
+from volid.model.kinematics import functional_point, nominal_point, transform
 from volid.model.machine import TOOL, Machine
 from volid.observations.base import DEGREES, Group, Kind, NuisanceTable
 from volid.observations.pose import best_pose, check_units
 from volid.observations.response import TurnOf, as_rows
-from volid.observations.stations import Seen, nominal_targets, station_slots
+from volid.observations.stations import Seen, station_slots
 
 SPREAD = 1e-3  # rad: a virtual station's orientation is drawn within
 IN_DEGREES = 180.0 / np.pi
@@ -109,7 +109,7 @@ class Polar(Kind):
         x, y, z = _coordinates(machine, settings, q, tool, errors, slots)
         flat = x * x + y * y
         azimuth = IN_DEGREES * arctan2(y, x)
-        azimuth = azimuth - 360.0 * whole((azimuth - constants[0]) * (1.0 / 360.0))
+        azimuth = azimuth - 360.0 * nearest_integer((azimuth - constants[0]) * (1.0 / 360.0))
         return in_rows([sqrt(flat + z * z), azimuth, IN_DEGREES * arctan2(z, sqrt(flat))], np.shape(q[0]))
 
     def groups(self, observations: ObservationSet, campaign: Campaign, table: NuisanceTable) -> list[Group]:
@@ -159,7 +159,7 @@ def _nominal(observations: ObservationSet, campaign: Campaign) -> list[tuple[np.
         rows = np.flatnonzero(observations.labels["station"] == name)
         body = campaign.station(str(name)).body
         given = observations.positions[rows], observations.tool[rows]
-        result.append((rows, nominal_targets(campaign.machine, *given, body)))
+        result.append((rows, nominal_point(campaign.machine, *given, campaign.machine.body_index(body))))
     return result
 
 
@@ -173,7 +173,7 @@ def _pose(campaign: Campaign, station: Station) -> tuple[np.ndarray, np.ndarray]
         if observations.kind in (Point.name, Polar.name):
             rows = np.flatnonzero(observations.labels["station"] == station.name)
             place = observations.positions[rows], observations.tool[rows]
-            given.append(nominal_targets(campaign.machine, *place, station.body))
+            given.append(nominal_point(campaign.machine, *place, campaign.machine.body_index(station.body)))
             seen.append(coordinates(observations)[rows])
     nominal, read = np.concatenate(given), np.concatenate(seen)
     nominal, read = nominal[np.isfinite(read).all(axis=1)], read[np.isfinite(read).all(axis=1)]

@@ -12,6 +12,7 @@ import numpy as np
 
 from volid.campaign import ObservationSet
 from volid.exceptions import InputError
+from volid.model.geometry import best_rigid_motion
 
 _FLAT = 1e-3  # second singular value of the points over the first: below, they lie on a line
 _FITS = 5e-3  # of the targets' extent: more than a machine's errors
@@ -23,13 +24,11 @@ def best_pose(nominal: np.ndarray, read: np.ndarray, what: str) -> tuple[np.ndar
 
     Raises `InputError` for fewer than three points that do not lie on one line.
     """
-    centre, middle = nominal.mean(axis=0), read.mean(axis=0)
-    spread = np.linalg.svd(nominal - centre, compute_uv=False)
+    spread = np.linalg.svd(nominal - nominal.mean(axis=0), compute_uv=False)
     if len(read) < 3 or spread[1] < _FLAT * max(spread[0], 1e-300):
         raise InputError(f"{what}: its {len(read)} points lie on one line; its orientation needs three that do not")
-    u, _, vt = np.linalg.svd((nominal - centre).T @ (read - middle))
-    rotation = vt.T @ np.diag([1.0, 1.0, np.sign(np.linalg.det(vt.T @ u.T))]) @ u.T
-    return rotation, centre - rotation.T @ middle
+    motion = best_rigid_motion(nominal, read)
+    return motion.rotation, -motion.rotation.T @ motion.translation
 
 
 def check_units(
@@ -58,8 +57,6 @@ def check_units(
 
 def _left(targets: np.ndarray, points: np.ndarray) -> float:
     """RMS distance of points from targets after the best rigid motion, over the targets' extent."""
-    a, b = targets - targets.mean(axis=0), points - points.mean(axis=0)
-    u, s, vt = np.linalg.svd(a.T @ b)
-    handed = np.array([1.0, 1.0, np.sign(np.linalg.det(vt.T @ u.T))])
-    left = max(float(np.sum(a**2) + np.sum(b**2) - 2.0 * np.sum(s * handed)), 0.0)
-    return float(np.sqrt(left / max(float(np.sum(a**2)), 1e-300)))
+    left = best_rigid_motion(targets, points)(targets) - points
+    extent = float(np.sum((targets - targets.mean(axis=0)) ** 2))
+    return float(np.sqrt(np.sum(left**2) / max(extent, 1e-300)))

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from volid.campaign import Campaign, ObservationSet, Station
-from volid.model.kinematics import functional_point
+from volid.model.kinematics import nominal_rotation
 from volid.model.machine import TOOL, Machine
-from volid.model.rigid_motion import nominal_rotation
 from volid.observations.base import NuisanceTable
 from volid.observations.response import (
     SEVERAL_TOOLS,
@@ -18,13 +17,6 @@ from volid.observations.response import (
     as_rows,
     remainder,
 )
-
-
-def nominal_targets(machine: Machine, positions: np.ndarray, tool: np.ndarray, body: str) -> np.ndarray:
-    """Nominal functional points (m, 3) [mm] in the frame of `body`, for positions (m, n_axes) and tool vectors (m, 3)."""
-    q = positions.T
-    point = functional_point(machine, q, tuple(tool.T), stop=machine.body_index(body))  # type: ignore[arg-type]
-    return np.stack([np.broadcast_to(np.asarray(c), len(positions)) for c in point], axis=1)
 
 
 def station_keys(name: str) -> tuple[Key, ...]:
