@@ -7,8 +7,8 @@ from functools import cache
 
 import numpy as np
 import pytest
-from kind_examples import EXAMPLES, exact_readings, exact_truth
-from test_campaign_hdf5 import assert_same_set
+from support.kinds import EXAMPLES, exact_readings, exact_truth
+from support.sets import assert_same_set
 
 from volid.campaign import Campaign, Effect
 from volid.effects import TYPES

@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from kind_examples import (
+from support.kinds import (
     EXAMPLES,
     THREE,
     TOOLS,
@@ -19,7 +19,7 @@ from kind_examples import (
     positions_of,
     predictions,
 )
-from test_campaign_hdf5 import assert_same_set
+from support.sets import assert_same_set
 
 from volid.campaign import Campaign
 from volid.exceptions import InputError
