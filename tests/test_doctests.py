@@ -12,6 +12,7 @@ import volid
 from volid.fitting.fit import fit
 
 EXTRAS = ("matplotlib", "distributed")  # what a plain installation lacks
+SLOW = ("volid.fitting.streamed", "volid.uncertainty.trials.monte_carlo")  # JAX compiles their programs
 MODULES = [m.name for m in pkgutil.walk_packages(volid.__path__, "volid.") if not m.name.endswith("__main__")]
 
 
@@ -32,7 +33,9 @@ def fitted(path):
     return fit(volid.load_campaign(path))
 
 
-@pytest.mark.parametrize("name", ["volid", *MODULES])
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=pytest.mark.slow if n in SLOW else ()) for n in ("volid", *MODULES)]
+)
 def test_examples_run(name, monkeypatch, request):
     monkeypatch.chdir(ROOT)
     monkeypatch.setattr(

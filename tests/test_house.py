@@ -51,6 +51,24 @@ def documented(tree: ast.AST) -> list[ast.AST]:
     return [n for n in ast.walk(tree) if isinstance(n, kinds) and ast.get_docstring(n) is not None]
 
 
+class Source(NamedTuple):
+    """A file of the package: where it stands, its tree, its lines of code by their number."""
+
+    place: str
+    tree: ast.Module
+    code: dict[int, str]
+
+
+@cache
+def sources() -> list[Source]:
+    found = []
+    for file in FILES:
+        text = file.read_text(encoding="utf-8")
+        tree, lines = ast.parse(text), text.splitlines()
+        found.append(Source(place(file), tree, {i: lines[i - 1] for i in sorted(lines_of_code(text, tree))}))
+    return found
+
+
 def lines_of_code(text: str, tree: ast.AST) -> set[int]:
     """Numbers of the lines that hold code: not blank, not only a comment, no docstring."""
     nothing = {tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER}
@@ -66,29 +84,20 @@ def lines_of_code(text: str, tree: ast.AST) -> set[int]:
 @cache
 def functions() -> list[Function]:
     found = []
-    for file in FILES:
-        text = file.read_text(encoding="utf-8")
-        tree = ast.parse(text)
-        code = lines_of_code(text, tree)
-        for node in ast.walk(tree):
+    for source in sources():
+        for node in ast.walk(source.tree):
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
                 names = [a.arg for a in (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)]
-                length = len(code & set(range(node.lineno, node.end_lineno + 1)))
+                length = sum(i in source.code for i in range(node.lineno, node.end_lineno + 1))
                 count = len(names) - (names[:1] in (["self"], ["cls"]))
-                found.append(Function(f"{place(file)}:{node.name}", length, count))
+                found.append(Function(f"{source.place}:{node.name}", length, count))
     return found
 
 
 def lines_with(pattern: str, but: tuple[str, ...] = ()) -> list[str]:
     """Places of the package where a line of code matches, but for the rooms named."""
-    found = []
-    for file in FILES:
-        text = file.read_text(encoding="utf-8")
-        lines = text.splitlines()
-        if file.relative_to(PACKAGE).parts[0] not in but:
-            code = sorted(lines_of_code(text, ast.parse(text)))
-            found += [f"{place(file)}:{i}: {lines[i - 1].strip()}" for i in code if re.search(pattern, lines[i - 1])]
-    return found
+    rooms = [source for source in sources() if source.place.split("/")[0] not in but]
+    return [f"{s.place}:{i}: {line.strip()}" for s in rooms for i, line in s.code.items() if re.search(pattern, line)]
 
 
 def contracts() -> list[dict]:
@@ -104,9 +113,7 @@ def test_few_layers_and_every_room_in_one():
     (layers,) = [c["layers"] for c in contracts() if c["type"] == "layers"]
     assert len(layers) <= LAYERS
     named = {room.strip() for layer in layers for room in layer.split("|")}
-    rooms = {
-        p.stem for p in PACKAGE.iterdir() if p.name not in ("__pycache__", "__init__.py", "__main__.py", "py.typed")
-    }
+    rooms = {Path(source.place).parts[0].removesuffix(".py") for source in sources()} - {"__init__", "__main__"}
     assert named == rooms
     assert not [c["name"] for c in contracts() if c.get("ignore_imports")]
 
@@ -131,7 +138,8 @@ def test_functions_take_few_parameters():
 
 def test_only_kinds_know_what_kind_they_are():
     """Who asks a set for its kind would have to be changed when one more comes."""
-    assert lines_with(r"\bkind\s*(==|!=|\bin\b\s*[(\[{])", but=("observations",)) == []
+    asks = r"\bkind\s*[=!]=\s*[\"']|\.kind\s*([=!]=|(not )?in\b)"
+    assert lines_with(asks, but=("observations",)) == []
 
 
 def test_engines_are_chosen_in_one_place():
@@ -164,9 +172,8 @@ def resolves(name: str) -> bool:
 def texts() -> dict[str, str]:
     """Pages and docstrings by their place."""
     found = {str(p.relative_to(ROOT)): p.read_text(encoding="utf-8") for p in PAGES}
-    for file in FILES:
-        nodes = documented(ast.parse(file.read_text(encoding="utf-8")))
-        found[f"src/volid/{place(file)}"] = "\n".join(ast.get_docstring(node) for node in nodes)
+    for source in sources():
+        found[f"src/volid/{source.place}"] = "\n".join(ast.get_docstring(node) for node in documented(source.tree))
     return found
 
 
@@ -177,11 +184,12 @@ def test_dotted_names_in_texts_lead_somewhere():
 
 
 def test_files_named_in_texts_are_there():
-    """A path as from the root of the repository, or of the package in its own texts."""
+    """A path as from the root of the repository, the package, or the folder of the text or one in it."""
     lost = []
     for where, text in texts().items():
         for name in re.findall(r"`((?:[\w.]+/)*\w+\.py)`", text):
-            starts = (ROOT, PACKAGE, SOURCE, (ROOT / where).parent)
+            folder = (ROOT / where).parent
+            starts = (ROOT, PACKAGE, SOURCE, folder, *(p for p in folder.iterdir() if p.is_dir() and folder != ROOT))
             if not any((start / name).exists() for start in starts):
                 lost.append((where, name))
     assert lost == []

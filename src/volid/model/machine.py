@@ -92,15 +92,17 @@ class Axis:
 
 @dataclass(frozen=True)
 class Datum:
-    """The machine coordinate system after the fit (CONVENTIONS 4).
+    """The machine coordinate system after the fit.
 
     Args:
-        primary: letter of the linear axis that aligns it.
-        secondary: letter of the linear axis that lies in its plane.
-        line: reference line of the straightness functions, "least_squares" over the travel or "end_point".
-        reference: positions of zero error by axis letter that override the axes' own [mm or °].
+        primary: letter of the linear axis that gives the first direction.
+        secondary: letter of the linear axis that gives the plane.
+        line: reference line of the straightness functions: "least_squares" over the measured range, or "end_point".
+        reference: pairs of axis letter and position [mm or degrees] where the functions are zero, in place of the axis's own.
 
-    >>> Datum(primary="Z", secondary="X", reference=(("X", 0.0),)).line
+    Source: CONVENTIONS 4; ISO 230-1.
+
+    >>> Datum(primary="Z", secondary="X").line
     'least_squares'
     """
 
@@ -142,16 +144,18 @@ class Machine:
 
     Args:
         name: in words.
-        structure: structural code, such as "w Y' X' b Z t" (CONVENTIONS 2).
+        structure: structural code of ISO 10791-6, such as "w Y' X' b Z (C) t".
         axes: from the workpiece to the tool, as in `structure`; arrays of axis positions follow this order.
-        datum: machine coordinate system after the fit.
-        model: settings of the error model.
-        text: the machine file.
+        datum: the coordinate system that results refer to.
+        model: which error functions exist, and how they are modelled.
+        text: of the file that it was read from.
+
+    Source: CONVENTIONS 2.
 
     >>> import volid
-    >>> machine = volid.load_machine("models/wCAYXbZt_trunnion.toml")
-    >>> machine.letters, machine.axis("X").travel, machine.index("Z")
-    (('C', 'A', 'Y', 'X', 'Z'), (-300.0, 300.0), 4)
+    >>> machine = volid.load_machine("models/wYXbZt_vertical.toml")
+    >>> machine.order(X=300.0, Y=200.0, Z=-100.0).tolist()  # machine axis order: Y', X', Z
+    [200.0, 300.0, -100.0]
     """
 
     name: str = field(metadata=STATIC)

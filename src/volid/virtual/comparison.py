@@ -22,11 +22,14 @@ NOTHING = 1e-6  # of the largest u of a function: below, the datum fixes the val
 
 
 class Comparison(NamedTuple):
-    """Solution minus truth; NaN where the data do not determine the value.
+    """Solution minus truth, and the standard uncertainty of the solution; NaN where the data do not determine the value.
 
-    `field`, `field_u`: deviation at `POINTS` places, shape (POINTS, 3) [mm], gauge removed from difference and covariance.
-    `functions`, `functions_u`: by name, in the stated datum, at `POSITIONS` places of the travel, or one value of a constant
-    [mm or rad].
+    Attributes:
+        field: Difference of the deviations at `POINTS` places, shape (POINTS, 3) [mm], without the gauge.
+        field_u: Its standard uncertainty, shape (POINTS, 3) [mm], from the covariance without the gauge.
+        functions: Difference by name, in the stated datum, at `POSITIONS` places of the travel, or one value of a constant
+            [mm or rad].
+        functions_u: Their standard uncertainties, of the same shapes.
     """
 
     field: np.ndarray
@@ -40,6 +43,19 @@ def compare(solution: Solution, truth: Truth) -> Comparison:
 
     d = (I - Q Qᵀ)(e_solution - e_truth), u² = diag((I - Q Qᵀ) G C Gᵀ (I - Q Qᵀ)), with Q the gauge (`gauge_basis`) and G the
     gradient of the field with respect to the parameters. Tool vectors are those of the campaign, in turn.
+
+    Args:
+        solution: Of a campaign on the virtual machine, in any datum.
+        truth: Of that machine, as `simulate` returns it.
+
+    Example:
+        >>> import volid
+        >>> from volid.io import read_machine
+        >>> plan = volid.standard_plan(read_machine("models/wYXbZt_vertical.toml"), n_per_station=60)
+        >>> campaign, truth = volid.simulate(plan, seed=1)
+        >>> found = compare(volid.fit(campaign), truth)
+        >>> found.field.shape, found.functions["EXX"].shape
+        ((64, 3), (7,))
     """
     if solution.datum != truth.machine.datum:
         solution = solution.in_datum(truth.machine.datum)
@@ -99,7 +115,7 @@ def _field(solution: Solution, truth: Truth) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _function(solution: Solution, truth: Truth, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Difference of one function and its u; NaN where lost."""
+    """Difference of one function and its u; NaN where the data do not determine it."""
     error = parse(name)
     if error.location:
         found = solution.location(name)
@@ -111,5 +127,6 @@ def _function(solution: Solution, truth: Truth, name: str) -> tuple[np.ndarray, 
     if name in truth.cross:
         other, function = truth.cross[name]
         true = true + function(at, np.full(POSITIONS, reference_of(solution.machine, solution.datum, other)))
-    lost = solution.is_not_determined(rows)
-    return np.where(lost, np.nan, rows @ np.asarray(solution.parameters) - true), np.where(lost, np.nan, u)
+    open_rows = solution.is_not_determined(rows)
+    difference = rows @ np.asarray(solution.parameters) - true
+    return np.where(open_rows, np.nan, difference), np.where(open_rows, np.nan, u)
