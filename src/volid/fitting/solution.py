@@ -10,21 +10,23 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import volid  # the public names, each imported when it is first used: nothing above this layer is imported here
+from volid.backend.even_points import every_step
 from volid.backend.lazy import jnp
 from volid.backend.pytrees import STATIC, register_dataclass, register_if_imported
 from volid.campaign import Campaign
 from volid.fitting.datum import s_transformation
 from volid.fitting.diagnosis.adequacy import Adequacy
-from volid.fitting.diagnosis.identifiability import NAMED, parameter_units
+from volid.fitting.diagnosis.identifiability import NAMED, parameter_units, undetermined_directions
 from volid.fitting.frames import check_exact, frames, unknown_rows
 from volid.fitting.prediction.determination import known_deviations
 from volid.fitting.prediction.deviations import ESTIMABLE, chain_of
 from volid.fitting.prediction.spread import linear_uncertainty
 from volid.fitting.results import Deviations, FunctionValue, Residuals, Statistics, read_only
 from volid.model.error_functions import reference_of
-from volid.model.error_model import ErrorModel, build_model, error_values, evaluate_bases, function_rows
+from volid.model.error_model import ErrorModel, build_model, error_values, evaluate_bases
 from volid.model.iso230 import describe, parse
 from volid.model.kinematics import deviation
+from volid.model.linear_maps import function_rows
 from volid.model.machine import Datum, Machine
 from volid.observations.base import Nuisance
 
@@ -213,8 +215,7 @@ class Solution:
         spline = self.model.by_name[name, "mean"].splines[0]
         if step is None:
             return np.linspace(*axis.travel, spline.segments + 1 if spline.degree == 1 else points)
-        grid = np.arange(axis.travel[0], axis.travel[1] + 1e-9 * axis.length, step)
-        return np.append(grid, axis.travel[1]) if axis.travel[1] - grid[-1] > 1e-6 * step else grid
+        return every_step(*axis.travel, step)
 
     def location(self, name: str) -> FunctionValue:
         """A constant (squareness, location error, tool-frame rotation) with its standard uncertainty."""
@@ -251,7 +252,7 @@ class Solution:
         units = parameter_units(self.model)
         if not self.null_space.shape[1]:
             return np.zeros(len(rows), dtype=bool)
-        null, _ = np.linalg.qr(np.asarray(self.null_space) / units[:, None])
+        null = undetermined_directions(self.null_space, units)
         along = np.linalg.norm((rows * units) @ null, axis=1)
         return np.asarray(along > ESTIMABLE * np.maximum(np.linalg.norm(rows * units, axis=1), 1e-12))
 

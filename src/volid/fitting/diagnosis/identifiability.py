@@ -63,6 +63,11 @@ def parameter_units(model: ErrorModel) -> np.ndarray:
     return units
 
 
+def undetermined_directions(null_space: np.ndarray, units: np.ndarray) -> np.ndarray:
+    """Undetermined combinations (n, d) of θ as orthonormal directions of θ / `units`, shape (n, d)."""
+    return np.asarray(np.linalg.qr(np.asarray(null_space) / units[:, None])[0])
+
+
 def _spindle_columns(model: ErrorModel) -> np.ndarray:
     return np.array([f.parameters.start for f in model.functions if parse(f.name).axis == "S"], dtype=int)
 
