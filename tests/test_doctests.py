@@ -2,14 +2,17 @@
 
 import doctest
 import pkgutil
+from functools import cache
 from importlib import import_module
 
 import pytest
 from support.places import ROOT
 
 import volid
+from volid.fitting.fit import fit
 
 EXTRAS = ("matplotlib", "distributed")  # what a plain installation lacks
+SLOW = ("volid.fitting.streamed", "volid.uncertainty.trials.monte_carlo")  # JAX compiles their programs
 MODULES = [m.name for m in pkgutil.walk_packages(volid.__path__, "volid.") if not m.name.endswith("__main__")]
 
 
@@ -24,9 +27,20 @@ def examples(name):
     return [test for test in doctest.DocTestFinder(exclude_empty=True).find(module) if test.examples]
 
 
-@pytest.mark.parametrize("name", ["volid", *MODULES])
+@cache
+def fitted(path):
+    """The fit to a campaign of the repository, made once for the examples of all modules."""
+    return fit(volid.load_campaign(path))
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=pytest.mark.slow if n in SLOW else ()) for n in ("volid", *MODULES)]
+)
 def test_examples_run(name, monkeypatch, request):
     monkeypatch.chdir(ROOT)
+    monkeypatch.setattr(
+        volid, "fit", lambda given, **options: fit(given, **options) if options else fitted(given.source)
+    )
     for test in examples(name):
         test.globs["getfixture"] = request.getfixturevalue  # as in doctests that pytest collects
         runner = doctest.DocTestRunner(optionflags=doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS)

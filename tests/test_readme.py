@@ -92,6 +92,15 @@ def test_map_names_what_is_there():
         assert (ROOT / path).exists(), path
 
 
+def test_map_names_every_room():
+    (table,) = re.findall(r"Rooms of `src/volid`.*?\n\n(.*?)\n\n", README, re.S)
+    named = [cell for row in table.splitlines() for cell in re.findall(r"`([\w./]+)`", row.split("|")[1])]
+    package = ROOT / "src" / "volid"
+    rooms = [p.name + "/" for p in package.iterdir() if (p / "__init__.py").exists()]
+    modules = [p.name for p in package.glob("*.py") if not p.name.startswith("__")]
+    assert sorted(named) == sorted(rooms + modules)
+
+
 def test_every_verb_is_listed():
     from volid.cli import VERBS
 

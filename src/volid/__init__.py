@@ -57,7 +57,7 @@ _PUBLIC = {  # public name: where it comes from, in the order of the work
     "rotary_grids": "volid.compensation.grids.rotary:rotary_grids",
     "RotaryGrid": "volid.compensation.grids.grid:RotaryGrid",
     "save_grid": "volid.io.grids:save_grid",
-    "load_grid": "volid.io.grids:read_grid",
+    "load_grid": "volid.io.grid_reader:read_grid",
     "COMPENSATION_TYPES": "volid.compensation.types:TYPES",
     "compensation_base": "volid.compensation.base:base_of",
     "compensate": "volid.compensation.package:compensate",

@@ -24,7 +24,7 @@ from volid.io import read_machine as load_machine
 from volid.io import write_campaign as save_campaign
 from volid.io.campaign.stream import CampaignStream
 from volid.io.compensations import load_control, save_compensation
-from volid.io.grids import read_grid as load_grid
+from volid.io.grid_reader import read_grid as load_grid
 from volid.io.grids import save_grid
 from volid.io.solutions import read_solution as load_solution
 from volid.io.solutions import write_solution as save_solution

@@ -27,7 +27,7 @@ from volid.cli.interrupts import Interrupts
 from volid.io import load_campaign
 from volid.io.basics.provenance import sha256
 from volid.io.functions_csv import read_functions
-from volid.io.grids import read_grid
+from volid.io.grid_reader import read_grid
 from volid.io.solutions import read_solution, write_solution
 from volid.model.machine import Datum
 

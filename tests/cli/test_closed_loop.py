@@ -9,7 +9,7 @@ from support.places import TESTS
 
 from volid.cli import main
 from volid.compensation.residual.volume import predict_residual
-from volid.io.grids import read_grid
+from volid.io.grid_reader import read_grid
 from volid.io.solutions import read_solution
 
 APPLY = TESTS / "support" / "apply_grid.py"

@@ -11,7 +11,7 @@ from support.compensated import MACHINES, TOOL, machine_and_solution
 
 from volid.fitting.results import Residuals, Statistics
 from volid.io.compensations import load_control
-from volid.io.grids import read_grid
+from volid.io.grid_reader import read_grid
 from volid.io.solutions import write_solution
 from volid.io.table_reader import read_table, tables_in
 

@@ -168,7 +168,7 @@ def test_wrong_distances_are_named(tmp_path, text, message):
         ("point,x,y,z,fixed\nA,1,2,3,maybe", "row 2: fixed is 'maybe'; expected 1 or 0"),
         ("point,x,y,z,fixed\nA,,,,1", "row 2: fixed point 'A' has no coordinates"),
         ("point,x\nA,1", "header: column 'y' is missing"),
-        ("point,x,y\nA,1,2", r"header: coordinates x, y; expected 3 of them \(--dimension\)"),
+        ("point,x,y\nA,1,2", r"header: coordinates x, y; expected 3 of them \(`dimension=3`\)"),
     ],
 )
 def test_wrong_coordinates_are_named(tmp_path, text, message):

@@ -7,7 +7,7 @@ import pytest
 from exact_chain import ExactMachine, default_stations, gauge_free
 from support.small_campaign import TRAVEL, make_campaign
 
-from volid.io.grids import read_grid
+from volid.io.grid_reader import read_grid
 from volid.io.solutions import read_solution
 
 STATIONS = default_stations(ExactMachine("w Y' X' b Z (C) t", TRAVEL))

@@ -24,7 +24,8 @@ from volid.compensation.types import TYPES, select
 from volid.exceptions import InputError, NotDeterminedError
 from volid.io.compensations import load_control, save_compensation
 from volid.io.functions_csv import write_csv
-from volid.io.grids import read_grid, save_grid
+from volid.io.grid_reader import read_grid
+from volid.io.grids import save_grid
 from volid.io.table_reader import read_table
 from volid.io.tables import TableForm, increments, table_header, table_sheet, written_values
 

@@ -15,8 +15,9 @@ from support.made_up import made_up, truth_of
 from volid.cli import main
 from volid.compensation.alignment import aligned_to_spindle
 from volid.compensation.base import base_of
-from volid.compensation.control import Control, asked_motion, asked_speed, check_motion
+from volid.compensation.control import Control
 from volid.compensation.grids.linear import linear_grid
+from volid.compensation.motion import asked_motion, asked_speed, check_motion
 from volid.compensation.orientation import PoleRule, distance_from_pole, poles
 from volid.compensation.package import compensate
 from volid.compensation.residual.fields import QUANTITIES, Places, volume_places

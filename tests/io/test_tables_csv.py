@@ -22,7 +22,8 @@ from volid.io.functions_csv import (
     text_output,
     write_csv,
 )
-from volid.io.grids import grid_header, grid_sheet, read_grid, save_grid
+from volid.io.grid_reader import read_grid
+from volid.io.grids import grid_header, grid_sheet, save_grid
 
 TOOLS = np.array([[0.0, 0.0, -150.0], [80.0, 0.0, -250.0], [0.0, 90.0, -200.0]])
 POINTS = """\

@@ -13,7 +13,7 @@ from volid.cli import main
 from volid.compensation.grids.intervals import with_intervals
 from volid.compensation.grids.rotary import rotary_grids
 from volid.io.functions_csv import DEVIATIONS, read_deviations, read_functions
-from volid.io.grids import read_grid
+from volid.io.grid_reader import read_grid
 from volid.io.solutions import write_solution
 from volid.uncertainty.budget import Line
 from volid.uncertainty.intervals import deviation_intervals, function_intervals

@@ -35,9 +35,9 @@ from volid.cli.grid_messages import LINEAR, ROTARY, described, messages_of, reve
 from volid.cli.progress import Progress
 
 if TYPE_CHECKING:
+    from volid.compensation.grids.grid import AnyGrid
     from volid.compensation.types import CompensationType
     from volid.fitting.solution import Solution
-    from volid.io.grids import AnyGrid
 
 HELP = "spatial grid of compensation (or error) values over the working volume"
 
@@ -207,7 +207,7 @@ def _superimposed(grids: tuple[AnyGrid, ...], args: argparse.Namespace) -> tuple
     """Grids on top of the existing ones of --add-to, matched by side. Raises `InputError` for one that has no partner."""
     from volid.compensation.superposition import add_grid
     from volid.exceptions import InputError
-    from volid.io.grids import read_grid
+    from volid.io.grid_reader import read_grid
 
     found = list(grids)
     for path in args.add_to or []:
@@ -247,7 +247,8 @@ def _write(grids: tuple[AnyGrid, ...], solution: Solution, args: argparse.Namesp
 
 
 def _header(grid: AnyGrid, solution: Solution, args: argparse.Namespace, notes: list[str]) -> dict[str, str]:
-    from volid.io.grids import COMPENSATION, ERROR, grid_header
+    from volid.io.grids import grid_header
+    from volid.io.record import COMPENSATION, ERROR
 
     values = ERROR if args.errors else COMPENSATION
     header = dict(grid_header(grid, values, solution, args.solution, args.command_line))

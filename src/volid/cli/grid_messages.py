@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 from volid.report.text import vector
 
 if TYPE_CHECKING:
+    from volid.compensation.grids.grid import AnyGrid
     from volid.fitting.solution import Solution
-    from volid.io.grids import AnyGrid
 
 LINEAR, ROTARY = "L-VOL", "R-VOL"
 

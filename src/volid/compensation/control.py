@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -21,6 +21,9 @@ from volid.model.iso230 import SPINDLE, parse
 from volid.model.jacobian import axis_directions, influence
 from volid.model.kinematics import ROWS, nominal_point, side_rotation
 from volid.model.machine import Machine
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 FOR = "FOR"
 TURNING = (FOR, "L-VOL+", "R-VOL+")
@@ -39,10 +42,27 @@ class Expected(NamedTuple):
 class Control:
     """A control of `machine` (nominal kinematics) with its compensation data; immutable.
 
-    `tool`: the tool vector it believes in (3,) [mm]; None: it knows the true one. `increment`: least increment by axis
-    letter [mm or °]. `clamped`: letters that do not move for a compensation. `poles`: see `PoleRule`. `correct_motion`:
-    whether X, Y, Z make up for what turned rotary axes do to the functional point; None: yes, unless orientation is all that
-    is corrected (FOR alone).
+    Args:
+        machine: whose axes it moves.
+        tables: of single functions.
+        grids: spatial grids.
+        tool: the tool vector it believes in (3,) [mm]; None: it knows the true one.
+        increment: least increment by axis letter [mm or °].
+        clamped: letters of axes that do not move for a compensation.
+        poles: what it does near kinematic poles, see `PoleRule`.
+        correct_motion: whether X, Y, Z make up for what turned rotary axes do to the functional point; None: yes, unless
+            orientation is all that is corrected (FOR alone).
+
+    Raises `InputError` for an axis that the machine does not have, or an increment that is none.
+
+    >>> import numpy as np
+    >>> import volid
+    >>> machine = volid.load_machine("models/wYXbZt_vertical.toml")
+    >>> x, values = np.array([0.0, 1000.0]), np.array([[0.0] * 6, [0.010] + [0.0] * 5])
+    >>> grid = volid.Grid("L-POS", ("X",), (x,), x[:, None], values, values, x > 1e4, (0.0, 0.0, 0.0), "machine", "")
+    >>> control = volid.Control(machine, grids=(grid,), increment={"X": 0.001})
+    >>> control.command(np.array([[0.0, 520.0, 0.0]]), np.zeros(3)).round(6).tolist()  # Y, X, Z: 5.2 µm are taken off X
+    [[0.0, 519.995, 0.0]]
     """
 
     machine: Machine
@@ -68,7 +88,10 @@ class Control:
                 self.machine.index(letter)
 
     def expected(
-        self, positions: np.ndarray, tool: np.ndarray | None, directions: np.ndarray | None = None
+        self,
+        positions: Float[np.ndarray, "m axes"],
+        tool: Float[np.ndarray, "*m 3"] | None,
+        directions: Float[np.ndarray, "m axes"] | None = None,
     ) -> Expected:
         """Deviations that tables and grids say, at commanded positions (m, n_axes) for the machine's tool vector.
 
@@ -88,8 +111,11 @@ class Control:
         return Expected(point, orientation, self._own_turns(q, way))
 
     def command(
-        self, positions: np.ndarray, tool: np.ndarray | None, directions: np.ndarray | None = None
-    ) -> np.ndarray:
+        self,
+        positions: Float[np.ndarray, "m axes"],
+        tool: Float[np.ndarray, "*m 3"] | None,
+        directions: Float[np.ndarray, "m axes"] | None = None,
+    ) -> Float[np.ndarray, "m axes"]:
         """Positions that the axes really get, (m, n_axes) [mm, °], for commanded ones and the machine's tool vector (3,) or
         (m, 3)."""
         q = np.atleast_2d(np.asarray(positions, dtype=float))
@@ -195,45 +221,3 @@ class Control:
         if self.correct_motion is None:
             return any(grid.type != FOR for grid in self.grids) or bool(self.tables)
         return self.correct_motion
-
-
-class Motion(NamedTuple):
-    """What a compensation asks of the axes: `largest` |correction| per axis (n_axes,) [mm, °]; `slope`: largest change of a
-    correction per unit of another axis's motion (n_axes, n_axes): row the corrected axis, column the moving one."""
-
-    largest: np.ndarray
-    slope: np.ndarray
-
-
-def asked_motion(control: Control, positions: np.ndarray, tool: np.ndarray, fraction: float = 1e-3) -> Motion:
-    """Largest corrections at positions (m, n_axes), and how fast they change, by steps of `fraction` of each travel."""
-    machine = control.machine
-    start = control.command(positions, tool) - positions
-    slope = np.zeros((len(machine.axes), len(machine.axes)))
-    for j, axis in enumerate(machine.axes):
-        moved = positions.copy()
-        inwards = np.where(positions[:, j] + fraction * axis.length > axis.travel[1], -1.0, 1.0)
-        moved[:, j] += inwards * fraction * axis.length
-        change = control.command(moved, tool) - moved - start
-        slope[:, j] = np.abs(change).max(axis=0) / (fraction * axis.length)
-    return Motion(np.abs(start).max(axis=0), slope)
-
-
-def asked_speed(motion: Motion, feeds: np.ndarray) -> np.ndarray:
-    """Largest speed of the corrections, (n_axes,), when axis j moves with feeds[j] [mm/min or °/min], one axis at a time."""
-    return np.asarray((motion.slope * feeds).max(axis=1))
-
-
-def check_motion(
-    machine: Machine, motion: Motion, speed: np.ndarray, motions: Mapping[str, float], speeds: Mapping[str, float]
-) -> None:
-    """Raises `InputError` when an axis is asked for more than `motions` [mm, °] or `speeds` [mm/min, °/min] allow."""
-    for name, found, limits, unit in (("moves", motion.largest, motions, ""), ("speed", speed, speeds, "/min")):
-        for letter, limit in limits.items():
-            i = machine.index(letter)
-            if found[i] > limit:
-                raise InputError(
-                    f"the compensation asks axis {letter} for {name} of {found[i]:.4g} {machine.axes[i].unit}{unit}, "
-                    f"more than the limit "
-                    f"of {limit:g}; keep out of poles (`poles`), or allow more"
-                )

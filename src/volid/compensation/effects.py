@@ -55,8 +55,8 @@ def effect_errors(
     linear = {a.letter for a in solution.machine.linear} | ({SPINDLE} if not _has_head(solution.machine) else set())
     wanted = set(effects)
     out = np.zeros((len(positions), ROWS * (len(solution.machine.axes) + 1), solution.model.n_parameters))
-    for own, group, whole in ((True, LINEAR_EFFECTS, LINEAR_SPEC), (False, ROTARY_EFFECTS, ROTARY_SPEC)):
-        if set(group) <= wanted or whole in wanted:
+    for own, group, selected in ((True, LINEAR_EFFECTS, LINEAR_SPEC), (False, ROTARY_EFFECTS, ROTARY_SPEC)):
+        if set(group) <= wanted or selected in wanted:
             names = None if set(group) <= wanted else base.functions
 
             def keep(error: ErrorName, own: bool = own, names: tuple[str, ...] | None = names) -> bool:

@@ -1,4 +1,4 @@
-"""A whole compensation: tables and grids of several types together, as one control gets them."""
+"""A compensation: tables and grids of several types together, as one control gets them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,19 @@ from volid.model.machine import Machine
 
 @dataclass(frozen=True, eq=False)
 class Compensation:
-    """Tables and grids of the types `names`, before or after they were files."""
+    """Tables and grids of the types `names`, before or after they were files; see `compensate`.
+
+    Args:
+        names: types of ISO/TR 16907.
+        tables: of single functions.
+        grids: spatial grids, each of one side.
+
+    >>> import volid
+    >>> machine = volid.load_machine("models/wYXbZt_vertical.toml")
+    >>> nothing = volid.Compensation((), (), ())
+    >>> nothing.control(machine, clamped=("X",)).clamped
+    ('X',)
+    """
 
     names: tuple[str, ...]
     tables: tuple[ErrorTable, ...]

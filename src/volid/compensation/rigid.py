@@ -8,7 +8,7 @@ least-squares sense over points and tool vectors. What remains then is the cross
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -18,6 +18,9 @@ from volid.compensation.residual.fields import Places, volume_places
 from volid.fitting.solution import Solution
 from volid.model.error_model import build_model
 from volid.model.machine import FunctionSettings, ModelSettings
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 POINTS = 2048
 RELATIVE_RANK = 1e-9  # of the singular values of scaled columns
@@ -33,13 +36,25 @@ class Remaining(NamedTuple):
     maximum_before: float
 
 
-def best_rigid(solution: Solution, tools: np.ndarray) -> tuple[Solution, Remaining]:
+def best_rigid(solution: Solution, tools: Float[np.ndarray, "k 3"]) -> tuple[Solution, Remaining]:
     """The solution with single-axis functions only, and what they leave.
 
-    `tools`: tool vectors (k, 3) [mm] over which the volume is to be served; several non-collinear ones tell angular functions
-    from translations. θ' = (A'ᵀA')⁺A'ᵀ A θ over 2048 points spread evenly (Halton), translations of the functional point;
-    the covariance goes along. Directions that the tools leave open stay at their least-norm value. Reversal and constants are
-    kept as parts of the fit.
+    θ' = (A'ᵀA')⁺A'ᵀ A θ over 2048 points spread evenly (Halton), translations of the functional point; the covariance goes along.
+    Directions that the tools leave open stay at their least-norm value. Reversal and constants are kept as parts of the fit.
+
+    Args:
+        solution: of `fit`.
+        tools: tool vectors over which the volume is to be served, shape (k, 3) [mm]; several non-collinear ones tell angular
+            functions from translations.
+
+    Source: ISO/TR 16907 7.4.2.
+
+    >>> import numpy as np
+    >>> import volid
+    >>> solution = volid.fit(volid.load_campaign("datasets/five_axis_rtest/campaign.toml"))
+    >>> rigid, left = volid.best_rigid(solution, np.array([[0.0, 0.0, -150.0], [80.0, 0.0, -150.0], [0.0, 80.0, -150.0]]))
+    >>> left.rms < 1e-6 * left.rms_before  # its functions depend on one axis each: nothing is left
+    True
     """
     machine = solution.machine
     settings = {n: replace(s, over=None, segments=_own(s)) for n, s in machine.model.functions.items()}

@@ -2,6 +2,10 @@
 
 A type is a set of *effects*. Each effect belongs to one place in a control: a table of an axis, a spatial grid, or the rotary
 axes themselves. Types combine as long as no effect is corrected twice.
+
+>>> import volid
+>>> len(volid.COMPENSATION_TYPES), volid.COMPENSATION_TYPES["L-STR"].leaves
+(15, 'positioning; roll elsewhere')
 """
 
 from __future__ import annotations
@@ -31,7 +35,7 @@ TABLES, GRID = "tables", "grid"
 class CompensationType:
     """One type of ISO/TR 16907.
 
-    `effects`: what of the error model it uses. `based_on`: the specific line through `at`, the whole volume, one elevation or
+    `effects`: what of the error model it uses. `based_on`: the specific line through `at`, all of the volume, one elevation or
     tool length, or the axis alone. `control`: what the control does with it. `leaves`: what it must not touch. `forms`: table
     of an axis, or spatial grid. `needs_tool`: the control must know the tool vector.
     """

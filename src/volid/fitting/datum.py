@@ -21,9 +21,18 @@ ARM = 500.0  # mm: weighs rotations against translations in the comparison of tw
 
 
 def parse_datum(machine: Machine, text: str) -> Datum:
-    """Datum from "primary=Z,secondary=X,line=end_point,reference_X=0"; parts left out stay as the machine has them.
+    """The datum that a text such as "primary=Z,secondary=X,line=end_point,reference_X=0" describes.
 
-    Raises `InputError` for an unknown key, an axis the machine does not have, or primary equal to secondary.
+    Args:
+        machine: whose datum holds for everything that the text leaves out.
+        text: pairs of key and value: primary, secondary, line, and reference_ with an axis letter [mm or degrees].
+
+    Raises:
+        InputError: an unknown key, an axis that the machine does not have, or primary equal to secondary.
+
+    >>> import volid
+    >>> volid.parse_datum(volid.load_machine("models/wYXbZt_vertical.toml"), "primary=Z,secondary=X").primary
+    'Z'
     """
     values = {"primary": machine.datum.primary, "secondary": machine.datum.secondary, "line": machine.datum.line}
     reference = dict(machine.datum.reference)

@@ -6,11 +6,14 @@ on a CPU. `best_rigid_motion` alone takes points as rows, (m, 3).
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from volid.backend.elementary import cos_sin, sqrt
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 Vector = tuple[Any, Any, Any]
 
@@ -70,15 +73,15 @@ def rotation_vector(columns: tuple[Vector, Vector, Vector]) -> Vector:
 class RigidMotion(NamedTuple):
     """x -> R x + t: `rotation` R, shape (3, 3), and `translation` t, shape (3,) [mm]."""
 
-    rotation: np.ndarray
-    translation: np.ndarray
+    rotation: Float[np.ndarray, "3 3"]
+    translation: Float[np.ndarray, " 3"]
 
-    def __call__(self, points: np.ndarray) -> np.ndarray:
+    def __call__(self, points: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, "m 3"]:
         """Points (m, 3) [mm] carried along."""
         return np.asarray(points @ self.rotation.T + self.translation)
 
 
-def best_rigid_motion(points: np.ndarray, targets: np.ndarray) -> RigidMotion:
+def best_rigid_motion(points: Float[np.ndarray, "m 3"], targets: Float[np.ndarray, "m 3"]) -> RigidMotion:
     """The rigid motion that carries `points` onto `targets`, both (m, 3) [mm], with the least sum of squared distances.
 
     By the singular value decomposition of the cross-covariance, mirror images excluded (Kabsch, Acta Cryst. A32 (1976) 922;

@@ -14,7 +14,7 @@ of the workpiece and of the tool do to the deviation.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,6 +23,9 @@ from volid.model.geometry import Vector, add, cross, rotate_small, subtract
 from volid.model.iso230 import LINEAR_AXES
 from volid.model.kinematics import ROWS, error_motion, nominal_factor, nominal_point, side_rotation, turn
 from volid.model.machine import Axis, Machine
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 
 def deviation_partials(machine: Machine, q: Any, tool: Vector, errors: Any) -> list[list[Any]]:
@@ -118,7 +121,9 @@ def _put(row: list[Any], axis: Axis | None, start: int, x: Vector) -> None:
         )
 
 
-def influence(machine: Machine, positions: np.ndarray, tool: np.ndarray) -> np.ndarray:
+def influence(
+    machine: Machine, positions: Float[np.ndarray, "m axes"], tool: Float[np.ndarray, "*m 3"]
+) -> Float[np.ndarray, "m 6 errors"]:
     """`deviation_partials` at the nominal machine: lever arms and frames of all errors, shape (m, 6, 6·(n_axes + 1)).
 
     `positions` (m, n_axes) [mm, °], `tool` (m, 3) or (3,) [mm]. An error (e, ω) about point p, at the functional point x of its
@@ -135,7 +140,7 @@ def influence(machine: Machine, positions: np.ndarray, tool: np.ndarray) -> np.n
     return result
 
 
-def axis_directions(machine: Machine, positions: np.ndarray) -> np.ndarray:
+def axis_directions(machine: Machine, positions: Float[np.ndarray, "m axes"]) -> Float[np.ndarray, "m 3 axes"]:
     """Direction of the motion or rotation of every axis in the machine frame, (m, 3, n_axes), at positions (m, n_axes).
 
     An axis is carried by the rotary axes between it and the bed: those of the table turn it back.
@@ -155,7 +160,9 @@ def axis_directions(machine: Machine, positions: np.ndarray) -> np.ndarray:
     return directions
 
 
-def rigid_motion_rows(machine: Machine, positions: np.ndarray, tool: np.ndarray) -> np.ndarray:
+def rigid_motion_rows(
+    machine: Machine, positions: Float[np.ndarray, "m axes"], tool: Float[np.ndarray, "*m 3"]
+) -> Float[np.ndarray, "m 6 6"]:
     """Deviation caused by a rigid motion (t, ω) of the workpiece frame: R_wᵀ(t + ω × f), and R_wᵀ ω; shape (m, 6, 6).
 
     f: nominal functional point, workpiece frame; R_w: nominal rotation of the workpiece-side rotary axes (CONVENTIONS 5).
@@ -167,7 +174,9 @@ def rigid_motion_rows(machine: Machine, positions: np.ndarray, tool: np.ndarray)
     return _turned(side_rotation(machine, positions, True).transpose(0, 2, 1), rows)
 
 
-def tool_rotation_rows(machine: Machine, positions: np.ndarray, tool: np.ndarray) -> np.ndarray:
+def tool_rotation_rows(
+    machine: Machine, positions: Float[np.ndarray, "m axes"], tool: Float[np.ndarray, "m 3"]
+) -> Float[np.ndarray, "m 6 3"]:
     """Deviation caused by a constant tool rotation ω: R_h(ω × tool), and R_h ω; shape (m, 6, 3).
 
     R_h: nominal rotation of the rotary axes of the head. `positions` (m, n_axes) [mm, °], `tool` (m, 3) [mm].

@@ -7,7 +7,7 @@ constants of the tool frame S. Positions `q` have shape (n_axes, m). All functio
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -15,6 +15,9 @@ from volid.backend.elementary import computed_once, constant_like, in_rows
 from volid.model.geometry import Vector, add, rotate_about, rotate_small, rotation_vector, subtract
 from volid.model.iso230 import LINEAR_AXES
 from volid.model.machine import Axis, Machine
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 ROWS = 6
 RADIAN = np.pi / 180.0
@@ -155,7 +158,13 @@ def deviation(machine: Machine, q: Any, tool: Vector, errors: Any) -> Any:
     return in_rows(parts, np.shape(q[0]))
 
 
-def carry(machine: Machine, positions: np.ndarray, points: np.ndarray, start: int, stop: int = 0) -> np.ndarray:
+def carry(
+    machine: Machine,
+    positions: Float[np.ndarray, "m axes"],
+    points: Float[np.ndarray, "*m 3"],
+    start: int,
+    stop: int = 0,
+) -> Float[np.ndarray, "m 3"]:
     """Nominal places of points fixed in one body, seen from another: the nominal chain, NumPy in and out.
 
     `positions` (m, n_axes) [mm, °]; `points` (m, 3) or (3,) [mm] in the frame of body number `start`; the result, (m, 3) [mm],
@@ -174,21 +183,28 @@ def nominal_rotation(machine: Machine, positions: np.ndarray, start: int, stop: 
     return np.stack([_rows(x, q.shape[1]) for x in turned], axis=2)
 
 
-def nominal_point(machine: Machine, positions: np.ndarray, tool: np.ndarray, body: int = 0) -> np.ndarray:
+def nominal_point(
+    machine: Machine, positions: Float[np.ndarray, "m axes"], tool: Float[np.ndarray, "*m 3"], body: int = 0
+) -> Float[np.ndarray, "m 3"]:
     """Nominal functional point in the frame of body number `body`, by default the workpiece's, (m, 3) [mm].
 
     `positions` (m, n_axes) [mm, °], `tool` (m, 3) or (3,) [mm]. CONVENTIONS 2.
+
+    >>> import volid
+    >>> machine = volid.load_machine("models/wYXbZt_vertical.toml")
+    >>> nominal_point(machine, np.array([[20.0, 10.0, -30.0]]), np.array([0.0, 0.0, -150.0])).tolist()  # Y, X, Z
+    [[10.0, 20.0, -180.0]]
     """
     return carry(machine, positions, tool, len(machine.axes), body)
 
 
-def turn(axis: Axis, degrees: np.ndarray) -> np.ndarray:
+def turn(axis: Axis, degrees: Float[np.ndarray, " m"]) -> Float[np.ndarray, "m 3 3"]:
     """Rotations by some angles (m,) [°] about the direction of a rotary axis, (m, 3, 3)."""
     columns = [_rows(nominal_factor(axis, degrees, (x, y, z), True), len(degrees)) for x, y, z in np.eye(3)]
     return np.stack(columns, axis=2)
 
 
-def side_rotation(machine: Machine, positions: np.ndarray, primed: bool) -> np.ndarray:
+def side_rotation(machine: Machine, positions: Float[np.ndarray, "m axes"], primed: bool) -> Float[np.ndarray, "m 3 3"]:
     """Nominal rotation of one side's rotary axes at positions (m, n_axes), (m, 3, 3).
 
     `primed`: R_w of the table, from the machine frame to the workpiece frame; else R_h of the head, from the tool frame to the

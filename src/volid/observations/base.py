@@ -119,10 +119,9 @@ class Kind(ABC):
 
     # ------------------------------------------------------------------------------------- what is read, and from what
 
+    @staticmethod
     @abstractmethod
-    def predict(
-        self, machine: Machine, settings: Any, q: Any, tool: Vector, errors: Any, slots: Any, constants: Any
-    ) -> Any:
+    def predict(machine: Machine, settings: Any, q: Any, tool: Vector, errors: Any, slots: Any, constants: Any) -> Any:
         """Predicted readings (k, m) of one group: pure, on NumPy and JAX arrays alike."""
 
     @abstractmethod

@@ -55,8 +55,8 @@ class Component(Kind):
     tested_by = ("line", "component")
     named_by = ("component", "line")
 
+    @staticmethod
     def predict(
-        self,
         machine: Machine,
         settings: ComponentSettings,
         q: Any,

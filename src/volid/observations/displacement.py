@@ -23,7 +23,7 @@ from volid.exceptions import InputError
 from volid.model.geometry import Vector, add, rotate_small, subtract
 from volid.model.kinematics import functional_point, nominal_point, to_tool_frame, transform
 from volid.model.machine import Machine
-from volid.observations.base import Group, Kind, NuisanceTable, Place
+from volid.observations.base import Group, Kind, NuisanceTable
 from volid.observations.response import (
     SEVERAL_TOOLS,
     TOOL_VECTORS,
@@ -34,11 +34,11 @@ from volid.observations.response import (
     TurnOf,
     remainder,
 )
+from volid.observations.spheres import SAME_SPHERE, place_advice, sphere_places
 from volid.observations.stations import cross_rows
 
 SPREAD = {"nest": 0.1, "rotation": 5e-3, "scale": 1e-3}  # of what is unknown of a virtual sensor [mm, rad, 1]
 RANGE = 2.0  # mm, of a sensor to either side; the option `range` of a set says otherwise
-SAME_SPHERE = 2.0  # mm: nominal points closer than this belong to one sphere; sensors reach about as far
 _SENSOR_TURNS = (
     "the new datum turns the workpiece frame, and the sensor of set '{name}' on the workpiece is said to be parallel to it "
     "(rotation_u = 0). Set rotation_u = inf and fit again, or fit in that datum: [datum] of the machine file"
@@ -73,8 +73,8 @@ class Displacement(Kind):
     standing = "sphere"
     takes_centres = True
 
+    @staticmethod
     def predict(
-        self,
         machine: Machine,
         settings: DisplacementSettings,
         q: Any,
@@ -174,7 +174,7 @@ class Displacement(Kind):
         """How many spheres there are, where they lie, with which tool vectors, and whether the nest is known."""
         points = np.concatenate([nominal_point(campaign.machine, s.positions, s.tool) for s in sets])
         places = np.unique(np.round(points / SAME_SPHERE), axis=0) * SAME_SPHERE
-        reasons = _place_advice(campaign.machine, places)
+        reasons = place_advice(campaign.machine, places)
         tools = np.unique(np.round(np.concatenate([s.tool for s in sets]), 3), axis=0)
         if len(tools) == 1:
             single = ", ".join(f"{x:g}" for x in tools[0])
@@ -183,42 +183,6 @@ class Displacement(Kind):
         if unknown:
             reasons.append(f"the place of the nest of set {', '.join(unknown)} is unknown (nest_u = inf); calibrate it")
         return reasons
-
-
-def _place_advice(machine: Machine, places: np.ndarray) -> list[str]:
-    reasons = []
-    if np.linalg.norm(places - places[0], axis=1).max() < 2.0 * SAME_SPHERE:
-        reasons.append("one sphere place only; use three that do not lie on one line")
-    axis = machine.axes[0]  # only the line of the axis next to the workpiece stands still in it
-    if not axis.is_linear and axis.primed:
-        direction = np.asarray(axis.unit_vector)
-        if np.linalg.norm(np.cross(places - np.asarray(axis.point), direction), axis=1).max() < 2.0 * SAME_SPHERE:
-            reasons.append(f"every sphere lies on the axis line of {axis.letter}; add one far from it")
-    return reasons
-
-
-def sphere_places(observations: ObservationSet) -> dict[str, Place]:
-    """Approximate sphere (or nest) positions by name. Raises `InputError` when a sphere of the readings has none."""
-    given = observations.options.get("sphere") or {}
-    names = [str(n) for n in dict.fromkeys(observations.labels["sphere"])]
-    if not isinstance(given, Mapping):
-        given = dict.fromkeys(names, given)
-    return {name: _place(observations, name, given.get(name)) for name in names}
-
-
-def _place(observations: ObservationSet, name: str, given: Any) -> Place:
-    """Approximate position of one sphere (or nest): three finite numbers, else `InputError`."""
-    try:
-        x, y, z = (float(c) for c in given)
-    except (TypeError, ValueError):
-        x = y = z = np.nan
-    if not np.all(np.isfinite([x, y, z])):
-        found = "has no approximate position" if given is None else f"stands at {given}"
-        raise InputError(
-            f"set '{observations.name}': sphere '{name}' {found}; give sphere = [x, y, z] in mm, workpiece frame, or "
-            f"sphere = {{ {name} = [x, y, z] }}"
-        )
-    return x, y, z
 
 
 def _settings(observations: ObservationSet) -> DisplacementSettings:

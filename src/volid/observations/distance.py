@@ -23,8 +23,8 @@ from volid.model.kinematics import functional_point, transform
 from volid.model.machine import TOOL, Machine
 from volid.observations.base import Group, Kind, NuisanceTable, Place
 from volid.observations.beams import Beam
-from volid.observations.network import find_stations, placed_bodies
-from volid.observations.response import PlaceOf, Remainder, Response, TurnOf, as_rows
+from volid.observations.network import find_stations, placement_slots
+from volid.observations.response import PlaceOf
 from volid.observations.stations import Seen, station_slots
 
 
@@ -38,10 +38,7 @@ class DistanceSettings(NamedTuple):
     target: int | None = None
 
 
-PLACEMENT = ("X", "Y", "Z", "A", "B", "C")
-# What a virtual instrument draws: dead paths [mm], and how far the stations' common frame lies from the machine's
-DEAD_PATH_SPREAD = 300.0
-PLACEMENT_SPREAD = {"mm": 5.0, "rad": 1e-3}
+DEAD_PATH_SPREAD = 300.0  # mm, of what a virtual instrument draws
 
 
 class Distance(Kind):
@@ -57,8 +54,8 @@ class Distance(Kind):
     tested_by = ("station",)
     named_by = ("station",)
 
+    @staticmethod
     def predict(
-        self,
         machine: Machine,
         settings: DistanceSettings,
         q: Any,
@@ -217,35 +214,7 @@ def _place_slots(
     if not station.is_placed:
         prior = 0.0 if station.known else np.inf
         return station_slots(station, seen, table, station.position or (0.0, 0.0, 0.0), prior)
-    result = []
-    for i, c in enumerate(PLACEMENT):
-        unit = "mm" if i < 3 else "rad"
-        result.append(
-            table.index(
-                ("placement", c),
-                f"placement {c}",
-                unit,
-                spread=PLACEMENT_SPREAD[unit],
-                response=_placement_response(campaign, i, seen),
-            )
-        )
-    return result
-
-
-def _placement_response(campaign: Campaign, i: int, seen: Seen) -> Response:
-    """The stations' common frame moves with the body that they all stand on."""
-    keys = tuple(("placement", c) for c in PLACEMENT)
-    bodies, left = placed_bodies(campaign), seen.left
-    if len(bodies) > 1:
-        named = ", ".join(bodies)
-        left = Remainder(
-            as_rows(1e12 * np.eye(6, 9)),
-            f"known stations share one frame, but stand on {named}, which the new datum moves against each other. Give the "
-            "stations of every body their own positions (known = false), or fit in that datum: [datum] of the machine file",
-        )
-    if i < 3:
-        return PlaceOf(bodies[0], left, keys[:3], i, tool=seen.tool, u=seen.u)
-    return TurnOf(bodies[0], left, keys[3:], i - 3, sense=1.0)
+    return placement_slots(campaign, seen, table)
 
 
 def _offset_slot(observations: ObservationSet, station: Station, segment: str, table: NuisanceTable) -> int:

@@ -1,4 +1,4 @@
-"""Start values of stations and dead paths from the lengths alone: every station trilaterated against nominal points."""
+"""The stations of lengths together: their start values from the lengths alone, and the frame that known stations share."""
 
 from __future__ import annotations
 
@@ -10,12 +10,43 @@ from volid.campaign import Campaign, Station
 from volid.exceptions import InputError
 from volid.model.geometry import best_rigid_motion
 from volid.multilateration.trilateration import StationEstimate, trilaterate
+from volid.observations.base import NuisanceTable
 from volid.observations.beams import Beam
+from volid.observations.response import PlaceOf, Remainder, Response, TurnOf, as_rows
+from volid.observations.stations import Seen
+
+PLACEMENT = ("X", "Y", "Z", "A", "B", "C")
+PLACEMENT_SPREAD = {"mm": 5.0, "rad": 1e-3}  # how far a virtual network's frame lies from the machine's
+_ONE_FRAME = (
+    "known stations share one frame, but stand on {bodies}, which the new datum moves against each other. Give the stations of "
+    "every body their own positions (known = false), or fit in that datum: [datum] of the machine file"
+)
 
 
-def placed_bodies(campaign: Campaign) -> tuple[str, ...]:
-    """Bodies that the stations known in their common frame stand on."""
-    return tuple(dict.fromkeys(s.body for s in campaign.stations if s.is_placed))
+def placement_slots(campaign: Campaign, seen: Seen, table: NuisanceTable) -> list[int]:
+    """Numbers of the six placement parameters of the stations' common frame."""
+    units = ["mm"] * 3 + ["rad"] * 3
+    return [
+        table.index(
+            ("placement", c),
+            f"placement {c}",
+            unit,
+            spread=PLACEMENT_SPREAD[unit],
+            response=_placement_response(campaign, i, seen),
+        )
+        for i, (c, unit) in enumerate(zip(PLACEMENT, units, strict=True))
+    ]
+
+
+def _placement_response(campaign: Campaign, i: int, seen: Seen) -> Response:
+    """The stations' common frame moves with the body that they all stand on."""
+    keys = tuple(("placement", c) for c in PLACEMENT)
+    bodies, left = tuple(dict.fromkeys(s.body for s in campaign.stations if s.is_placed)), seen.left
+    if len(bodies) > 1:
+        left = Remainder(as_rows(1e12 * np.eye(6, 9)), _ONE_FRAME.format(bodies=", ".join(bodies)))
+    if i < 3:
+        return PlaceOf(bodies[0], left, keys[:3], i, tool=seen.tool, u=seen.u)
+    return TurnOf(bodies[0], left, keys[3:], i - 3, sense=1.0)
 
 
 def find_stations(campaign: Campaign, beams: list[Beam]) -> dict[Any, float]:

@@ -72,8 +72,9 @@ class Point(Kind):
     tested_by = ("station",)
     named_by = ("station",)
 
+    @staticmethod
     def predict(
-        self, machine: Machine, settings: PointSettings, q: Any, tool: Vector, errors: Any, slots: Any, constants: Any
+        machine: Machine, settings: PointSettings, q: Any, tool: Vector, errors: Any, slots: Any, constants: Any
     ) -> Any:
         """Predicted coordinates in the station's frame, shape (3, m) [mm]."""
         return in_rows(_coordinates(machine, settings, q, tool, errors, slots), np.shape(q[0]))
@@ -100,8 +101,9 @@ class Polar(Kind):
     tested_by = ("station",)
     named_by = ("station",)
 
+    @staticmethod
     def predict(
-        self, machine: Machine, settings: PointSettings, q: Any, tool: Vector, errors: Any, slots: Any, constants: Any
+        machine: Machine, settings: PointSettings, q: Any, tool: Vector, errors: Any, slots: Any, constants: Any
     ) -> Any:
         """Predicted range [mm], azimuth and elevation [degrees], shape (3, m); `constants`: the azimuth read (0 in a plan)."""
         x, y, z = _coordinates(machine, settings, q, tool, errors, slots)

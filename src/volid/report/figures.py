@@ -135,19 +135,17 @@ def rotary_grid(grid: RotaryGrid) -> Figure:
     shape = tuple(len(n) for n in reversed(grid.nodes))
     figure, panels = _subplots(2, 3, figsize=(13, 6.2), sharex=True, sharey=True)
     for k, panel in enumerate(panels.ravel()):
-        values = (1e6 if k >= 3 else 1e3) * grid.values[:, k].reshape(shape)
+        scale, what, unit = (1e6, "rotation about", "µrad") if k >= 3 else (1e3, "translation in", "µm")
+        values = scale * grid.values[:, k].reshape(shape)
         largest = float(np.nanmax(np.abs(values)))
         levels = MaxNLocator(nbins=20, symmetric=True).tick_values(-largest, largest)
         colours = panel.contourf(grid.nodes[1], grid.nodes[0], values.T, levels=levels, cmap="RdBu_r")
         figure.colorbar(colours, ax=panel, ticks=MaxNLocator(nbins=8, symmetric=True))
-        unit = "µrad" if k >= 3 else "µm"
-        panel.set_title(
-            f"{'rotation about' if k >= 3 else 'translation in'} {'XYZ'[k % 3]} / {unit}", fontsize=9, loc="left"
-        )
-        if k >= 3:
-            panel.set_xlabel(f"{grid.axes[1]} / °")
-        if k % 3 == 0:
-            panel.set_ylabel(f"{grid.axes[0]} / °")
+        panel.set_title(f"{what} {'XYZ'[k % 3]} / {unit}", fontsize=9, loc="left")
+    for panel in panels[-1]:
+        panel.set_xlabel(f"{grid.axes[1]} / °")
+    for panel in panels[:, 0]:
+        panel.set_ylabel(f"{grid.axes[0]} / °")
     point = ", ".join(f"{c:g}" for c in grid.reference_point)
     figure.suptitle(f"{grid.type}, {grid.side}: error of the point ({point}) mm in the {grid.frame} frame")
     return figure

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from volid.compensation.control import asked_speed
+from volid.compensation.motion import asked_speed
 from volid.compensation.orientation import poles
 from volid.compensation.residual.fields import ANGLES, LENGTHS, QUANTITIES
 from volid.compensation.residual.forecast import Column, Forecast

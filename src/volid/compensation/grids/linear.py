@@ -39,8 +39,8 @@ def linear_grid(
     a number of points that makes no grid. Source: ISO/TR 16907 7.5.
 
     >>> import volid
-    >>> solution = volid.fit(volid.load_campaign("datasets/single_tool/campaign.toml"))
-    >>> grid = volid.linear_grid(solution, points=3, tool=tuple(solution.campaign.most_used_tool()))
+    >>> solution = volid.fit(volid.load_campaign("datasets/five_axis_rtest/campaign.toml"))
+    >>> grid = volid.linear_grid(solution, points=3, tool=(0.0, 0.0, -150.0))
     >>> grid.type, grid.side, grid.axes, grid.values.shape
     ('L-VOL', 'linear', ('X', 'Y', 'Z'), (27, 6))
     """

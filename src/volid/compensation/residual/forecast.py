@@ -15,13 +15,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from volid.compensation.base import Base
-from volid.compensation.control import Motion, asked_motion
 from volid.compensation.grids.request import Rule
+from volid.compensation.motion import Motion, asked_motion
 from volid.compensation.package import Compensation, compensate
 from volid.compensation.residual.fields import LENGTHS, Field, Places, moved_by, quantities, volume_places
 from volid.compensation.reversal import NONE as NO_REVERSAL
@@ -31,6 +31,9 @@ from volid.fitting.prediction.spread import covariance_root
 from volid.fitting.solution import Solution
 from volid.model.machine import Machine
 from volid.uncertainty.coverage import coverage_intervals
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 DRAWS = 400
 MOST_SAMPLES = 2000
@@ -65,8 +68,19 @@ class Column:
 
 @dataclass(frozen=True, eq=False)
 class Forecast:
-    """Columns from "none" to the last list of types. `tools`: tool vectors (k, 3) [mm]. `draws`: how many, `source`: from
-    where."""
+    """What `forecast` predicts.
+
+    Args:
+        columns: one for each list of types, after "none".
+        tools: tool vectors, shape (k, 3) [mm].
+        draws: number of draws of the parameters.
+        source: where the draws come from, in words.
+        notes: what else a user should know.
+
+    >>> import numpy as np
+    >>> Forecast((), np.zeros((1, 3)), 400, "the covariance of the solution").draws
+    400
+    """
 
     columns: tuple[Column, ...]
     tools: np.ndarray
@@ -79,7 +93,7 @@ def forecast(
     solution: Solution,
     lists: Sequence[Sequence[str]],
     base: Base,
-    tools: np.ndarray | None = None,
+    tools: Float[np.ndarray, "k 3"] | None = None,
     *,
     places: Places | None = None,
     tables: Sampling | None = None,

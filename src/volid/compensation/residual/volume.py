@@ -20,7 +20,7 @@ SAMPLES = 200
 
 
 class VolumeSummary(NamedTuple):
-    """The working volume in a few numbers, for one tool vector; lengths [mm], rotations [rad], NaN if undetermined.
+    """The working volume in a few numbers, for one tool vector; lengths [mm], rotations [rad], NaN where not determined.
 
     `accuracy`: ranges of the six components, ISO 230-1 V_XYZ. `before_max`, `before_rms`: deviation of the functional point
     (3-D length) in the stated datum, `before_at` its place, machine axis order.
@@ -47,9 +47,19 @@ class ResidualPrediction(NamedTuple):
 
 
 def volumetric_summary(solution: Solution, tool: tuple[float, float, float]) -> VolumeSummary:
-    """Volumetric accuracy and largest deviation over the travel. ISO 230-1:2012 3.8.
+    """Volumetric accuracy and largest deviation over the travel, at the positions of `volume_positions`.
 
-    At the positions of `working_volume`.
+    Args:
+        solution: of `fit`.
+        tool: tool vector, (3,) [mm].
+
+    Source: ISO 230-1:2012 3.8.
+
+    >>> import volid
+    >>> solution = volid.fit(volid.load_campaign("datasets/five_axis_rtest/campaign.toml"))
+    >>> found = volid.volumetric_summary(solution, (0.0, 0.0, -150.0))
+    >>> found.accuracy.shape, found.before_at.shape, bool(found.before_rms < found.before_max)
+    ((6,), (5,), True)
     """
     positions = volume_positions(solution.machine)
     found = solution.evaluate(positions, np.asarray(tool, dtype=float))

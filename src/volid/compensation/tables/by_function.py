@@ -70,7 +70,7 @@ def error_tables(
     >>> base = volid.compensation_base(solution, (0.0, 0.0, -150.0))
     >>> tables = volid.error_tables(solution, [volid.COMPENSATION_TYPES["R-POS"]], base)
     >>> [(t.function, t.applied) for t in tables]
-    [('EAA', 'the axis itself'), ('ECC', 'the axis itself')]
+    [('ECC', 'the axis itself'), ('EAA', 'the axis itself')]
     """
     for t in types:
         if TABLES not in t.forms:

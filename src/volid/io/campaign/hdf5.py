@@ -33,7 +33,21 @@ from volid.observations import KINDS
 def write_campaign(campaign: Campaign, path: str | Path, *, overwrite: bool = False) -> None:
     """Write a campaign, its machine included, to one HDF5 file.
 
-    Raises `OutputError` when `path` exists (unless `overwrite`) or cannot be written; then nothing is written.
+    Args:
+        campaign: readings or a plan.
+        path: of the file, ending in .h5.
+        overwrite: replace an existing file.
+
+    Raises:
+        OutputError: `path` exists, or cannot be written; then nothing is written.
+
+    >>> import volid
+    >>> from pathlib import Path
+    >>> from tempfile import mkdtemp
+    >>> path = Path(mkdtemp()) / "campaign.h5"
+    >>> volid.save_campaign(volid.load_campaign("datasets/published_positioning/campaign.toml"), path)
+    >>> volid.load_campaign(path).n_readings
+    70
     """
     with atomic_output(path, overwrite) as temporary, h5py.File(temporary, "w") as file:
         write_campaign_group(campaign, file)

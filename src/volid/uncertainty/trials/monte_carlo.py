@@ -88,6 +88,11 @@ def monte_carlo(
     with the samples); an interrupted run goes on with `resume`. `scheduler`: address of a Dask scheduler.
 
     Raises `InputError` for a solution without redundancy, numbers below 1, or a folder that holds another run.
+
+    >>> import volid
+    >>> solution = volid.fit(volid.load_campaign("datasets/five_axis_rtest/campaign.toml"))
+    >>> volid.monte_carlo(solution, 20, seed=1).samples.trials
+    20
     """
     progress = progress or (lambda message: None)
     if trials is not None and digits is not None:

@@ -345,7 +345,7 @@ def _starts(solution: Solution) -> dict[Any, float]:
     for observations in campaign.sets:
         groups_of(observations, campaign, table)
     placed = any(station.known and station.frame != "machine" for station in campaign.stations)
-    if placed or [e.name for e in table.entries] != [e.name for e in solution.nuisance_table]:
+    if placed or list(table.keys) != [e.key for e in solution.nuisance_table]:
         return find_starts(campaign)
     return {key: solution.nuisance_table[number].start for key, number in table.keys.items()}
 
