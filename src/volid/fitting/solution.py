@@ -23,8 +23,8 @@ from volid.fitting.prediction.deviations import ESTIMABLE, chain_of
 from volid.fitting.prediction.spread import linear_uncertainty
 from volid.fitting.results import Deviations, FunctionValue, Residuals, Statistics, read_only
 from volid.model.error_functions import reference_of
-from volid.model.error_model import ErrorModel, build_model, error_values, evaluate_bases
-from volid.model.iso230 import describe, parse
+from volid.model.error_model import ErrorModel, Function, build_model, error_values, evaluate_bases
+from volid.model.iso230 import SPINDLE, describe, parse
 from volid.model.kinematics import deviation
 from volid.model.linear_maps import function_rows
 from volid.model.machine import Datum, Machine
@@ -33,6 +33,17 @@ from volid.observations.base import Nuisance
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float
     from numpy.typing import ArrayLike
+
+
+def tool_frame(model: ErrorModel) -> list[Function]:
+    """The constants of the tool frame among the functions of a model, in its order."""
+    return [f for f in model.functions if parse(f.name).axis == SPINDLE]
+
+
+def held_constants(model: ErrorModel, directions: Float[np.ndarray, "s r"]) -> tuple[str, ...]:
+    """Names of tool-frame constants that cannot be stated because part of them is held at 0 along `directions`."""
+    rows = zip(tool_frame(model), directions, strict=False)
+    return tuple(f.name for f, row in rows if np.any(row**2 > NAMED))
 
 
 @register_dataclass
@@ -114,10 +125,7 @@ class Solution:
     @property
     def held_tool_rotation(self) -> tuple[str, ...]:
         """Tool-frame rotations that cannot be stated because a direction they share is held at 0."""
-        names = [f.name for f in self.model.functions if f.name.endswith("0S")]
-        return tuple(
-            n for n, row in zip(names, np.asarray(self.held_directions), strict=False) if np.any(row**2 > NAMED)
-        )
+        return held_constants(self.model, np.asarray(self.held_directions))
 
     @property
     def prior_rows(self) -> Float[np.ndarray, "r n"]:
@@ -304,7 +312,7 @@ class Solution:
 
     def _hold_tool_rotation(self, model: ErrorModel) -> np.ndarray:
         """Projector that keeps at 0, in the new datum too, what is not determined of the constant tool rotation."""
-        places = [f.parameters.start for f in model.functions if f.name.endswith("0S")]
+        places = [f.parameters.start for f in tool_frame(model)]
         units = parameter_units(model)[places]
         projector = np.eye(model.n_parameters)
         held = np.asarray(self.held_directions @ self.held_directions.T) * units[:, None] / units
