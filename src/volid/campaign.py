@@ -202,7 +202,7 @@ class Campaign:
         """Number of distinct commanded positions of every axis, equal within 1e-4 of the travel."""
         axes, columns = self.machine.axes, self.positions.T
         steps = (np.round((q - a.travel[0]) / (SAME_PLACE * a.length)) for a, q in zip(axes, columns, strict=True))
-        return {a.letter: len(np.unique(own)) for a, own in zip(axes, steps, strict=True)}
+        return {a.letter: len(np.unique(numbers)) for a, numbers in zip(axes, steps, strict=True)}
 
     def rotary_poses(self) -> list[Int[np.ndarray, " rows"]]:
         """Number of the combination of rotary positions of every row, by set; 0 everywhere without rotary axes."""

@@ -33,9 +33,9 @@ def even_points(n: int, dimension: int, seed: int = 0) -> np.ndarray:
 
 def radical_inverse(numbers: np.ndarray, base: int) -> np.ndarray:
     """Digits of whole numbers in `base`, mirrored at the point: 6 = 110 in base 2 becomes 0.011. Halton 1960."""
-    result, share, rest = np.zeros(len(numbers)), 1.0 / base, np.asarray(numbers).copy()
-    while rest.any():
-        result += share * (rest % base)
-        rest //= base
+    result, share, remaining = np.zeros(len(numbers)), 1.0 / base, np.asarray(numbers).copy()
+    while remaining.any():
+        result += share * (remaining % base)
+        remaining //= base
         share /= base
     return result

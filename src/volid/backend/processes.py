@@ -102,11 +102,11 @@ def _results(
     check: bool = False,
 ) -> Generator[tuple[int, Any], None, None]:
     """(number, result) of the tasks with these numbers, `Died` for those whose process died; `check` that one starts."""
-    before, left = set(multiprocessing.active_children()), deque(numbers)
+    before, waiting = set(multiprocessing.active_children()), deque(numbers)
     running: dict[Future[Any], tuple[int, _Process]] = {}
 
     def begin(process: _Process) -> None:
-        number = left.popleft()
+        number = waiting.popleft()
         running[process.submit(function, tasks[number])] = number, process
 
     processes: list[_Process] = []
@@ -124,7 +124,7 @@ def _results(
                 except BrokenProcessPool:
                     result = Died()
                 yield number, result
-                if left:
+                if waiting:
                     begin(process)
         for process in processes:
             process.end()

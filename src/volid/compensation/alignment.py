@@ -45,10 +45,10 @@ def spindle_turn(solution: Solution) -> np.ndarray:
     errors = model_errors(solution, at, np.zeros_like(at), lambda e: e.axis not in table)[0]
     rows = np.asarray(influence(machine, at, np.zeros(3))[0, 3:] @ errors)
     rows[2] = 0.0
-    held = [n for n in solution.held_tool_rotation if n in names]
-    if held or solution.is_not_determined(rows[:2]).any():
+    fixed = [n for n in solution.held_tool_rotation if n in names]
+    if fixed or solution.is_not_determined(rows[:2]).any():
         raise NotDeterminedError(
-            f"alignment to the spindle: the data do not determine the tilt of the spindle ({', '.join(held or names)}). "
+            f"alignment to the spindle: the data do not determine the tilt of the spindle ({', '.join(fixed or names)}). "
             f"{' '.join(solution.statements)} Measure with several tool vectors, or align by axes, in a datum with primary axis Z"
         )
     return rows

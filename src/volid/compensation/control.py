@@ -163,8 +163,8 @@ class Control:
         for table in self.tables:
             if table.applied == MODEL:
                 i, component = self._place(table), parse(table.function).component
-                own = i < len(self.machine.axes)
-                x, d = (q[:, i], way[:, i]) if own else (np.zeros(len(q)), np.zeros(len(q)))
+                of_axis = i < len(self.machine.axes)
+                x, d = (q[:, i], way[:, i]) if of_axis else (np.zeros(len(q)), np.zeros(len(q)))
                 errors[:, ROWS * i + component] += table.at(x, d)
         if not errors.any():
             return np.zeros((len(q), 3))
@@ -187,7 +187,7 @@ class Control:
 
     def _from_grid(self, grid: AnyGrid, q: np.ndarray, tool: np.ndarray) -> np.ndarray:
         """Six components of the deviation (m, 6); end values held outside the grid."""
-        values, lever = grid.held(grid.own_positions(self.machine, q)), grid.lever_arms(self.machine, q, tool)
+        values, lever = grid.clamped(grid.own_positions(self.machine, q)), grid.lever_arms(self.machine, q, tool)
         blank = np.isnan(values[:, 3:]).any(axis=1)
         if np.any(blank & (np.abs(lever).max(axis=1) > 1e-9)):
             raise InputError(

@@ -100,11 +100,11 @@ def compensate(
     for t in types:
         if t.name.endswith("SPEC") and rule is None and not base.functions:
             raise InputError(f"{t.name} needs what it corrects: `functions` of the base, such as EXX,EAX, or a `rule`")
-    own_form = {t.name: form if form in t.forms else t.forms[0] for t in types}
-    in_tables = [t for t in types if own_form[t.name] == TABLES]
-    held = error_tables(solution, in_tables, base, tables, zero, ranges) if in_tables else ()
+    form_of = {t.name: form if form in t.forms else t.forms[0] for t in types}
+    in_tables = [t for t in types if form_of[t.name] == TABLES]
+    in_lines = error_tables(solution, in_tables, base, tables, zero, ranges) if in_tables else ()
     found: list[AnyGrid] = []
-    for t in (t for t in types if own_form[t.name] == GRID):
+    for t in (t for t in types if form_of[t.name] == GRID):
         request = GridRequest(
             type=t,
             base=base,
@@ -117,7 +117,7 @@ def compensate(
             uncertainty=uncertainty,
         )
         found += build_grids(solution, request)
-    return Compensation(tuple(t.name for t in types), held, _once(found))
+    return Compensation(tuple(t.name for t in types), in_lines, _once(found))
 
 
 def _once(grids: Sequence[AnyGrid]) -> tuple[AnyGrid, ...]:

@@ -87,8 +87,8 @@ def refuse_extrapolation(solution: Solution, made: Iterable[ErrorTable | AnyGrid
             )
 
 
-def _beyond(solution: Solution, letter: str, own: tuple[float, float]) -> str:
-    axis, (low, high) = solution.machine.axis(letter), own
+def _beyond(solution: Solution, letter: str, wanted: tuple[float, float]) -> str:
+    axis, (low, high) = solution.machine.axis(letter), wanted
     if not _outside(solution, letter, np.array([low, high])).any():
         return ""
     index = solution.machine.index(letter)
@@ -109,9 +109,9 @@ def _crossing(solution: Solution, letter: str, base: Base) -> str:
     )
 
 
-def _outside(solution: Solution, letter: str, own: np.ndarray) -> np.ndarray:
-    positions = np.zeros((len(own), len(solution.machine.axes)))
-    positions[:, solution.machine.index(letter)] = own
+def _outside(solution: Solution, letter: str, column: np.ndarray) -> np.ndarray:
+    positions = np.zeros((len(column), len(solution.machine.axes)))
+    positions[:, solution.machine.index(letter)] = column
     return solution.outside(positions, (letter,))
 
 

@@ -33,12 +33,12 @@ def left_reversal(solution: Solution, letters: Collection[str]) -> dict[str, flo
 
 def reversal_text(solution: Solution, grid: AnyGrid) -> str:
     """What the grid holds of reversal and what is left, in words; `NONE` when its axes have no reversal."""
-    left = left_reversal(solution, part_letters(solution.machine, grid.side))
-    if not left:
+    halves = left_reversal(solution, part_letters(solution.machine, grid.side))
+    if not halves:
         return NONE
     each = ", ".join(
         f"{name} {1e6 * v:.2f} µrad" if parse(name).is_rotation else f"{name} {1e3 * v:.2f} µm"
-        for name, v in left.items()
+        for name, v in halves.items()
     )
     return (
         f"mean of both approach directions; half the reversal is left in either direction, at most {each}; volid tables holds "

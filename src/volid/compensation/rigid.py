@@ -57,7 +57,7 @@ def best_rigid(solution: Solution, tools: Float[np.ndarray, "k 3"]) -> tuple[Sol
     True
     """
     machine = solution.machine
-    settings = {n: replace(s, over=None, segments=_own(s)) for n, s in machine.model.functions.items()}
+    settings = {n: replace(s, over=None, segments=_own_segments(s)) for n, s in machine.model.functions.items()}
     plain = replace(machine, model=ModelSettings(machine.model.degree, machine.model.segments, settings))
     segments = {n: k[:1] for n, k in solution.model.segments.items()}
     model = build_model(plain, segments, datum=solution.datum)
@@ -69,12 +69,12 @@ def best_rigid(solution: Solution, tools: Float[np.ndarray, "k 3"]) -> tuple[Sol
     scale = np.where(scale > 0, scale, 1.0)
     mapping = (np.linalg.pinv(after / scale, rcond=RELATIVE_RANK) @ before) / scale[:, None]
     theta = np.asarray(solution.parameters)
-    left = (before @ theta - after @ (mapping @ theta)).reshape(-1, 3)
+    remaining = (before @ theta - after @ (mapping @ theta)).reshape(-1, 3)
     found = _moved(solution, rigid, mapping)
-    return found, Remaining(*_sizes(left), *_sizes((before @ theta).reshape(-1, 3)))
+    return found, Remaining(*_sizes(remaining), *_sizes((before @ theta).reshape(-1, 3)))
 
 
-def _own(settings: FunctionSettings) -> int | str | None:
+def _own_segments(settings: FunctionSettings) -> int | str | None:
     return settings.segments[0] if isinstance(settings.segments, tuple) else settings.segments
 
 

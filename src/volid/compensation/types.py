@@ -145,9 +145,9 @@ def _require_disjoint(one: CompensationType, other: CompensationType) -> None:
         raise InputError(
             f"{one.name} and {other.name} both correct {', '.join(twice)}; it would be corrected twice. Take one of them"
         )
-    own = {LINEAR_SPEC: LINEAR_EFFECTS, ROTARY_SPEC: ROTARY_EFFECTS}
+    specific = {LINEAR_SPEC: LINEAR_EFFECTS, ROTARY_SPEC: ROTARY_EFFECTS}
     for a, b in ((one, other), (other, one)):
-        if a.effects[0] in own and set(b.effects) & set(own[a.effects[0]]):
+        if a.effects[0] in specific and set(b.effects) & set(specific[a.effects[0]]):
             raise InputError(f"{a.name} and {b.name} may correct the same errors twice; take one of them")
         if a.name == "R-POS" and b.turns:
             raise InputError(f"R-POS and {b.name} both turn the rotary axes, {b.name} for angular positioning too")

@@ -27,8 +27,8 @@ class Repeatability(EffectType):
         """Σ (u_axis ∂reading/∂position)²."""
         given = effect.options.get("axes")
         scatter = given if isinstance(given, Mapping) else {a.letter: effect.u for a in machine.axes if a.is_linear}
-        own = [(float(u) * sensitivity.by_axis[machine.index(letter)]) ** 2 for letter, u in scatter.items()]
-        return np.asarray(sum(own, np.zeros(observations.readings.shape)))
+        variances = [(float(u) * sensitivity.by_axis[machine.index(letter)]) ** 2 for letter, u in scatter.items()]
+        return np.asarray(sum(variances, np.zeros(observations.readings.shape)))
 
 
 REPEATABILITY = Repeatability()

@@ -34,8 +34,8 @@ class Scale(EffectType):
             return [Term(lengths, slots_of(observations, effect, table, "1"))]
         result = []
         for letter in str(effect.options["components"]):
-            own = np.array([name.upper() == letter for name in names])
-            result.append(Term(np.where(own, lengths, 0.0), slots_of(observations, effect, table, "1", letter)))
+            scaled = np.array([name.upper() == letter for name in names])
+            result.append(Term(np.where(scaled, lengths, 0.0), slots_of(observations, effect, table, "1", letter)))
         return result
 
     def variance(

@@ -32,8 +32,8 @@ class ToolLength(EffectType):
         self, effect: Effect, observations: ObservationSet, machine: Machine, sensitivity: Sensitivity
     ) -> np.ndarray:
         """Σ (u ∂reading/∂tool)²."""
-        own = [sensitivity.by_tool[COMPONENTS.index(letter)] for letter in _letters(effect)]
-        return np.asarray(sum((effect.u * s) ** 2 for s in own))
+        by_tool = [sensitivity.by_tool[COMPONENTS.index(letter)] for letter in _letters(effect)]
+        return np.asarray(sum((effect.u * s) ** 2 for s in by_tool))
 
 
 def _letters(effect: Effect) -> str:

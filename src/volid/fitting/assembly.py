@@ -121,12 +121,12 @@ class Assembly:
         return tuple(sorted(found, key=lambda x: -abs(x.normalised)))
 
     def _notes(self) -> list[str]:
-        notes, found, held = [], self.fitter.found, self._held()
+        notes, found, fixed = [], self.fitter.found, self._fixed()
         if not self.optimum.converged:
             notes.append("the iteration stopped before full convergence")
-        if held:
+        if fixed:
             notes.append(
-                f"constant tool rotation {', '.join(held)}: not determined by these stations and tool vectors, held at 0"
+                f"constant tool rotation {', '.join(fixed)}: not determined by these stations and tool vectors, held at 0"
             )
         if limited := self.resolution.at_limit:
             notes.append(f"finest resolution on offer taken for {', '.join(limited)}: shorter waves may remain")
@@ -134,7 +134,7 @@ class Assembly:
             notes.append(f"{found.nuisance_defect} combinations of station or instrument parameters not determined")
         return notes
 
-    def _held(self) -> list[str]:
+    def _fixed(self) -> list[str]:
         """Tool-frame rotations that cannot be stated because part of them is held at 0."""
         names = [f.name for f in self.problem.model.functions if f.name.endswith("0S")]
         rows = self.fitter.found.tool_rotation

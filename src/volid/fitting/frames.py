@@ -40,8 +40,8 @@ class Frames(NamedTuple):
 
     def motion(self, machine: Machine, body: str) -> np.ndarray:
         """(t, ω) of a body and the rotation h of the tool vectors, (9, n)."""
-        own = self.tool if body == TOOL_VECTORS else self.of[machine.body_index(body)]
-        return np.concatenate([own, self.tool[3:]])
+        moved = self.tool if body == TOOL_VECTORS else self.of[machine.body_index(body)]
+        return np.concatenate([moved, self.tool[3:]])
 
 
 def frames(old: ErrorModel, new: ErrorModel, mapping: np.ndarray, workpiece: np.ndarray) -> Frames:
@@ -134,8 +134,10 @@ def check_exact(
                 "moves otherwise at other positions, because of an error function of two axes. Fit in that datum: [datum] of "
                 "the machine file"
             )
-    for left in dict.fromkeys((e.response.body, e.response.left) for e in table if e.response.left is not None):
-        body, remainder = left
+    pairs = [(e.response.body, e.response.not_followed) for e in table]
+    for body, remainder in dict.fromkeys(pairs):
+        if remainder is None:
+            continue
         rows = np.array(remainder.rows).reshape(-1, MOTIONS) @ moved.motion(machine, body)
         spread = np.einsum("ij,jk,ik->", rows, covariance, rows)
         if np.linalg.norm(rows @ theta) > NOTICED or spread > NOTICED**2:

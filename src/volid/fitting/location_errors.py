@@ -101,9 +101,9 @@ def _of_axis(solution: Solution, axis: Axis, datum: Axis | None) -> list[Locatio
         functional = functional - _line_rows(solution, datum, axis.point)
     functional = np.concatenate([axis.frame.T @ functional[:3], axis.frame.T @ functional[3:]])
     sign = -1.0 if axis.primed else 1.0
-    own = ROTARY_AXES.index(axis.letter)
+    along = ROTARY_AXES.index(axis.letter)
     result = []
-    for k in (i for i in range(6) if i % 3 != own):
+    for k in (i for i in range(6) if i % 3 != along):
         row = functional[k]
         line, u = float(row @ np.asarray(solution.parameters)), _u(solution, row)
         if solution.is_not_determined(row[None])[0]:
@@ -121,12 +121,12 @@ def _line_rows(solution: Solution, axis: Axis, at: tuple[float, float, float]) -
         between = i >= first if axis.primed else i <= first
         if carrier.is_linear or carrier.primed != axis.primed or not between:
             continue
-        own = np.zeros_like(rows)
+        constants = np.zeros_like(rows)
         for k, d in enumerate(DIRECTIONS):
             f = solution.model.by_name.get((f"E{d}0{carrier.letter}", "location"))
             if f is not None:
-                own[k, f.parameters] = 1.0
-        translation, rotation = carrier.frame @ own[:3], carrier.frame @ own[3:]
+                constants[k, f.parameters] = 1.0
+        translation, rotation = carrier.frame @ constants[:3], carrier.frame @ constants[3:]
         lever = np.asarray(at) - np.asarray(carrier.error_point)
         rows[:3] += translation + np.cross(rotation, lever[:, None], axis=0)
         rows[3:] += rotation
@@ -179,10 +179,12 @@ def motions_with_mean(solution: Solution, letter: str, positions: np.ndarray) ->
             rows[:, constant.parameters] += 1.0
         if not rows.any():
             continue
-        values, lost = rows @ np.asarray(solution.parameters), solution.is_not_determined(rows)
+        values, not_determined = rows @ np.asarray(solution.parameters), solution.is_not_determined(rows)
         u = [_u(solution, row) for row in rows]
-        for x, v, s, gone in zip(positions, values, u, lost, strict=True):
-            result.append(FunctionValue(name, letter, float(x), 0, np.nan if gone else float(v), np.nan if gone else s))
+        for x, v, s, unknown in zip(positions, values, u, not_determined, strict=True):
+            result.append(
+                FunctionValue(name, letter, float(x), 0, np.nan if unknown else float(v), np.nan if unknown else s)
+            )
     return result
 
 
@@ -211,8 +213,8 @@ def split_mean(solution: Solution, letter: str, positions: np.ndarray, values: n
         normal = np.einsum("m,mki,mkj->ij", weight, design, design)
         found = np.linalg.pinv(normal, rcond=1e-10) @ np.einsum("m,mki,mk->i", weight, design, part)
         constant = across @ found[:3]
-        own = part @ along
-        constant = constant + along * (np.interp(reference, x, own) if half else weight @ own)
+        about = part @ along
+        constant = constant + along * (np.interp(reference, x, about) if half else weight @ about)
         mean[3 * half : 3 * half + 3], corotating[half] = constant, across @ found[3:]
         motions[:, 3 * half : 3 * half + 3] = part - constant - rotor @ corotating[half]
     names = {f"E{d}0{letter}": float(v) for d, v in zip(DIRECTIONS, mean, strict=True)}

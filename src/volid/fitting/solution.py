@@ -188,8 +188,8 @@ class Solution:
         slack = 0.01 * np.array([axis.length for axis in self.machine.axes])
         round_about = np.array([a.is_full_turn for a in self.machine.axes]) & (high - low >= 360.0 - slack)
         out = ((positions < low - slack) | (positions > high + slack)) & ~round_about
-        own = [self.machine.index(a) for a in (self.machine.letters if axes is None else axes)]
-        return np.asarray(np.any(out[:, own], axis=1))
+        columns = [self.machine.index(a) for a in (self.machine.letters if axes is None else axes)]
+        return np.asarray(np.any(out[:, columns], axis=1))
 
     def functions(self, step: float | None = None, points: int = 21) -> list[FunctionValue]:
         """All error functions tabulated over the travels, and location errors, each with its standard uncertainty.
@@ -220,8 +220,8 @@ class Solution:
     def location(self, name: str) -> FunctionValue:
         """A constant (squareness, location error, tool-frame rotation) with its standard uncertainty."""
         i = self.model.by_name[name, "location"].parameters.start
-        held = name in self.held_tool_rotation
-        unknown = bool(self.is_not_determined(np.eye(self.model.n_parameters)[i : i + 1])[0]) or held
+        fixed = name in self.held_tool_rotation
+        unknown = bool(self.is_not_determined(np.eye(self.model.n_parameters)[i : i + 1])[0]) or fixed
         value, u = float(np.asarray(self.parameters)[i]), float(np.sqrt(np.asarray(self.covariance)[i, i]))
         value, u = (np.nan, np.nan) if unknown else (value, u)
         return FunctionValue(name, parse(name).axis, np.nan, 0, value, u)
@@ -307,8 +307,8 @@ class Solution:
         places = [f.parameters.start for f in model.functions if f.name.endswith("0S")]
         units = parameter_units(model)[places]
         projector = np.eye(model.n_parameters)
-        held = np.asarray(self.held_directions @ self.held_directions.T) * units[:, None] / units
-        projector[np.ix_(places, places)] -= held
+        fixed = np.asarray(self.held_directions @ self.held_directions.T) * units[:, None] / units
+        projector[np.ix_(places, places)] -= fixed
         return projector
 
     def summary_functions(self) -> list[tuple[str, str, float, float]]:

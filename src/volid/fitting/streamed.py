@@ -56,17 +56,17 @@ class _Part(NamedTuple):
 class _Parts:
     """The parts of a stream as problems that share the unknowns of one whole problem."""
 
-    def __init__(self, stream: Stream, whole: Problem, table: NuisanceTable, progress: Progress) -> None:
-        self.stream, self.whole, self.table, self.progress = stream, whole, table, progress
-        self.prior = replace(whole.system, blocks=(), tiles=())  # what is known beforehand, without any reading
+    def __init__(self, stream: Stream, complete: Problem, table: NuisanceTable, progress: Progress) -> None:
+        self.stream, self.complete, self.table, self.progress = stream, complete, table, progress
+        self.prior = replace(complete.system, blocks=(), tiles=())  # what is known beforehand, without any reading
 
     def __call__(self, what: str) -> Iterator[_Part]:
-        system, done = self.whole.system, 0
+        system, done = self.complete.system, 0
         nothing = (np.zeros_like(system.prior_mean), np.zeros((0, system.size)))
         for raw in self.stream.parts():
             campaign = with_random_effects(raw, dict(self.table.starts))
             known = len(self.table.entries)
-            problem = build_problem(campaign, self.whole.model, table=self.table)
+            problem = build_problem(campaign, self.complete.model, table=self.table)
             if len(self.table.entries) > known:
                 name = self.table.entries[known].name
                 raise InputError(
@@ -90,8 +90,8 @@ class _StreamObjective(Objective):
         self._passes += 1
         total = [np.asarray(a) for a in function(_on_device(self._stream.prior), *arguments)]
         for part in self._stream(f"pass {self._passes}"):
-            own = function(_on_device(part.problem.system), *arguments)
-            total = [a + np.asarray(b) for a, b in zip(total, own, strict=True)]
+            part_sums = function(_on_device(part.problem.system), *arguments)
+            total = [a + np.asarray(b) for a, b in zip(total, part_sums, strict=True)]
         return total
 
 
@@ -141,17 +141,17 @@ def fit_streamed(
     with interpreted(is_small(few)):
         fitter = stages.solved()
     table = NuisanceTable(stages.task.starts)
-    whole = build_problem(stages.task.campaign, fitter.problem.model, prior=stages.prior_of(fitter), table=table)
+    complete = build_problem(stages.task.campaign, fitter.problem.model, prior=stages.prior_of(fitter), table=table)
     assert [e.name for e in table.entries] == [e.name for e in fitter.problem.nuisance]
-    parts = _Parts(stream, whole, table, progress)
+    parts = _Parts(stream, complete, table, progress)
     assert fitter.optimum is not None
     with interpreted(False):
         objective = _StreamObjective(parts, fitter.free)
-        fitter.optimum = solve(whole, fitter.optimum.z, fitter.free, objective)
+        fitter.optimum = solve(complete, fitter.optimum.z, fitter.free, objective)
         tally, squares = _residuals(parts, fitter, few, stream.n_readings)
     with interpreted(is_small(few)):
         solution = stages.solution(fitter)
-    pseudo = np.asarray(whole.system.prior_root) @ (fitter.optimum.z - np.asarray(whole.system.prior_mean))
+    pseudo = np.asarray(complete.system.prior_root) @ (fitter.optimum.z - np.asarray(complete.system.prior_mean))
     dof = stream.n_readings + len(pseudo) - fitter.free.shape[1]
     solution = replace(
         solution,

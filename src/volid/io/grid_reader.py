@@ -78,8 +78,8 @@ def _assemble(
     outside: np.ndarray,
 ) -> AnyGrid:
     rotary = "side" in header or header.get("type") == _ROTARY
-    own = ("side", "reference point", "period") if rotary else ("tool vector",)
-    require_keys(path, header, (*_NAMED, *own), f"a grid written by volid, '{FORMAT}'")
+    special = ("side", "reference point", "period") if rotary else ("tool vector",)
+    require_keys(path, header, (*_NAMED, *special), f"a grid written by volid, '{FORMAT}'")
     if header["format"] != FORMAT:
         raise InputError(f"{path}: format is '{header['format']}'; this volid reads '{FORMAT}'")
     if header["values"] not in SIGN:

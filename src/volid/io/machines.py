@@ -152,10 +152,10 @@ def _datum(table: Table, letters: tuple[str, ...]) -> Datum:
     table.only(("primary", "secondary", "line"))
     linear = [a for a in LINEAR_AXES if a in letters]
     primary = table.text("primary", linear[0] if linear else "", choices=linear)
-    rest = [a for a in linear if a != primary]
-    secondary = table.text("secondary", rest[0] if rest else "", choices=linear)
+    others = [a for a in linear if a != primary]
+    secondary = table.text("secondary", others[0] if others else "", choices=linear)
     if primary and primary == secondary:
-        raise table.wrong("secondary", f"another linear axis than the primary one, {' or '.join(rest)}")
+        raise table.wrong("secondary", f"another linear axis than the primary one, {' or '.join(others)}")
     return Datum(primary, secondary, table.text("line", "least_squares", choices=LINES))
 
 

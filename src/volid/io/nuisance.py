@@ -61,7 +61,7 @@ def _remade(entries: list[Nuisance], campaign: Campaign) -> tuple[Nuisance, ...]
                 **{
                     **vars(e),
                     "key": (e.name,),
-                    "response": Unmoved(left=Remainder(never, _NOT_KNOWN.format(name=e.name))),
+                    "response": Unmoved(not_followed=Remainder(never, _NOT_KNOWN.format(name=e.name))),
                 }
             )
             for e in entries

@@ -69,8 +69,8 @@ class CampaignFolder:
             path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise OutputError(f"{path}: cannot be made: {error.strerror}; choose another output") from None
-        for left in path.glob(".*.part"):
-            left.unlink(missing_ok=True)
+        for leftover in path.glob(".*.part"):
+            leftover.unlink(missing_ok=True)
 
     def place(self, task: Task) -> Path:
         """File of a campaign."""

@@ -70,11 +70,11 @@ def inseparable(equations: Equations, x: np.ndarray, wanted: tuple[int, ...]) ->
 
     A blunder in any of them would leave the same residuals: correlation above 0.98 (Förstner 1983).
     """
-    left = decomposition(equations, x, np.ones(equations.u.size, bool))[0]
-    redundancy = np.maximum(1 - (left**2).sum(axis=1), 1e-12)
+    vectors = decomposition(equations, x, np.ones(equations.u.size, bool))[0]
+    redundancy = np.maximum(1 - (vectors**2).sum(axis=1), 1e-12)
     found = {}
     for i in wanted:
-        correlation = (left @ left[i]) / np.sqrt(redundancy * redundancy[i])
+        correlation = (vectors @ vectors[i]) / np.sqrt(redundancy * redundancy[i])
         others = np.flatnonzero(np.abs(correlation) > _INSEPARABLE)
         found[i] = tuple(int(j) for j in others if j != i)
     return found

@@ -97,9 +97,9 @@ def nearest(equations: Equations, x: Float[np.ndarray, "p d"]) -> Float[np.ndarr
 
 def decomposition(equations: Equations, x: np.ndarray, kept: np.ndarray):
     """Singular value decomposition of the Jacobian of the observations `kept`, cut at its rank; axes as rows."""
-    left, sizes, axes = np.linalg.svd(part(equations, kept).jacobian(x), full_matrices=False)
+    vectors, sizes, axes = np.linalg.svd(part(equations, kept).jacobian(x), full_matrices=False)
     rank = int((sizes > RANK_TOLERANCE * sizes[0]).sum())
-    return left[:, :rank], sizes[:rank], axes[:rank]
+    return vectors[:, :rank], sizes[:rank], axes[:rank]
 
 
 def normalised(equations: Equations, x: np.ndarray, kept: np.ndarray, decomposed) -> Float[np.ndarray, " m"]:

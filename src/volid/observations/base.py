@@ -73,9 +73,9 @@ class NuisanceTable:
             self.entries.append(Nuisance(name, unit, float(self.starts.get(key, start)), key=key, **known))
             return self.keys[key]
         number = self.keys[key]
-        own, other = self.entries[number].response, known.get("response", UNMOVED)
-        if own != other:
-            self.entries[number] = replace(self.entries[number], response=own.joined(other))
+        present, other = self.entries[number].response, known.get("response", UNMOVED)
+        if present != other:
+            self.entries[number] = replace(self.entries[number], response=present.joined(other))
         return number
 
 
@@ -165,7 +165,7 @@ class Kind(ABC):
         words = self.file_kind or self.name
         for unit in dict.fromkeys(self.units):
             columns = [u == unit for u in self.units]
-            names = ", ".join(n for n, own in zip(self.readings, columns, strict=True) if own)
+            names = ", ".join(n for n, used in zip(self.readings, columns, strict=True) if used)
             yield Part(f"{words}, {names}", unit, np.tile(columns, (len(observations), 1)))
         if not self.units:
             yield Part(words, self.unit, np.ones(len(observations), dtype=bool))

@@ -88,9 +88,9 @@ class Component(Kind):
             arm = np.zeros((1, len(rows)))
             for line in dict.fromkeys(lines[rows]):
                 here = np.flatnonzero(lines[rows] == line)
-                own = _Line(observations, campaign.machine, rows[here], str(line), str(component), slope)
-                slots[:, here] = np.array(own.slots(table))[:, None]
-                arm[0, here] = own.arm if slope else 0.0
+                this = _Line(observations, campaign.machine, rows[here], str(line), str(component), slope)
+                slots[:, here] = np.array(this.slots(table))[:, None]
+                arm[0, here] = this.arm if slope else 0.0
             settings = ComponentSettings(DIRECTIONS.index(component), slope)
             result.append(Group(rows, settings, slots, arm))
         return result
@@ -141,7 +141,7 @@ class _Line:
     def slots(self, table: NuisanceTable) -> list[int]:
         """Numbers of the line's offset and, where it is unknown, slope."""
         name = f"{self.observations.name} line {self.line} {self.component}"
-        (offset, slope), left = self._responses()
+        (offset, slope), not_followed = self._responses()
         key = (self.observations.name, self.line, self.component)
         result = [
             table.index(
@@ -149,7 +149,7 @@ class _Line:
                 f"offset {name}",
                 self.unit,
                 spread=SPREAD[self.unit],
-                response=Linear(left=left, constant=offset),
+                response=Linear(not_followed=not_followed, constant=offset),
             )
         ]
         if self.slope:
@@ -176,10 +176,10 @@ class _Line:
             slope=" and slope" if self.slope else "",
             advice=_STRAIGHT[self.slope],
         )
-        rest = change - design @ found
-        rest[np.abs(rest) < 1e-9 * np.abs(change).max()] = 0.0
+        residual = change - design @ found
+        residual[np.abs(residual) < 1e-9 * np.abs(change).max()] = 0.0
         rows = [tuple((-row).tolist()) for row in found] + [(0.0,) * 9]
-        return (rows[0], rows[1]), remainder(rest, self.observations.u[self.rows, 0], reason)
+        return (rows[0], rows[1]), remainder(residual, self.observations.u[self.rows, 0], reason)
 
 
 def _check_line(observations: ObservationSet, rows: np.ndarray, unit: str) -> None:

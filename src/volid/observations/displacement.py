@@ -104,13 +104,13 @@ class Displacement(Kind):
     def groups(self, observations: ObservationSet, campaign: Campaign, table: NuisanceTable) -> list[Group]:
         """All rows of a set as one group: three coordinates per sphere, and what is unknown of the sensor."""
         settings, places = _settings(observations), sphere_places(observations)
-        own = list(places) == ["1"]  # an unnamed sphere belongs to its set, a named one to the campaign
+        unnamed = list(places) == ["1"]  # an unnamed sphere belongs to its set, a named one to the campaign
         sensor = _sensor_slots(observations, settings, table)
         slots = np.zeros((3 + len(sensor), len(observations)), dtype=np.int64)
-        left = _left(observations, settings)
+        not_followed = _remainder(observations, settings)
         for sphere, place in places.items():
             rows = observations.labels["sphere"] == sphere
-            name = f"{observations.name}" if own else sphere
+            name = f"{observations.name}" if unnamed else sphere
             keys = tuple(("sphere", name, c) for c in "XYZ")
             indices = [
                 table.index(
@@ -118,7 +118,7 @@ class Displacement(Kind):
                     f"sphere {name} {c}",
                     start=place[i],
                     recorded=True,
-                    response=PlaceOf(left=left, of=keys, component=i),
+                    response=PlaceOf(not_followed=not_followed, of=keys, component=i),
                 )
                 for i, c in enumerate("XYZ")
             ]
@@ -214,14 +214,14 @@ def _sensor_response(observations: ObservationSet, settings: DisplacementSetting
     """The nest lies at the tool vector and turns with the tool; a sensor turns with what it stands on."""
     if key == "scale":
         return UNMOVED
-    own = tuple((key, observations.name, c) for c in ("XYZ" if key == "nest" else "ABC"))
+    keys = tuple((key, observations.name, c) for c in ("XYZ" if key == "nest" else "ABC"))
     if key == "rotation":
-        return TurnOf(TOOL_VECTORS if settings.on_tool else "workpiece", of=own, component=i)
+        return TurnOf(TOOL_VECTORS if settings.on_tool else "workpiece", of=keys, component=i)
     middle = tuple(observations.tool.mean(axis=0).tolist())
-    return PlaceOf(TOOL_VECTORS, of=own, component=i, offset=middle)
+    return PlaceOf(TOOL_VECTORS, of=keys, component=i, offset=middle)
 
 
-def _left(observations: ObservationSet, settings: DisplacementSettings) -> Remainder | None:
+def _remainder(observations: ObservationSet, settings: DisplacementSettings) -> Remainder | None:
     """What places and sensor cannot follow: h × tool beside a known nest, ω × d of a sensor parallel to what it stands on."""
     tools = observations.tool - (observations.tool.mean(axis=0) if settings.nest else 0.0)
     d, u = np.nan_to_num(observations.readings), observations.u

@@ -53,10 +53,10 @@ def remainder(rows: np.ndarray, u: np.ndarray | float, reason: str) -> Remainder
 
 @dataclass(frozen=True)
 class Response(ABC):
-    """How an unknown answers the motion of the frame of `body`; `left`: what it cannot follow."""
+    """How an unknown answers the motion of the frame of `body`. `not_followed`: the part that it cannot follow, if any."""
 
     body: str = "workpiece"
-    left: Remainder | None = None
+    not_followed: Remainder | None = None
 
     @abstractmethod
     def row(self, value: Values) -> np.ndarray:
@@ -64,7 +64,7 @@ class Response(ABC):
 
     def joined(self, other: Response) -> Response:
         """The response to the readings of two sets that share the unknown: that of the first, unless a class knows better."""
-        return self if self.left is not None or other.left is None else replace(self, left=other.left)
+        return self if self.not_followed is not None else replace(self, not_followed=other.not_followed)
 
 
 @dataclass(frozen=True)
@@ -112,14 +112,16 @@ class PlaceOf(Response):
         if not isinstance(other, PlaceOf):
             return super().joined(other)
         change = np.array(other.tool) - np.array(self.tool)
-        parts = [np.array(r.left.rows) for r in (self, other) if r.left is not None]
-        reasons = [r.left.reason for r in (self, other) if r.left is not None]
+        parts = [np.array(r.not_followed.rows) for r in (self, other) if r.not_followed is not None]
+        reasons = [r.not_followed.reason for r in (self, other) if r.not_followed is not None]
         if np.abs(change).max() > 1e-9:
             parts.append(np.pad(change / other.u, ((0, 0), (6, 0))))
             reasons.append(SEVERAL_TOOLS)
         if not parts:
             return self
-        return replace(self, left=remainder(np.concatenate(parts), np.sqrt(1.0 / sum(map(len, parts))), reasons[0]))
+        return replace(
+            self, not_followed=remainder(np.concatenate(parts), np.sqrt(1.0 / sum(map(len, parts))), reasons[0])
+        )
 
 
 @dataclass(frozen=True)
@@ -159,14 +161,16 @@ _FORMS: dict[str, type[Response]] = {
 def to_plain(response: Response) -> dict[str, Any]:
     """The response as plain numbers, texts and lists, for files."""
     how = next(name for name, form in _FORMS.items() if type(response) is form)
-    return {"how": how, **asdict(response)}
+    plain = asdict(response)
+    plain["left"] = plain.pop("not_followed")  # its name in files
+    return {"how": how, **plain}
 
 
 def from_plain(plain: dict[str, Any]) -> Response:
     """The response from what `to_plain` gave, read back from a file (KeyError for an unknown form)."""
-    fields = {key: _tuples(value) for key, value in plain.items() if key != "how"}
-    left = plain.get("left")
-    fields["left"] = None if left is None else Remainder(_tuples(left["rows"]), left["reason"])
+    fields = {key: _tuples(value) for key, value in plain.items() if key not in ("how", "left")}
+    kept = plain.get("left")
+    fields["not_followed"] = None if kept is None else Remainder(_tuples(kept["rows"]), kept["reason"])
     return _FORMS[plain["how"]](**fields)
 
 

@@ -99,7 +99,9 @@ def within_travel(machine: Machine, positions: np.ndarray, what: str) -> Followe
     )
     if not len(rows):
         raise InputError(f"{what}: no position lies within the travels: {found}; choose another place or tool vector")
-    left = len(positions) - len(rows)
+    removed = len(positions) - len(rows)
     return Followed(
-        positions[rows], rows, (f"{what}: {left} of {len(positions)} positions left out: {found}",) if left else ()
+        positions[rows],
+        rows,
+        (f"{what}: {removed} of {len(positions)} positions left out: {found}",) if removed else (),
     )

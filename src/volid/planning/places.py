@@ -52,15 +52,15 @@ def spheres_and_tools(
     tables = [axis for axis in rotary_axes(machine) if axis.primed]
     n = n if vectors is None or len(vectors) == 1 else len(vectors)
     for length in LENGTHS:
-        own = vectors or _tools(machine, length, n)
-        runs = max(len(own), n if tables else 1)
+        chosen = vectors or _tools(machine, length, n)
+        runs = max(len(chosen), n if tables else 1)
         spread = _around(tables[0].unit_vector, runs) if tables else np.zeros((runs, 3))
-        where = _preferred(machine, own[0])
-        found = reach(machine, positions, [own[i % len(own)] for i in range(runs)], spread, where)
+        where = _preferred(machine, chosen[0])
+        found = reach(machine, positions, [chosen[i % len(chosen)] for i in range(runs)], spread, where)
         if found.beyond == 0.0 or vectors:
             break
     centres = np.round(found.centre + found.radius * spread[: runs if tables else 1])
-    return Places({f"P{i + 1}": tuple(c.tolist()) for i, c in enumerate(centres)}, own)
+    return Places({f"P{i + 1}": tuple(c.tolist()) for i, c in enumerate(centres)}, chosen)
 
 
 def _tools(machine: Machine, length: float, n: int) -> list[Vector]:

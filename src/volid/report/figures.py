@@ -56,9 +56,9 @@ def _function_panel(panel: Any, solution: Solution, name: str, truth: Mapping[st
     x = np.linspace(*solution.machine.axis(error.axis).travel, 201)
     rows, scale = solution.motion(name, x), 1e6 if error.is_rotation else 1e3
     for direction, colour in zip((0, 1, -1), COLUMNS, strict=True):
-        own = [r for r in rows if r.direction == direction]
-        if own:
-            value, u = (scale * np.array([getattr(r, key) for r in own]) for key in ("value", "u"))
+        in_direction = [r for r in rows if r.direction == direction]
+        if in_direction:
+            value, u = (scale * np.array([getattr(r, key) for r in in_direction]) for key in ("value", "u"))
             label = {0: None, 1: "approached in +", -1: "approached in -"}[direction]
             panel.fill_between(x, value - K * u, value + K * u, color=colour, alpha=0.25, lw=0)
             panel.plot(x, value, color=colour, lw=1.4, label=label)

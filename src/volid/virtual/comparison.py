@@ -88,8 +88,8 @@ def gauge_basis(solution: Solution, positions: np.ndarray, tool: np.ndarray) -> 
     if any(not error.is_rotation for error in open_ones):
         columns.append(rows[:, 3:])  # R_h itself: a translation that turns with the head
     matrix = np.concatenate(columns, axis=2).reshape(3 * len(positions), -1)
-    left, sizes, _ = np.linalg.svd(matrix / np.maximum(np.linalg.norm(matrix, axis=0), 1e-300), full_matrices=False)
-    return np.asarray(left[:, sizes > 1e-9 * sizes[0]])
+    vectors, sizes, _ = np.linalg.svd(matrix / np.maximum(np.linalg.norm(matrix, axis=0), 1e-300), full_matrices=False)
+    return np.asarray(vectors[:, sizes > 1e-9 * sizes[0]])
 
 
 def _field(solution: Solution, truth: Truth) -> tuple[np.ndarray, np.ndarray]:

@@ -135,11 +135,11 @@ class _Draw:
         rng, axes = generator(self.seed, name, other), (self._axis(name), self.machine.axis(other))
         waves = [self.wave(rng, axis) for axis in axes]
         places = [np.linspace(*a.travel, n) for a, n in zip(axes, (_points(axes[0]), POINTS_ACROSS), strict=True)]
-        own, across = (f(x) - f(np.array(a.reference)) for f, x, a in zip(waves, places, axes, strict=True))
+        along, across = (f(x) - f(np.array(a.reference)) for f, x, a in zip(waves, places, axes, strict=True))
         if not axes[0].is_linear:
-            own = in_datum(self.machine, (name,), waves[:1])[0](places[0])
+            along = in_datum(self.machine, (name,), waves[:1])[0](places[0])
         size = (5.0, 15.0, MICRORADIAN) if parse(name).is_rotation else (3.0, 8.0, MICROMETRE)
-        values = np.outer(own, across)
+        values = np.outer(along, across)
         return CrossTable(places[0], places[1], values * self._size(rng, *size, values))
 
     def reversal(self, name: str) -> Table:

@@ -75,15 +75,15 @@ class CrossTable:
 
     @cached_property
     def _splines(self) -> tuple[BSpline, BSpline, np.ndarray]:
-        own = make_interp_spline(self.positions, self.values, k=self.degree)
-        other = make_interp_spline(self.across, own.c.T, k=self.degree)
-        unit = [BSpline(s.t, np.eye(len(s.c)), s.k) for s in (own, other)]
+        along = make_interp_spline(self.positions, self.values, k=self.degree)
+        other = make_interp_spline(self.across, along.c.T, k=self.degree)
+        unit = [BSpline(s.t, np.eye(len(s.c)), s.k) for s in (along, other)]
         return unit[0], unit[1], other.c.T
 
     def __call__(self, q: np.ndarray, other: np.ndarray) -> np.ndarray:
         """Values at own positions `q` and positions `other` of the other axis, each of shape (m,) [mm or degrees]; shape (m,)."""
-        own, across, coefficients = self._splines
-        return np.asarray(np.einsum("mi,ij,mj->m", own(q), coefficients, across(other)))
+        along, across, coefficients = self._splines
+        return np.asarray(np.einsum("mi,ij,mj->m", along(q), coefficients, across(other)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -46,8 +46,8 @@ def build_grids(solution: Solution, request: GridRequest) -> tuple[AnyGrid, ...]
     if t.is_linear or t.turns:
         grids.append(build_grid(solution, request if t.is_linear else request.for_orientation(), LINEAR))
     if t.is_rotary or t.turns:
-        own = replace(request, zero=None) if t.is_rotary else request.for_orientation()
-        grids += [build_grid(solution, own, side) for side in rotary_sides(solution.machine)]
+        rotary_request = replace(request, zero=None) if t.is_rotary else request.for_orientation()
+        grids += [build_grid(solution, rotary_request, side) for side in rotary_sides(solution.machine)]
     return tuple(grids)
 
 

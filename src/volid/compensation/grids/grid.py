@@ -91,7 +91,7 @@ class SpatialGrid(ABC):
         table = self.values.reshape(*(len(n) for n in reversed(self.nodes)), 6)
         return interpolate(tuple(reversed(self.nodes)), table, x[:, ::-1])
 
-    def held(self, positions: Float[np.ndarray, "m k"]) -> Float[np.ndarray, "m 6"]:
+    def clamped(self, positions: Float[np.ndarray, "m k"]) -> Float[np.ndarray, "m 6"]:
         """As `interpolate`, end values held outside the nodes."""
         x = np.array(positions, dtype=float).reshape(-1, len(self.axes))
         for k, (nodes, period) in enumerate(zip(self.nodes, self.periods, strict=True)):

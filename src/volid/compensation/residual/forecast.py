@@ -181,11 +181,11 @@ def _column(
 ) -> tuple[tuple[Prediction, ...], Motion, float]:
     """Predictions for each tool vector, the motions asked for with the first one, and the largest unintended motion."""
     found, unintended = [], 0.0
-    for own in fields:
-        q, acting = own.places.positions, made.control(machine, **_believing(options, own.tool, tool_error))
-        altered = acting.command(q, own.tool, own.places.directions)
-        found.append(_prediction(own, moved_by(machine, q, altered, own.tool), draws))
-        unintended = max(unintended, float(np.linalg.norm(acting.unintended_motion(q, own.tool), axis=1).max()))
+    for of_tool in fields:
+        q, acting = of_tool.places.positions, made.control(machine, **_believing(options, of_tool.tool, tool_error))
+        altered = acting.command(q, of_tool.tool, of_tool.places.directions)
+        found.append(_prediction(of_tool, moved_by(machine, q, altered, of_tool.tool), draws))
+        unintended = max(unintended, float(np.linalg.norm(acting.unintended_motion(q, of_tool.tool), axis=1).max()))
     first = fields[0]
     # without the steps of the least increment, which have no speed
     smooth = {k: v for k, v in _believing(options, first.tool, tool_error).items() if k != "increment"}
@@ -198,14 +198,14 @@ def _believing(options: Mapping[str, Any], tool: np.ndarray, tool_error: np.ndar
     return {**options, "tool": tuple(tool + tool_error)} if tool_error.any() else dict(options)
 
 
-def _prediction(own: Field, moved: np.ndarray, draws: np.ndarray) -> Prediction:
-    centre = (own.estimate + moved)[None]
-    exact = quantities(own.without_rigid_motion(centre), own.tool_axis)[0]
-    spread = (draws @ own.gradient.reshape(-1, draws.shape[1]).T).reshape(len(draws), -1, 6)
-    values = quantities(own.without_rigid_motion(centre + spread), own.tool_axis)
+def _prediction(field: Field, moved: np.ndarray, draws: np.ndarray) -> Prediction:
+    centre = (field.estimate + moved)[None]
+    exact = quantities(field.without_rigid_motion(centre), field.tool_axis)[0]
+    spread = (draws @ field.gradient.reshape(-1, draws.shape[1]).T).reshape(len(draws), -1, 6)
+    values = quantities(field.without_rigid_motion(centre + spread), field.tool_axis)
     bounds = coverage_intervals(values)
     result = [values.mean(axis=0), bounds.low, bounds.high, exact]
-    if not own.angles_known:
+    if not field.angles_known:
         for numbers in result:
             numbers[len(LENGTHS) :] = np.nan
     return Prediction(*result)

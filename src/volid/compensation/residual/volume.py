@@ -97,8 +97,10 @@ def predict_residual(
     machine, (positions, ways) = solution.machine, volume_places(solution.machine, POINTS, seed)
     tool = np.broadcast_to(np.asarray(grid.tool), (POINTS, 3))
     theta, still = np.asarray(solution.parameters), np.zeros_like(positions)
-    held = deviation_from_grids(machine, grid, rotary, positions, tool)[:, :3]
-    mean, exact = (deviation_values(solution.model, theta, positions, tool, d)[:, :3] - held for d in (still, ways))
+    compensated = deviation_from_grids(machine, grid, rotary, positions, tool)[:, :3]
+    mean, exact = (
+        deviation_values(solution.model, theta, positions, tool, d)[:, :3] - compensated for d in (still, ways)
+    )
     without = WorkpieceMotion(machine, positions, tool).removed_from
     gradient = gradient_matrix(solution.model, theta, positions, tool, ways)
     root = covariance_root(solution.parameter_covariance)

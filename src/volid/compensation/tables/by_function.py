@@ -80,13 +80,13 @@ def error_tables(
     request = TableRequest(types, base, Sampling() if sampling is None else sampling, zero or {}, ranges or {})
     tables: list[ErrorTable] = []
     for axis in solution.machine.axes:
-        chosen = _own(axis, types)
+        chosen = _types_of(axis, types)
         if chosen:
             tables += _AxisTables(solution, axis, chosen, request).tables()
     return tuple(tables + _tool_frame(solution, request))
 
 
-def _own(axis: Axis, types: Sequence[CompensationType]) -> list[CompensationType]:
+def _types_of(axis: Axis, types: Sequence[CompensationType]) -> list[CompensationType]:
     group = LINEAR_EFFECTS if axis.is_linear else ROTARY_EFFECTS
     return [t for t in types if set(t.effects) & set(group)]
 
@@ -98,9 +98,9 @@ class _AxisTables:
         self, solution: Solution, axis: Axis, chosen: Sequence[CompensationType], request: TableRequest
     ) -> None:
         self.solution, self.axis, self.chosen, self.request = solution, axis, chosen, request
-        own = request.ranges.get(axis.letter, axis.travel)
-        self.knots = polygon_knots(solution, axis, own)
-        dense = np.linspace(*own, DENSE)
+        ends = request.ranges.get(axis.letter, axis.travel)
+        self.knots = polygon_knots(solution, axis, ends)
+        dense = np.linspace(*ends, DENSE)
         self.dense = dense if self.knots is None else np.union1d(dense, self.knots)
         self._known: dict[tuple[str, bytes, float], np.ndarray] = {}
 
@@ -116,9 +116,11 @@ class _AxisTables:
             for component in range(ROWS):
                 scale = arm if component >= 3 else 1.0
                 curves = np.stack([way[:, :, component] for way in ways])  # (ways, types, m)
-                held = [k for k in group if np.abs(scale * curves[:, k]).max() > NEGLIGIBLE]
-                if held:
-                    table = self._table([self.chosen[k] for k in held], component, curves[:, held].sum(axis=1).T, scale)
+                active = [k for k in group if np.abs(scale * curves[:, k]).max() > NEGLIGIBLE]
+                if active:
+                    table = self._table(
+                        [self.chosen[k] for k in active], component, curves[:, active].sum(axis=1).T, scale
+                    )
                     tables.append(replace(table, applied=ITSELF if itself else MODEL))
         return tables
 
@@ -212,7 +214,7 @@ def _tool_frame(solution: Solution, request: TableRequest) -> list[ErrorTable]:
     ]  # (6, n) of each type
     tables = []
     for component, direction in enumerate(DIRECTIONS):
-        used = {name: own[component] for name, own in rows if np.any(own[component])}
+        used = {name: errors[component] for name, errors in rows if np.any(errors[component])}
         if not used:
             continue
         total, function = np.sum(list(used.values()), axis=0)[None], f"E{direction}0{SPINDLE}"

@@ -58,8 +58,8 @@ def stepped(travel: tuple[float, float], step: float) -> np.ndarray:
 
 def interpolation_error(dense: np.ndarray, values: np.ndarray, nodes: np.ndarray) -> np.ndarray:
     """Largest difference of each column (m, c) from linear interpolation between `nodes`, (c,)."""
-    held = np.stack([np.interp(dense, nodes, np.interp(nodes, dense, v)) for v in values.T], axis=1)
-    return np.asarray(np.abs(values - held).max(axis=0))
+    interpolated = np.stack([np.interp(dense, nodes, np.interp(nodes, dense, v)) for v in values.T], axis=1)
+    return np.asarray(np.abs(values - interpolated).max(axis=0))
 
 
 def choose_nodes(

@@ -80,8 +80,8 @@ def _groupings(
         yield f"direction {name}", np.tile(np.arange(len(columns)) == k, (m, 1))
     tools = np.unique(np.round(like.tool, 6), axis=0)
     for tool in tools if 1 < len(tools) <= 12 else ():
-        own = np.all(np.round(observations.tool, 6) == tool, axis=1)
-        yield f"tool vector ({tool[0]:g}, {tool[1]:g}, {tool[2]:g}) mm", own
+        with_tool = np.all(np.round(observations.tool, 6) == tool, axis=1)
+        yield f"tool vector ({tool[0]:g}, {tool[1]:g}, {tool[2]:g}) mm", with_tool
     yield from _position_groups(campaign, observations, like)
     for i, axis in enumerate(campaign.machine.axes):
         for sign in (1, -1):

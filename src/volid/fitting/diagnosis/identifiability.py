@@ -126,14 +126,14 @@ def _by_triangle(problem: Problem, units: np.ndarray) -> tuple[np.ndarray, np.nd
     m = triangle.shape[1] - problem.model.n_parameters
     norms = np.linalg.norm(triangle[:, :m], axis=0)
     jacobi = 1.0 / np.where(norms > 0, norms, 1.0)
-    kept, lost = _split(triangle[:m, :m] * jacobi, 0.0)
+    kept, deficient = _split(triangle[:m, :m] * jacobi, 0.0)
     machine = triangle[:, m:] * units
-    if lost.size:  # part of the machine's signal may sit where the nuisance columns are deficient
+    if deficient.size:  # part of the machine's signal may sit where the nuisance columns are deficient
         q, _ = np.linalg.qr(triangle[:, :m] * jacobi @ kept)
         machine = machine - q @ (q.T @ machine)
     else:
         machine = machine[m:]
-    return machine, jacobi, kept, lost
+    return machine, jacobi, kept, deficient
 
 
 def analyse(problem: Problem, campaign: Campaign) -> Identifiability:
@@ -144,21 +144,21 @@ def analyse(problem: Problem, campaign: Campaign) -> Identifiability:
     matrix = problem.free.T @ np.asarray(normal_equations(problem.system, problem.start).matrix) @ problem.free
     m = n_free - n
     machine = _clear_cut(matrix, n, units)
-    jacobi, kept, lost = np.ones(m), np.eye(m), np.zeros((m, 0))
+    jacobi, kept, deficient = np.ones(m), np.eye(m), np.zeros((m, 0))
     if machine is None:
-        machine, jacobi, kept, lost = _by_triangle(problem, units)
-    tool, held = _hold_tool_rotation(machine, _spindle_columns(model))
-    determined, null = _split(machine @ held, WEAKEST)
+        machine, jacobi, kept, deficient = _by_triangle(problem, units)
+    tool, free = _hold_tool_rotation(machine, _spindle_columns(model))
+    determined, null = _split(machine @ free, WEAKEST)
     basis = np.zeros((n_free, determined.shape[1] + kept.shape[1]))
-    basis[:n, : determined.shape[1]] = units[:, None] * (held @ determined)
+    basis[:n, : determined.shape[1]] = units[:, None] * (free @ determined)
     basis[n:, determined.shape[1] :] = jacobi[:, None] * kept
-    scaled_null = held @ null
+    scaled_null = free @ null
     return Identifiability(
         basis=basis,
         null_space=units[:, None] * scaled_null,
         tool_rotation=tool,
         statements=explain(model, scaled_null, campaign, tool.shape[1] > 0),
-        nuisance_defect=lost.shape[1],
+        nuisance_defect=deficient.shape[1],
         undetermined=involvement(model, scaled_null),
     )
 
@@ -172,11 +172,11 @@ def _hold_tool_rotation(machine: np.ndarray, columns: np.ndarray) -> tuple[np.nd
         return np.zeros((len(columns), 0)), np.eye(n)
     u, values, _ = np.linalg.svd(share, full_matrices=True)
     rank = int(np.sum(values > HELD))
-    held = np.eye(n)
+    identity = np.eye(n)
     others = np.setdiff1d(np.arange(n), columns)
-    left = np.zeros((n, len(columns) - rank))
-    left[columns] = u[:, rank:]
-    return u[:, :rank], np.concatenate([held[:, others], left], axis=1)
+    free = np.zeros((n, len(columns) - rank))
+    free[columns] = u[:, rank:]
+    return u[:, :rank], np.concatenate([identity[:, others], free], axis=1)
 
 
 def involvement(model: ErrorModel, null: np.ndarray) -> dict[str, float]:
@@ -192,41 +192,41 @@ def involvement(model: ErrorModel, null: np.ndarray) -> dict[str, float]:
     return shares
 
 
-def explain(model: ErrorModel, null: np.ndarray, campaign: Campaign, held: bool = False) -> tuple[str, ...]:
+def explain(model: ErrorModel, null: np.ndarray, campaign: Campaign, tool_fixed: bool = False) -> tuple[str, ...]:
     """The null space in words: wholly undetermined functions first, then combinations of functions, each with a reason.
 
-    `held`: constants of the tool frame are held at 0 besides.
+    `tool_fixed`: constants of the tool frame are held at 0 besides.
     """
     if not null.size:
         return ()
-    whole, partly, count = [], [], null.shape[1]
+    wholly, partly, count = [], [], null.shape[1]
     for names, part, parameters in model.groups:
         size = parameters.stop - parameters.start
         name = ", ".join(names) + (" reversal" if part == "reversal" else "")
         share = float(np.sum(null[parameters] ** 2))
         if share > size - NAMED:
-            whole.append(name if part == LOCATION else f"{name} (all {size} coefficients)")
+            wholly.append(name if part == LOCATION else f"{name} (all {size} coefficients)")
             count -= size
         elif share > NAMED:
             partly.append(name)
-    lost = [f.name for f in model.functions if f.part != LOCATION and np.sum(null[f.parameters] ** 2) > NAMED]
-    reasons = [*_segment_reasons(model, campaign, lost), *likely_reasons(campaign)]
+    concerned = [f.name for f in model.functions if f.part != LOCATION and np.sum(null[f.parameters] ** 2) > NAMED]
+    reasons = [*_segment_reasons(model, campaign, concerned), *likely_reasons(campaign)]
     reason = "; ".join(reasons) or "the readings do not separate them"
     lines = []
-    place = [n for n in whole if _is_place_of_workpiece(campaign, n)]
+    place = [n for n in wholly if _is_place_of_workpiece(campaign, n)]
     if place:
-        whole = [n for n in whole if n not in place]
+        wholly = [n for n in wholly if n not in place]
         lines.append(
             f"{', '.join(place)}: same as the unknown place of the {_standing(campaign)} on the workpiece. No reading tells them "
             f"apart, and no compensation needs them; set {place[0]} = false and the like."
         )
-    if whole:
-        first = whole[0].split(" (")[0].split(",")[0]
+    if wholly:
+        first = wholly[0].split(" (")[0].split(",")[0]
         setting = f"{first.split()[0]} = {{ reversal = false }}" if "reversal" in first else f"{first} = false"
-        lines.append(f"{', '.join(whole)}: {reason}. Measure what is missing, or set {setting} and the like.")
+        lines.append(f"{', '.join(wholly)}: {reason}. Measure what is missing, or set {setting} and the like.")
     if partly and count:
         lines.append(f"{count} combination{'s' if count > 1 else ''} among {', '.join(partly)}: {reason}.")
-    if held and place and len(lines) == 1:
+    if tool_fixed and place and len(lines) == 1:
         lines.append(f"Constants of the tool frame, held at 0: {reason}.")
     return tuple(lines)
 

@@ -34,7 +34,7 @@ FIRST = 8  # segments at which the search starts, and that a function keeps with
 NEAR = 3.0  # standard errors of the paired difference that count as evidence
 
 Segments = dict[str, tuple[int, ...]]
-_REST = "rest"  # the part of what is no error motion
+_OTHERS = "rest"  # the part of what is no error motion
 
 
 @dataclass(frozen=True)
@@ -178,11 +178,11 @@ class _Search:
         self.equations = Projected(
             np.stack([*(f.matrix for f in folds), prior]), np.stack([*(f.vector for f in folds), prior @ mean])
         )
-        self.equations.put(_REST, Part(slice(None), self._rest(problem)))
+        self.equations.put(_OTHERS, Part(slice(None), self._others(problem)))
         for name in self.groups:
             self.equations.put(name, self._part(name))
 
-    def _rest(self, problem: Problem) -> np.ndarray:
+    def _others(self, problem: Problem) -> np.ndarray:
         """Free columns of what is no error motion: location errors and nuisance parameters, scaled."""
         model = problem.model
         places = [f.parameters.start for f in model.functions if f.part == LOCATION]
@@ -243,24 +243,24 @@ class _Search:
         *matrices, known = self.equations.both
         known = known + WEAKEST**2 * np.eye(len(known))
         total = 0.0
-        for fold, own in zip(self.folds, matrices, strict=True):
-            training = cho_factor(sum(matrices) - own + known)
-            total += fold.n_readings + float(np.trace(cho_solve(training, own)))
+        for fold, matrix in zip(self.folds, matrices, strict=True):
+            training = cho_factor(sum(matrices) - matrix + known)
+            total += fold.n_readings + float(np.trace(cho_solve(training, matrix)))
         return total
 
     def scores(self, name: str, options: list[tuple[int, ...]]) -> np.ndarray:
         """Held-out chi-square, shape (options, folds), with `name` at each resolution in turn."""
-        equations, own = self.equations, self.columns[name]
-        left, both, right = equations.without(name, own)
-        corner = equations.matrices[:, own[:, None], own]
-        *reduced, prior = map(Reduced, both, left, corner, right, equations.vectors[:, own])
+        equations, columns = self.equations, self.columns[name]
+        left, both, right = equations.without(name, columns)
+        corner = equations.matrices[:, columns[:, None], columns]
+        *reduced, prior = map(Reduced, both, left, corner, right, equations.vectors[:, columns])
         total = Reduced(*(prior[i] + sum(r[i] for r in reduced) for i in range(5)))
         total.oo.flat[:: len(total.oo) + 1] += WEAKEST**2
         blocks = [self.block(name, option) for option in options]
         result = np.empty((len(options), len(self.folds)))
-        for k, (fold, held) in enumerate(zip(self.folds, reduced, strict=True)):
-            training = Reduced(*(t - h for t, h in zip(total, held, strict=True)))
-            result[:, k] = held_out_chi_square(training, held, fold.square, blocks)
+        for k, (fold, held_out) in enumerate(zip(self.folds, reduced, strict=True)):
+            training = Reduced(*(t - h for t, h in zip(total, held_out, strict=True)))
+            result[:, k] = held_out_chi_square(training, held_out, fold.square, blocks)
         return result
 
 

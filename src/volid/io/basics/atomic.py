@@ -96,14 +96,14 @@ def _move(temporary: Path, path: Path) -> None:
 def _temporary(path: Path) -> Path:
     """A name of this process beside `path`; what killed processes of this machine left there is removed."""
     path = path.absolute()
-    for left in path.parent.glob(f".{glob.escape(path.name)}.*.part"):
-        host, _, process = left.name[len(path.name) + 2 : -len(".part")].rpartition(".")[0].rpartition(".")
+    for leftover in path.parent.glob(f".{glob.escape(path.name)}.*.part"):
+        host, _, process = leftover.name[len(path.name) + 2 : -len(".part")].rpartition(".")[0].rpartition(".")
         if host == HOST and process.isdigit() and not _runs(int(process)):
-            if left.is_dir():
-                shutil.rmtree(left, ignore_errors=True)
+            if leftover.is_dir():
+                shutil.rmtree(leftover, ignore_errors=True)
             else:
                 with suppress(OSError):
-                    left.unlink()
+                    leftover.unlink()
     return path.with_name(f".{path.name}.{HOST}.{os.getpid()}.{uuid.uuid4().hex[:8]}.part")
 
 

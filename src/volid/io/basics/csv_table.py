@@ -46,13 +46,13 @@ class CsvTable:
                     f"{where}: {key} names '{name}', which is no column of {self.source}{hint} its columns: "
                     f"{', '.join(self.columns)}"
                 )
-        own = {found: name for name, found in columns.items()}
+        known = {found: name for name, found in columns.items()}
         result: dict[str, tuple[str, ...]] = {}
         for found, cells in self.columns.items():
-            name = own.get(found, found)
+            name = known.get(found, found)
             if found in ignored:
                 continue
-            if name in result or (name != found and name in self.columns and name not in (*own, *ignored)):
+            if name in result or (name != found and name in self.columns and name not in (*known, *ignored)):
                 raise InputError(f"{where}: columns would give {self.source} two columns '{name}'; ignore one of them")
             result[name] = cells
         return replace(self, columns=result)

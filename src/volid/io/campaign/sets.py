@@ -201,17 +201,17 @@ def _uncertainty(table: Table, csv: CsvTable, kind: Kind, readings: np.ndarray) 
     """Standard uncertainties, shape (m, k), and the keys to be evaluated later because there is no reading yet."""
     columns, pending = [], {}
     for i in range(len(kind.readings)):
-        own = uncertainty_key_of(kind.readings, i)
-        column = next((key for key in own if key in csv), None)
-        key = next((key for key in own if key in table.data), None)
+        keys = uncertainty_key_of(kind.readings, i)
+        column = next((key for key in keys if key in csv), None)
+        key = next((key for key in keys if key in table.data), None)
         if column is not None:
             columns.append(_positive(csv.numbers(column, kind.unit_of(i), "every row needs one"), csv, column))
             continue
         if key is None:
-            name = own[0] if kind.units else "u"
+            name = keys[0] if kind.units else "u"
             raise InputError(
                 f"{table.where}: there is no standard uncertainty; add {name} = … ({kind.unit_of(i)}) or "
-                f"{name} = {{ constant = …, proportional = … }} here, or a column {own[0]} in {csv.source}"
+                f"{name} = {{ constant = …, proportional = … }} here, or a column {keys[0]} in {csv.source}"
             )
         spec = _specification(table, key)
         if key == "u" and kind.unit == "mm":
