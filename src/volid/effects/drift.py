@@ -3,7 +3,7 @@
     form = "linear":       reading += ξ · t,        t [h] since the scope's first reading; u in the reading's unit per hour
     form = "random walk":  reading += Σ ξ_j r_j(t), increments between `NODES` instants, straight in between; u per √h
 
-Closures determine it. Not modelled: a drift that is different in the two directions of travel.
+Repeated readings at the same place determine a drift. Not modelled: a drift that differs between the two directions of travel.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
     reading = prediction(tool + Σ τ, …) + Σ a ξ,   ξ, τ of mean 0 and standard uncertainty u, one for each scope (`per`)
 
-What a and τ are, every type says in its own file. An effect is one unknown of the fit per scope, with its u as prior
-knowledge: what the data say of it lowers its u, the rest goes into every result. With `per` = "point" (always for
+The file of each type says what a and τ are. An effect is one unknown of the fit per scope, with its u as prior knowledge: the
+data may reduce this u, and what remains of it contributes to the uncertainty of every result. With `per` = "point" (always for
 repeatability) an effect is drawn anew for every reading and adds to its u, see `random`.
 """
 
@@ -91,5 +91,5 @@ def check_effects(observations: ObservationSet) -> None:
 
 
 def is_random(effect: Effect) -> bool:
-    """True for what is drawn anew for every reading; see `random`."""
+    """True for an effect that is drawn anew for every reading; see `random`."""
     return effect.per == POINT or TYPES[effect.type].always_random

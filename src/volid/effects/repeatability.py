@@ -1,6 +1,8 @@
-"""`repeatability`: axis positions that scatter anew at every reading; u in mm for linear axes, or of the axes named.
+"""`repeatability`: axis positions that scatter anew at every reading.
 
-u² += Σ (u_axis ∂reading/∂position)²,   `axes` = { X = 0.001, … }, else every linear axis with u
+u² += Σ (u_axis ∂reading/∂position)²
+
+`axes` = { X = 0.001, … } gives u_axis by axis letter [mm or degrees]; without it every linear axis has the effect's u [mm].
 """
 
 from __future__ import annotations

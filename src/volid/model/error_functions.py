@@ -108,7 +108,7 @@ def _is_inclined(axis: Axis) -> bool:
 
 
 def location_names(machine: Machine) -> tuple[str, ...]:
-    """Location errors of the rotary axes that are switched on: two positions, two orientations; the zero when asked for."""
+    """Location errors of the rotary axes that are switched on: two positions, two orientations, and the zero if stated."""
     names = []
     for axis in machine.axes:
         if not axis.is_linear:
@@ -121,7 +121,7 @@ def location_names(machine: Machine) -> tuple[str, ...]:
 
 
 def _asked_for(machine: Machine, zero: str) -> bool:
-    """Whether an entry for constants, a name or pattern with a 0 in it, says true; "E[ABC]*" = { segments = 6 } does not."""
+    """Whether an entry for constants (a name or pattern that contains 0) says true; "E[ABC]*" = { segments = 6 } does not."""
     return any("0" in p and s.use is True and fnmatchcase(zero, p) for p, s in machine.model.functions.items())
 
 

@@ -43,7 +43,7 @@ class ComponentSettings(NamedTuple):
 
 
 class Component(Kind):
-    """One component of the deviation; see the module."""
+    """One component of the deviation, as the docstring of the module describes it."""
 
     name = "component"
     readings = ("value",)
@@ -121,7 +121,7 @@ class _Line:
     """Readings of one component along one line: its unknowns and how they answer a motion of the workpiece frame.
 
     A rigid motion (t, ω) of the workpiece frame, and a rotation h of the tool, change reading i by M_i · (t, ω, h). Offset a and
-    slope b follow as far as M_i = a + b · arm_i; the rest is what makes a transformation inexact.
+    slope b follow it as far as M_i = a + b · arm_i; what remains makes a transformation inexact.
     """
 
     def __init__(
@@ -161,7 +161,7 @@ class _Line:
         return result
 
     def _responses(self) -> tuple[tuple[tuple[float, ...], tuple[float, ...]], Remainder | None]:
-        """Rows of offset and slope, least squares over the line, and what they leave."""
+        """Rows of offset and slope by least squares over the line, and the change that they cannot follow."""
         positions, tool = self.observations.positions[self.rows], self.observations.tool[self.rows]
         k = DIRECTIONS.index(self.component)
         frame = rigid_motion_rows(self.machine, positions, tool)[:, k]

@@ -1,12 +1,14 @@
 """`displacement`: R-test, the position of a sphere relative to the nest of three displacement sensors; touch-probe centres.
 
-Sensor on the tool, sphere on the workpiece: d = S · (sphere in the tool frame - nest origin). Sensor on the workpiece, sphere in
-the spindle: d = S · (functional point in the workpiece frame - nest origin). S = (1 + scale) · (identity + small rotation). A
-touch probe that finds a sphere's centre gives d = 0 at the axis positions it reports. CONVENTIONS 6; ISO 10791-6 BK; ISO 230-7.
+With the sensor on the tool and the sphere on the workpiece, d = S · (sphere in the tool frame - nest origin). With the sensor on
+the workpiece and the sphere in the spindle, d = S · (functional point in the workpiece frame - nest origin). S = (1 + scale) ·
+(identity + small rotation). A touch probe that finds a sphere's centre gives d = 0 at the axis positions that it reports.
+CONVENTIONS 6; ISO 10791-6 BK; ISO 230-7.
 
-Options of a set: `sensor_on` "tool" or "workpiece"; `sphere`, approximate position of the sphere (or, with the sensor on the
-workpiece, of the nest), one for all rows or one per name in the column `sphere`; `nest_u` [mm], `rotation_u` [rad], `scale_u`:
-prior u of the sensor's origin, rotation and scale, 0 for known, inf for unknown; `range` [mm] of the sensor to either side.
+Options of a set: `sensor_on` is "tool" or "workpiece". `sphere` is the approximate position of the sphere (or, with the sensor on
+the workpiece, of the nest), one for all rows or one per name in the column `sphere`. `nest_u` [mm], `rotation_u` [rad] and
+`scale_u` are the prior u of the sensor's origin, rotation and scale: 0 when it is known, inf when it is unknown. `range` [mm] is
+that of the sensor to either side.
 """
 
 from __future__ import annotations
@@ -46,7 +48,7 @@ _SENSOR_TURNS = (
 
 
 class DisplacementSettings(NamedTuple):
-    """Static part: where the sensor sits, and which of its nuisance parameters are in play."""
+    """Static part: where the sensor is mounted, and which of its nuisance parameters are used."""
 
     on_tool: bool
     nest: bool
@@ -55,7 +57,7 @@ class DisplacementSettings(NamedTuple):
 
 
 class Displacement(Kind):
-    """R-test readings; see the module."""
+    """R-test readings, as the docstring of the module describes them."""
 
     name = "displacement"
     readings = ("x", "y", "z")
@@ -222,7 +224,7 @@ def _sensor_response(observations: ObservationSet, settings: DisplacementSetting
 
 
 def _remainder(observations: ObservationSet, settings: DisplacementSettings) -> Remainder | None:
-    """What places and sensor cannot follow: h × tool beside a known nest, ω × d of a sensor parallel to what it stands on."""
+    """What places and sensor cannot follow: h × tool for a known nest, ω × d for a sensor parallel to what it stands on."""
     tools = observations.tool - (observations.tool.mean(axis=0) if settings.nest else 0.0)
     d, u = np.nan_to_num(observations.readings), observations.u
     arm = tools if settings.rotation or not settings.on_tool else tools + d

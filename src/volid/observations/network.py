@@ -1,4 +1,4 @@
-"""The stations of lengths together: their start values from the lengths alone, and the frame that known stations share."""
+"""The stations of all length readings: their start values from the lengths alone, and the frame that known stations share."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Poses from points: the rigid motion that carries nominal points onto coordinates read, and what is left of them.
+"""Poses from points: the rigid motion that carries nominal points onto the coordinates read, and the misfit that remains.
 
-Kabsch, Acta Cryst. A32 (1976) 922. Not modelled: a scale. Where more is left than a machine's errors, readings are tried in other
-units; what fits ten times better is named.
+Kabsch, Acta Cryst. A32 (1976) 922. Not modelled: a scale. Where the misfit is larger than a machine's errors, the readings are
+tried in other units, and a unit that fits ten times better is named.
 """
 
 from __future__ import annotations

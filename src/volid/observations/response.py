@@ -1,8 +1,8 @@
-"""How an unknown of a campaign answers small rigid motions of the frame that it lives in: what a change of datum needs to know.
+"""How an unknown of a campaign answers small rigid motions of the frame it belongs to, which a change of datum needs to know.
 
 A change of datum moves the frame of every body of the machine, workpiece, bed and carriages, by a small rigid motion
 x -> x - (t + ω × x), and may turn the tool vectors by a constant h (where a tool rotation is held at 0). An unknown ν becomes
-ν - row · (t, ω, h), with the motion of its own body. Members are final; each has a plain form for files.
+ν - row · (t, ω, h), with the motion of its own body. The classes are final, and each has a plain form for files.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def as_rows(matrix: np.ndarray) -> Rows:
 
 @dataclass(frozen=True)
 class Remainder:
-    """What the readings of a set would change by, whatever the unknowns did: why a transformation may not be exact.
+    """The change of a set's readings that no change of the unknowns can follow: the reason why a transformation is not exact.
 
     `rows` (k, 9): |rows · (t, ω, h)| is the root mean square change of the readings in units of their u. `reason`: in words,
     with what to do about it.
@@ -40,7 +40,7 @@ class Remainder:
 
 
 def remainder(rows: np.ndarray, u: np.ndarray | float, reason: str) -> Remainder | None:
-    """`Remainder` of readings that change by `rows` (m, 9) [their unit]; None where that is rounding."""
+    """`Remainder` of readings that change by `rows` (m, 9) [their unit]; None where the change is only rounding."""
     u = np.asarray(u, dtype=float)
     u = np.where(np.isfinite(u) & (u > 0.0), u, 1.0)  # a plan may leave it open
     rows = np.asarray(rows) / np.reshape(u, (-1, 1)) / np.sqrt(max(len(rows), 1))
@@ -60,10 +60,10 @@ class Response(ABC):
 
     @abstractmethod
     def row(self, value: Values) -> np.ndarray:
-        """∂(what is taken off the unknown)/∂(t, ω, h), shape (9,); `value`: present value of an unknown by its key."""
+        """∂(what is subtracted from the unknown)/∂(t, ω, h), shape (9,); `value`: present value of an unknown by its key."""
 
     def joined(self, other: Response) -> Response:
-        """The response to the readings of two sets that share the unknown: that of the first, unless a class knows better."""
+        """The response of an unknown that two sets share: by default that of the first set."""
         return self if self.not_followed is not None else replace(self, not_followed=other.not_followed)
 
 
@@ -128,8 +128,8 @@ class PlaceOf(Response):
 class TurnOf(Response):
     """Component of the small rotation vector o of something that stands on the body.
 
-    `sense` -1: it looks at the world from the body, x -> R(o) F x (an instrument); +1: it is carried, x -> R(o) x with F = 1 (a
-    network of stations). `of`: keys of o; `frame`: F.
+    `sense` -1: the thing is an instrument, which sees points from its body, x -> R(o) F x. `sense` +1: the body carries it,
+    x -> R(o) x with F = 1, as a network of stations. `of`: keys of o; `frame`: F.
     """
 
     of: tuple[Key, ...] = ()

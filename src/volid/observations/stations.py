@@ -1,4 +1,4 @@
-"""What kinds whose instrument stands on a station share: its place as unknowns, and what it sees nominally."""
+"""What the kinds with an instrument on a station have in common: the station's place as unknowns, and what it sees nominally."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def station_slots(
 
 
 class Seen:
-    """How readings from a body answer a constant rotation h of the tool vectors: by one shift R (h × tool) of all, or not.
+    """How readings from a body answer a constant rotation h of the tool vectors: whether one shift R (h × tool) follows it.
 
     `tool`: shape (3, 3), what is subtracted from a place on that body. `not_followed`: the part that no place can follow, because
     tool vectors or rotary axes between the two bodies change. `u`: median of the readings' u.
@@ -79,7 +79,7 @@ def cross_rows(vectors: np.ndarray) -> np.ndarray:
 
 
 def tool_remainder(tools: np.ndarray, u: float) -> Remainder | None:
-    """What is left of h × tool for the rows of T (m, 3) [mm]: its mean square is hᵀ (tr M - M) h, M = TᵀT/m."""
+    """What remains of h × tool for the rows of T (m, 3) [mm]: its mean square is hᵀ (tr M - M) h, M = TᵀT/m."""
     moments = tools.T @ tools / len(tools)
     if np.abs(moments).max() < 1e-12:
         return None

@@ -1,6 +1,7 @@
 """Linear axes that follow the rotary ones, so that the nominal functional point stays where it should; limits of travel.
 
-The nominal functional point is linear in the linear axes: p(q) = p(rotary, 0) + Σ q_i d_i(rotary), one solution, exact.
+The nominal functional point is linear in the positions of the linear axes, p(q) = p(rotary, 0) + Σ q_i d_i(rotary). The equations
+therefore have one solution, and it is exact.
 """
 
 from __future__ import annotations

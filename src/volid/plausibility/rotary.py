@@ -1,9 +1,9 @@
 """What cannot be right around rotary axes: positions in radians, an axis that counts the other way, no rotary motion.
 
-R-test readings say where the sphere stands: every row gives its place on the workpiece through the nominal chain, and these
-places differ only by the machine's errors. Distances say how far the target is from a station whose place is roughly known. When
-they disagree by millimetres, something nominal is wrong; trials tell what. Centres from a control that knows the rotary positions
-itself agree whatever they are taken for: there, radians are recognised by being whole degrees.
+R-test readings show where the sphere stands: every row gives its place on the workpiece through the nominal chain, and these
+places differ only by the machine's errors. Distances show how far the target is from a station whose place is roughly known. When
+they disagree by millimetres, something nominal is wrong, and trials find out what. Centres from a control that itself uses the
+rotary positions agree in either unit; there, radians are recognised because they are integer numbers of degrees.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def _say_radians(readings: ObservationSet, machine: Machine, columns: list[int],
 
 
 def _integer_degrees(q: np.ndarray) -> bool:
-    """Whether positions are whole degrees as radians, and not as degrees; enough different ones, so that it is no chance."""
+    """Whether positions are integer degrees when taken for radians, but not as they stand; enough of them to exclude chance."""
     different = np.unique(q[q != 0.0])
     turned = np.rad2deg(different)
     return len(different) >= _ENOUGH and bool(np.all(np.abs(turned - np.round(turned)) < _INTEGER))
