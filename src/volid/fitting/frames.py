@@ -3,7 +3,8 @@
 Two datums describe one machine: every factor F_i of its chain becomes (1 - g_i) F_i (1 + g_(i+1)), with one small rigid
 motion g of the frame of every body; g_0 is that of the workpiece. The error motion of axis i therefore changes by
 f_i = -g_i + Ad(N_i) g_(i+1), N_i its nominal motion, which gives the frames one after another from the workpiece to the tool.
-What arrives behind the tool frame is the rotation of the tool vectors: 0, unless a tool rotation is left out or held at 0.
+The last of them, behind the tool frame, is the rotation of the tool vectors. It is 0 unless a tool rotation is left out or held
+at 0.
 Not modelled: products of two errors.
 """
 
@@ -109,7 +110,7 @@ def _twists(model: ErrorModel, i: int, positions: np.ndarray) -> np.ndarray:
 
 
 def unknown_rows(machine: Machine, table: Sequence[Nuisance], values: np.ndarray, moved: Frames) -> np.ndarray:
-    """What comes off every unknown at the change of datum, linear in θ, shape (k, n), at the unknowns' `values` (k,)."""
+    """What is subtracted from every unknown at the change of datum, linear in θ, (k, n), at the unknowns' `values` (k,)."""
     number = {entry.key: i for i, entry in enumerate(table)}
     result = np.zeros((len(table), moved.tool.shape[1]))
     for i, entry in enumerate(table):
@@ -122,7 +123,7 @@ def unknown_rows(machine: Machine, table: Sequence[Nuisance], values: np.ndarray
 def check_exact(
     machine: Machine, table: Sequence[Nuisance], moved: Frames, theta: np.ndarray, covariance: np.ndarray
 ) -> None:
-    """Raises `InputError` with the reason when readings would change noticeably beside their u, whatever the unknowns did.
+    """Raises `InputError`, with the reason, when predicted readings would change noticeably compared with their u.
 
     `theta` (n,) and its `covariance`: the change itself, and by how much samples of θ scatter about it.
     """

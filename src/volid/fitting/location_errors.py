@@ -1,8 +1,8 @@
 """Location errors of rotary axes as a table in ISO notation: the parameter and the axis line, relative to what was asked for.
 
-Every stator error between the bed and an axis displaces and tilts its line: δ(x) = ± Σ (e + ω × (x - p)), + on the tool side,
-- on the workpiece side, where parameters describe the tool relative to the workpiece and the physical line moves the other way
-(CONVENTIONS 3). The error motions have zero mean, so these are axis average lines (ISO 230-7).
+Every stator error between the bed and an axis displaces and tilts its line: δ(x) = ± Σ (e + ω × (x - p)). The sign is + on the
+tool side, and - on the workpiece side, because parameters describe the tool relative to the workpiece and the physical line
+moves the other way (CONVENTIONS 3). The error motions have zero mean, so these are axis average lines (ISO 230-7).
 """
 
 from __future__ import annotations
@@ -59,16 +59,16 @@ def location_errors(solution: Solution, relative_to: str | None = None) -> list[
     """Two positions and two orientations of every rotary axis, relative to the machine frame or to another rotary axis.
 
     Relative to the machine frame, an axis that another one carries (C' on A', A under C) has the errors of both, at the
-    commanded zero of the carrier; with that carrier as `relative_to`, its own parameters come out. Errors along and about the
-    line of `relative_to` are named: a line alone does not define them, its zero and the machine frame do.
+    commanded zero of the carrier; with that carrier as `relative_to` it has its own parameters. A remark marks errors along and
+    about the line of `relative_to`, because not the line but its zero and the machine frame define them.
 
     Args:
         solution: of a machine with rotary axes.
         relative_to: letter of a rotary axis; None or "machine": the machine frame.
 
     Raises:
-        InputError: `relative_to` is no rotary axis of the machine, or stands on the other side: the linear axes lie between, ask
-            for the machine frame then.
+        InputError: `relative_to` is no rotary axis of the machine, or it stands on the other side, with the linear axes in
+            between; ask for the machine frame then.
 
     >>> import volid
     >>> solution = volid.fit(volid.load_campaign("datasets/five_axis_rtest/campaign.toml"))
@@ -165,7 +165,7 @@ class Split(NamedTuple):
 def motions_with_mean(solution: Solution, letter: str, positions: np.ndarray) -> list[FunctionValue]:
     """Error motions of a rotary axis with its location errors added: what an instrument on the axis sees, with u.
 
-    Rows by component, then position; approach direction 0. Undetermined values are NaN.
+    The rows are ordered by component, then by position; the approach direction is 0. Values that are not determined are NaN.
     """
     axis, result = solution.machine.axis(letter), []
     if axis.is_linear:
@@ -189,10 +189,10 @@ def motions_with_mean(solution: Solution, letter: str, positions: np.ndarray) ->
 
 
 def split_mean(solution: Solution, letter: str, positions: np.ndarray, values: np.ndarray) -> Split:
-    """Take tabulated error motions (m, 6) [mm, rad] apart into location errors, co-rotating parts and zero-mean motions.
+    """Divide tabulated error motions (m, 6) [mm, rad] into location errors, co-rotating parts and zero-mean motions.
 
-    The inverse of `motions_with_mean`, for tables of any origin: even `positions` over the travel, their two ends included (mean
-    by the trapezoidal rule). The zero is the angular positioning at the reference, interpolated.
+    This is the inverse of `motions_with_mean`, for tables of any origin. `positions` are evenly spaced over the travel, both ends
+    included (mean by the trapezoidal rule). The zero is the angular positioning at the reference, interpolated.
     """
     axis = solution.machine.axis(letter)
     x, values = np.asarray(positions, dtype=float), np.asarray(values, dtype=float)

@@ -40,8 +40,8 @@ if TYPE_CHECKING:
 class Solution:
     """What `fit` finds: the error model with numbers, their covariance, and what the data say about them.
 
-    A JAX pytree whose leaves are the first five fields, NumPy arrays that cannot be written to (when JAX knows it as such:
-    `volid.backend.pytrees`).
+    A solution is a JAX pytree whose leaves are the first five fields, NumPy arrays that cannot be written to.
+    `volid.backend.pytrees` says from when on JAX knows it as such.
 
     Args:
         parameters: θ, shape (n,), of the error functions in the order of `model` [mm, rad].
@@ -152,7 +152,7 @@ class Solution:
         return values.T.reshape(*shape, 6)
 
     def evaluate(self, positions: ArrayLike, tool: ArrayLike, direction: ArrayLike | None = None) -> Deviations:
-        """Deviations with standard uncertainties, machine frame, as NumPy arrays; NaN where not determined.
+        """Deviations with standard uncertainties, machine frame, as NumPy arrays; NaN where they are not determined.
 
         Args:
             positions: axis positions, shape (m, n_axes), machine axis order [mm or degrees].
@@ -182,7 +182,7 @@ class Solution:
     ) -> Bool[np.ndarray, " m"]:
         """True for positions [mm or degrees] outside what was measured, by more than 1 % of the travel.
 
-        `axes`: letters that are judged; None: all. A rotary axis measured over a whole turn is measured everywhere.
+        `axes`: letters of the axes that are judged; None: all. A rotary axis measured over a full turn is measured everywhere.
         """
         low, high = self.measured_range().T
         slack = 0.01 * np.array([axis.length for axis in self.machine.axes])
@@ -269,11 +269,11 @@ class Solution:
         return volid.linear_grid(self, **keywords)
 
     def in_datum(self, datum: Datum) -> Solution:
-        """The same solution in another datum: an S-transformation of everything that is unknown, never a new fit.
+        """The same solution in another datum, by an S-transformation of all unknowns, never by a new fit.
 
         Every unknown answers as its kind of observation declares, so that no predicted reading changes. Raises `InputError` when
-        the model cannot be expressed in that datum, or when readings could not stay as they are (a straightedge whose slope is
-        said to be known), with the reason and what to do. Source: CONVENTIONS 4.
+        the model cannot be expressed in that datum, or when predicted readings would have to change (for example those of a
+        straightedge whose slope is stated to be known), with the reason and what to do. Source: CONVENTIONS 4.
         """
         machine = self.machine
         model = build_model(machine, self.model.segments, carrier=self.model.carrier, datum=datum)

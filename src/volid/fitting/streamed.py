@@ -1,8 +1,9 @@
 """`fit_streamed`: campaigns larger than memory, one part of the readings after the other.
 
-A sample of the campaign goes through the whole of `fit`: it places the stations, decides what is determined, chooses the spline
-resolution and gives a solution to begin with. Then all readings, part by part: normal equations at the start (in single
-precision), gradients until the minimum is reached, normal equations there for the covariance, and residuals for the verdict.
+First a sample of the campaign is fitted completely by `fit`. It places the stations, decides what is determined, chooses the
+spline resolution and gives a solution to begin with. Then all readings are used, part by part: for normal equations at the start
+(in single precision), for gradients until the minimum is reached, for normal equations there, which give the covariance, and for
+residuals, which give the verdict.
 """
 
 from __future__ import annotations
@@ -54,7 +55,7 @@ class _Part(NamedTuple):
 
 
 class _Parts:
-    """The parts of a stream as problems that share the unknowns of one whole problem."""
+    """The parts of a stream as problems that share the unknowns of one complete problem."""
 
     def __init__(self, stream: Stream, complete: Problem, table: NuisanceTable, progress: Progress) -> None:
         self.stream, self.complete, self.table, self.progress = stream, complete, table, progress
@@ -111,9 +112,9 @@ def fit_streamed(
 ) -> Solution:
     """Identify a machine's error model from a campaign that need not fit into memory.
 
-    The minimum, its covariance, chi-square and all group tests are those of all readings. Decided on a `sample` of that many rows
-    are start values, what is determined, and the spline resolution. The solution holds the sample's readings alone; Monte Carlo
-    and budgets, which repeat the fit, refuse it.
+    The minimum, its covariance, chi-square and all group tests are those of all readings. The start values, what is determined,
+    and the spline resolution are decided on a `sample` of that many rows. The solution contains the readings of the sample only;
+    therefore Monte Carlo and budgets, which repeat the fit, refuse it.
 
     Args:
         stream: the readings, as `volid.CampaignStream` reads them part by part.

@@ -1,6 +1,6 @@
 """Readings of one station to known targets in numbers: closed-form positions and their robust refinement.
 
-Dead paths never appear as unknowns: everything is centred segment by segment (variable projection).
+Dead paths never appear as unknowns, because all quantities are centred segment by segment (variable projection).
 """
 
 from __future__ import annotations

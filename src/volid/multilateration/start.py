@@ -28,8 +28,8 @@ def starting_coordinates(
     """Coordinates near the least-squares solution, for every point of a distance network.
 
     Points with readings to enough known ones are trilaterated, one after the other. When no point is known, the frame is
-    arbitrary and the result may be a mirror image: where every station sees every target, s_i·t_j = -(D² doubly centred) / 2
-    has rank 3 and gives both up to one linear map, which is found from |t_j|² (linear in its square); otherwise random
+    arbitrary and the result may be a mirror image. Where every station sees every target, s_i·t_j = -(D² doubly centred) / 2
+    has rank 3 and gives both up to one linear map, which is found from |t_j|² (linear in its square). Otherwise random
     starts are tried.
 
     Args:

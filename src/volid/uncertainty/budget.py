@@ -2,10 +2,10 @@
 
 With H = Σ_s J_sᵀ J_s over the sources s (whitened readings of a set, pseudo-readings of an effect, a calibrated length, an
 earlier solution), the estimate is x = C Σ_s J_sᵀ l_s, C = H⁻¹, so that C = Σ_s C J_sᵀ J_s C: the contributions of independent
-sources to u² of any output add up to the whole. GUM 5.1.2, written for a least-squares adjustment.
+sources to u² of any output add up to u². GUM 5.1.2, written for a least-squares adjustment.
 
-Sensitivity of an output to a source whose members all have one u (the scales of all stations, say): c = contribution / u, the
-root sum of squares of the members' own sensitivities.
+A source may have several members with the same u, such as the scales of all stations. The sensitivity of an output to it is then
+c = contribution / u, the root sum of squares of the sensitivities to its members.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """Coverage intervals of tables from Monte Carlo samples: error functions, location errors, deviations at given places.
 
-Deviations are taken linear in the parameters around the solution, e = e0 + G (x - x0); what that leaves out is of second order in
-the uncertainties (rotations uncertain by 5 µrad over 1 m: 0.03 nm). Tables of any length go through memory piece by piece.
+Deviations are taken as linear in the parameters around the solution, e = e0 + G (x - x0). What this neglects is of second order
+in the uncertainties (rotations uncertain by 5 µrad over 1 m: 0.03 nm). Long tables are evaluated piece by piece, so that memory
+stays bounded.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What people ask of a solution, as functions of its parameters: location errors, error motions, the working volume."""
+"""The quantities that users ask for, as functions of the parameters: location errors, error motions, the working volume."""
 
 from __future__ import annotations
 

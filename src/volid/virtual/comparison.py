@@ -45,8 +45,8 @@ def compare(solution: Solution, truth: Truth) -> Comparison:
     gradient of the field with respect to the parameters. Tool vectors are those of the campaign, in turn.
 
     Args:
-        solution: Of a campaign on the virtual machine, in any datum.
-        truth: Of that machine, as `simulate` returns it.
+        solution: The solution of a campaign on the virtual machine, in any datum.
+        truth: The truth of that machine, as `simulate` returns it.
 
     Example:
         >>> import volid
@@ -76,8 +76,8 @@ def covered(difference: np.ndarray, u: np.ndarray) -> np.ndarray:
 def gauge_basis(solution: Solution, positions: np.ndarray, tool: np.ndarray) -> np.ndarray:
     """Orthonormal basis (3m, r) of what no comparison of fields at m points may contain.
 
-    A rigid motion of the workpiece frame; a constant tool rotation or translation too where its parameters are held or
-    not determined.
+    That is a rigid motion of the workpiece frame, and a constant tool rotation or translation too where its parameters are held
+    at 0 or not determined.
     """
     columns = [rigid_motion_rows(solution.machine, positions, tool)[:, :3]]
     tool_frame = [name for name in solution.model.names if parse(name).location and parse(name).axis == SPINDLE]

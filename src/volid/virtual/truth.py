@@ -26,7 +26,7 @@ POINTS_ACROSS = 81  # over the second axis of a cross effect
 class Table:
     """A function f(q) of one axis by interpolation in a table.
 
-    Beyond the ends the last piece goes on.
+    Beyond an end, the polynomial of the last interval is continued.
 
     Attributes:
         positions: Array, shape (n,), increasing [mm or degrees].
@@ -101,7 +101,7 @@ class Truth:
         constants: Squareness, location errors and constants of the tool frame by symbol [mm or rad].
         stations: True positions, (x, y, z) on the body of each station [mm].
         instruments: True dead paths, offsets and the like, by the names that they have in a solution.
-        seed: Of the random numbers that the errors came from, if they did.
+        seed: Seed of the random numbers that the errors came from; None when they are not random.
         source: Where the truth comes from, for messages.
 
     Raises:
@@ -246,7 +246,7 @@ class Truth:
 def truth_of_solution(solution: Solution) -> Truth:
     """The identified machine as a virtual one: mean functions, cross effects, reversal and constants of a solution.
 
-    Combinations that are not determined are zero, as in the solution. Stations and dead paths are left open.
+    Combinations that are not determined are zero, as in the solution. Stations and dead paths are not stated.
 
     Example:
         >>> import volid

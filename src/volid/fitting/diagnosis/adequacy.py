@@ -1,7 +1,7 @@
-"""Is the model adequate? Chi-square overall and by group, and the normalised residual test.
+"""Adequacy of the model: chi-square overall and by group, and the normalised residual test.
 
 When the model is wrong (cross effects, drift, outliers, too few segments, instruments worse than stated), the residuals
-say so; the verdict is part of every solution and stands before any table is written. ISO/TR 16907 11.3.
+show it. The verdict is part of every solution and is given before any table is written. ISO/TR 16907 11.3.
 """
 
 from __future__ import annotations
@@ -222,7 +222,7 @@ def _verdict(rejected: bool, weight: float, probability: float, groups: Any, sus
 
 
 def _worst(groups: tuple[GroupTest, ...]) -> list[GroupTest]:
-    """The least probable groups, one of each sort: region, linear positions, angles, direction, station, … Whole sets last."""
+    """The least probable groups, one of each sort: region, linear positions, angles, direction, station, …; entire sets last."""
     found: dict[str, GroupTest] = {}
     for group in sorted(groups, key=lambda g: g.what.startswith("set ")):
         first = group.what.split()[0]

@@ -4,7 +4,7 @@ With whitened residuals r = y - ŷ and H = J C Jᵀ, the prediction of a group g
     e_g = (I - H_gg)⁻¹ r_g,
 exact for a model that is linear in its unknowns (Cook and Weisberg 1982, 2.2; Hastie, Tibshirani and Friedman, 7.10), and to
 second order of the errors here. A group is everything that was read at one combination of rotary positions, from any station, at
-any sphere, repeats included: a model that only retells its readings looks good in residuals, not in these.
+any sphere, repeats included. A model that only reproduces its readings has small residuals, but not small held-out residuals.
 """
 
 from __future__ import annotations
@@ -47,11 +47,11 @@ def _projected(system: System, z: Any, factor: Any) -> list[Any]:
 def held_out_residuals(
     problem: Problem, campaign: Campaign, z: np.ndarray, root: np.ndarray, whitened: list[np.ndarray]
 ) -> tuple[np.ndarray, ...]:
-    """Whitened residuals with the reading's whole rotary position held out, (m, k) per set.
+    """Whitened residuals with all readings of the same rotary position held out, (m, k) per set.
 
     `problem`: with the weights of the fit (0 for outliers, whose residuals are held out already). `root`: L with covariance
-    of z = L Lᵀ. `whitened`: residuals of all readings over u. NaN where a rotary position alone carries a combination of the
-    unknowns. Empty when the machine has no rotary axis or the campaign is too large for it.
+    of z = L Lᵀ. `whitened`: residuals of all readings over u. The result is NaN where one rotary position alone determines a
+    combination of the unknowns, and empty when the machine has no rotary axis or the campaign is too large for it.
     """
     rotary = any(not axis.is_linear for axis in campaign.machine.axes)
     if not rotary or sum(r.size for r in whitened) * root.shape[1] > LARGEST:

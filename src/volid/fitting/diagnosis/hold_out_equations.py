@@ -1,7 +1,7 @@
 """Normal equations of cross-validation folds in the free columns of several parts of the unknowns, and what they predict.
 
-The dense algebra of the choice of resolution: without another pass over the readings, every candidate for one part is judged by
-the chi-square of each fold when the other folds determine everything.
+This is the dense algebra behind the choice of resolution. Without another pass over the readings, every candidate for one part is
+judged by the chi-square of each fold, predicted from the other folds.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ class Part(NamedTuple):
 class Projected:
     """Equations (k, N, N) and (k, N) of the folds, and of the prior as the last, in the free columns B of several parts.
 
-    `left` Bᵀ M, shape (k, n, N); `both` Bᵀ M B, shape (k, n, n); `right` Bᵀ v, shape (k, n). Taking one part out, or exchanging
-    it, is a small part of the work of the whole.
+    `left` Bᵀ M, shape (k, n, N); `both` Bᵀ M B, shape (k, n, n); `right` Bᵀ v, shape (k, n). Removing or exchanging one part is
+    little work compared with setting up all of them.
     """
 
     def __init__(self, matrices: np.ndarray, vectors: np.ndarray) -> None:
@@ -59,7 +59,7 @@ class Projected:
 
 
 class Reduced(NamedTuple):
-    """A fold's equations, others (o) and own (f) unknowns apart."""
+    """A fold's equations, with the unknowns of the other parts (o) and those of one function (f) separated."""
 
     oo: np.ndarray
     of: np.ndarray

@@ -1,9 +1,9 @@
-"""Spline resolution by held-out prediction: how many segments each error function needs, and the data can carry.
+"""Spline resolution by held-out prediction: how many segments each error function needs and the data can support.
 
-All candidate resolutions of a function are subspaces of one fine spline (knot insertion). So the normal equations of the
-fine model, one set per fold, hold everything: for each candidate the fold's readings are predicted from the other folds
-by small dense algebra, without another pass over the readings. Folds are made of whole machine positions, so a held-out
-point was never seen from any station. K-fold cross-validation: Hastie, Tibshirani and Friedman, 7.10.
+All candidate resolutions of a function are subspaces of one fine spline (knot insertion). Therefore the normal equations of the
+fine model, one set per fold, contain all that is needed: for each candidate the fold's readings are predicted from the other
+folds by small dense algebra, without another pass over the readings. All readings of one machine position are in the same fold,
+so that a held-out point was not seen from any station. K-fold cross-validation: Hastie, Tibshirani and Friedman, 7.10.
 """
 
 from __future__ import annotations
@@ -53,10 +53,10 @@ class Resolution:
 
 
 def _finest(machine: Machine, name: str, letter: str, n_positions: int) -> int:
-    """Finest resolution that the positions carry: no more coefficients than positions.
+    """Finest resolution that the positions support: no more coefficients than positions.
 
-    Two fewer along a rotary axis of partial travel: indexed at a few positions it would otherwise be interpolated, and readings
-    held out at the same positions of that axis do not show the waves between them.
+    Along a rotary axis of partial travel it is two fewer. Such an axis is often indexed at a few positions, which the spline
+    would otherwise interpolate, and readings held out at the same positions do not show the waves between them.
     """
     degree, axis = settings_for(machine, name).degree or 3, machine.axis(letter)
     spare = 0 if axis.is_linear or axis.length >= FULL_TURN else 2
@@ -159,7 +159,7 @@ class _Search:
 
     For one function, all other unknowns are eliminated once per fold (Schur complement); every candidate then costs only
     a solve of its own few coefficients. Unknowns are scaled to their physical units, with a ridge of 1 mm or 1 mrad that
-    keeps undetermined ones from disturbing the others.
+    keeps those that are not determined from disturbing the others.
     """
 
     def __init__(
@@ -224,11 +224,11 @@ class _Search:
         return changed
 
     def best(self, name: str) -> tuple[int, ...]:
-        """Resolution of one function with all others held: the one that predicts best, or a finer one of up to `FIRST`
+        """Resolution of one function, those of all others kept: the one that predicts best, or a finer one of up to `FIRST`
         intervals that does not predict clearly worse.
 
-        Too coarse a spline costs more than too fine a one: its bias is not part of the stated uncertainty. With the best
-        alone the deviations of three machines lay 1.1 to 1.2 standard uncertainties off, with this rule 1.03 to 1.05.
+        Too coarse a spline is worse than too fine a one, because its bias is not part of the stated uncertainty. With the best
+        alone the deviations of three machines were 1.1 to 1.2 standard uncertainties off, with this rule 1.03 to 1.05.
         """
         options = candidates(self.carrier[name])
         scores = self.scores(name, options)
