@@ -1,15 +1,15 @@
-"""What each effect of a compensation type is made of: the error values that a control's kinematic model should hold.
+"""The effects that compensation types consist of: the error values that the kinematic model of a control should have.
 
-An effect keeps, of every axis, six error values that depend on that axis (CONVENTIONS 3); the deviation they cause follows
-from the kinematic model. Types on a *specific line* (L-POS, L-STR, L-SQU) hold what the functional point does along the lines
-through `at` with the base tool, lever effects there included; L-ANG holds the angular error motions, less what they do on
-these lines. So
+For every axis, an effect has six error values that depend on that axis (CONVENTIONS 3); the deviation that they cause follows
+from the kinematic model. Types on a *specific line* (L-POS, L-STR, L-SQU) contain the motion of the functional point along the
+lines through `at` with the base tool, lever effects there included. L-ANG contains the angular error motions, less their effect
+on these lines. Therefore
 
     L-POS + L-STR + L-SQU + L-ANG = L-VOL  of a rigid machine, but for the constant deviation at `at`.
 
-R-RAX likewise holds the translations at one point: at an elevation above the table, on its line, or at the tip of the base tool;
-R-ANG the tilts, less what they do there. Everything is linear in the parameters θ, so that values and uncertainties come
-together.
+Likewise R-RAX contains the translations at one point: at an elevation above the table, on its line, or at the tip of the base
+tool; R-ANG contains the tilts, less their effect at that point. All values are linear in the parameters θ, so that values and
+uncertainties follow together.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ def effect_errors(
 def line_errors(
     solution: Solution, effects: Sequence[str], base: Base, positions: np.ndarray, directions: np.ndarray
 ) -> np.ndarray:
-    """As `effect_errors`, every effect by itself and on its lines: what single-axis tables can hold. Cross effects at `at`."""
+    """As `effect_errors`, but each effect on its lines, as single-axis tables hold it; cross effects are evaluated at `at`."""
     machine = solution.machine
     out = np.zeros((len(positions), ROWS * (len(machine.axes) + 1), solution.model.n_parameters))
     for i, axis in enumerate(machine.axes):
@@ -139,7 +139,7 @@ def _moved(
     """Deviation of the functional point along the axis's line less that at `at`, (m, 3, n) [mm]; `rotations`: by angular
     errors alone.
 
-    Of all linear axes' errors: where the other axes stand turned by their angular errors, they turn this one's motion.
+    The errors of all linear axes take part, because the angular errors of the other axes turn the motion of this one.
     """
     positions, ways = _on_line(solution, axis, base, places, direction)
     errors = model_errors(

@@ -1,4 +1,4 @@
-"""A compensation: tables and grids of several types together, as one control gets them."""
+"""A compensation: the tables and grids of several types together, as they are given to one control."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Compensation:
     grids: tuple[AnyGrid, ...]
 
     def control(self, machine: Machine, **options: Any) -> Control:
-        """A control of `machine` with this compensation; `options`: tool, increment, clamped, poles, correct_motion."""
+        """A simulated control of `machine` with this compensation; `options`: those of `Control`, such as tool or increment."""
         return Control(machine, self.tables, self.grids, **options)
 
 
@@ -121,7 +121,7 @@ def compensate(
 
 
 def _once(grids: Sequence[AnyGrid]) -> tuple[AnyGrid, ...]:
-    """L-VOL+ brings the rotary axes' FOR grids, R-VOL+ the linear ones; with both, the + grids hold them already."""
+    """Each side's grid once: L-VOL+ and R-VOL+ both bring FOR grids, which the + grids already contain when both are there."""
     plus = {g.side for g in grids if g.type in ("L-VOL+", "R-VOL+")}
     kept: list[AnyGrid] = []
     for g in grids:

@@ -18,7 +18,8 @@ def round_to(values: np.ndarray, least: float | None) -> np.ndarray:
 def rounded_grid(grid: AnyGrid, increment: float | None, angle_increment: float | None) -> AnyGrid:
     """The grid with translations at multiples of `increment` [mm], rotations of `angle_increment` [rad], and a note of the loss.
 
-    None: all digits. Values are absolute, so that rounding does not add up. Raises `InputError` for an increment that is none.
+    None keeps all digits. Values are absolute, so that rounding errors do not add up. Raises `InputError` for an increment that
+    is not positive.
     """
     notes, values = list(grid.notes), grid.values.copy()
     for columns, least, scale, unit in (

@@ -1,8 +1,8 @@
 """A new compensation on top of an existing one (ISO/TR 16907 10.5): the sum, on the union of the points of both.
 
-A machine that was measured with its old tables active shows what they leave; the new tables belong on top, not in their place.
-Both are piecewise linear, so the union of their points holds the sum exactly. Outside its own range a table holds its end
-value, as a control does.
+When a machine was measured with its old tables active, the measurement shows the errors that remain with them; the new tables
+must then be added to the old ones, not replace them. Both are piecewise linear, so the sum is exact on the union of their points.
+Outside its range a table keeps its end value, as in a control.
 """
 
 from __future__ import annotations

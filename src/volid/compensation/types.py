@@ -35,9 +35,10 @@ TABLES, GRID = "tables", "grid"
 class CompensationType:
     """One type of ISO/TR 16907.
 
-    `effects`: what of the error model it uses. `based_on`: the specific line through `at`, all of the volume, one elevation or
-    tool length, or the axis alone. `control`: what the control does with it. `leaves`: what it must not touch. `forms`: table
-    of an axis, or spatial grid. `needs_tool`: the control must know the tool vector.
+    `effects`: the parts of the error model that it corrects. `based_on`: where it holds: on the specific line through `at`, in
+    all of the volume, at one elevation or tool length, or on the axis alone. `control`: what the control does with it. `leaves`:
+    the errors that it does not correct. `forms`: table of an axis, or spatial grid. `needs_tool`: whether the control must know
+    the tool vector.
     """
 
     name: str

@@ -1,8 +1,8 @@
 """Spatial grids of any compensation type: what its effects do at every node, with uncertainty (ISO/TR 16907 Tables 2 and 3).
 
-One builder makes every grid, of linear and of rotary axes. L-VOL and R-VOL hold the entire model; all other types restrict it to
-their effects. A FOR grid holds the orientation error alone, zero translations: the control turns rotary axes by it and moves
-nothing else.
+One builder makes every grid, of linear and of rotary axes. L-VOL and R-VOL contain the entire model; all other types restrict it
+to their effects. A FOR grid contains the orientation error alone, with zero translations: the control turns rotary axes by it and
+moves nothing else.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ def build_grid(solution: Solution, request: GridRequest, side: str) -> AnyGrid:
 def _common(
     solution: Solution, request: GridRequest, lines: tuple[np.ndarray, ...], place: Place, found: Evaluated
 ) -> dict[str, Any]:
-    """What both classes of grids say alike."""
+    """The fields that both classes of grids have in common."""
     return {
         "type": request.type.name,
         "axes": place.axes,

@@ -87,8 +87,8 @@ def _crossings(reach: Mapping[str, tuple[float, float]], axes: tuple[str, ...], 
 def grid_interpolation(solution: Solution, request: GridRequest, grid: AnyGrid) -> float:
     """Largest deviation of a grid's linear interpolation in X, Y or Z [mm], at the centres of its cells and of their edges.
 
-    There the interpolation of a smooth function is worst: h² |f''| / 8 along each axis, summed over the axes. `request`: what
-    the grid was made from; evaluated in the same words.
+    There the interpolation of a smooth function is worst: h² |f''| / 8 along each axis, summed over the axes. `request`: the
+    request that the grid was made from; the values between the nodes are evaluated in the same way.
     """
     lines = [np.sort(np.concatenate([n, 0.5 * (n[1:] + n[:-1])])) for n in grid.nodes]
     positions = grid_positions(tuple(lines))

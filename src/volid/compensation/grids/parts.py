@@ -1,8 +1,8 @@
 """The errors of one side's axes alone: the model restricted to them, its exact deviations, and what its grids leave out.
 
-The deviation is, to second order, the sum of what each body's errors cause alone. A part is that sum restricted to some axes:
-the columns of the other axes' parameters are set to zero, in the model itself, so that values, uncertainties and the test
-whether the data determine them follow from one place.
+Up to second order, the deviation is the sum of the deviations that the errors of each body cause alone. A part is that sum
+restricted to some axes. The columns of the other axes' parameters are set to zero in the model itself, so that values,
+uncertainties and the test whether the data determine them all follow from one model.
 """
 
 from __future__ import annotations
@@ -47,9 +47,9 @@ def evaluate_part(
 ) -> Deviations:
     """Deviations caused by the errors of the axes `letters` alone, others perfect; `outside` by the axes `judged` only.
 
-    Undetermined combinations that only move the workpiece frame, or cancel between table and head, stay at the 0 that the fit
-    gave them and count as determined: a matter of datum (`split_null_space`). `positions` (m, n_axes), `tool` (m, 3) [mm].
-    `uncertainty`: False leaves out u.
+    Combinations that are not determined but only move the workpiece frame, or cancel between table and head, are a matter of
+    datum (`split_null_space`): they keep the value 0 from the fit and count as determined. `positions` (m, n_axes), `tool` (m, 3)
+    [mm]. `uncertainty`: False leaves out u.
     """
     model = solution.model
     part = part_model(model, letters)

@@ -1,4 +1,4 @@
-"""Places of a grid before it has values."""
+"""The places at which the values of a grid are evaluated."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a table of one axis rests on: positions of other axes, the pieces of its functions, and its longest lever arm."""
+"""What a table of one axis depends on: positions of other axes, the pieces of its functions, and its longest lever arm."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from volid.model.machine import Axis, Machine
 
 
 def judged_axes(solution: Solution, axis: Axis) -> tuple[str, ...]:
-    """Axes whose positions a table of `axis` rests on: its own, those of cross effects, for a linear one the line's."""
+    """Axes whose positions a table of `axis` depends on: itself, those of cross effects, for a linear axis those of the line."""
     crossed = [
         solution.machine.letters[s.axis]
         for f in solution.model.functions

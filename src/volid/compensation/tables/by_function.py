@@ -1,8 +1,9 @@
 """Error and compensation tables, one per function (ISO/TR 16907 Table 1), for controls that know single-axis functions.
 
-A table holds the error value of one function over one axis, absolute, for both approach directions. A control adds the
-compensation value, minus it, by linear interpolation: translations move X, Y, Z; the rotations of L-ANG, L-VOL, R-ANG, R-VOL
-go through its kinematic model (lever arms of the current tool); R-POS moves the rotary axis itself.
+A table holds the absolute error value of one function over one axis, for both approach directions. A control interpolates it
+linearly and adds the compensation value, which is minus the error value. Translations move X, Y, Z. The rotations of L-ANG,
+L-VOL, R-ANG and R-VOL act through the kinematic model of the control, with the lever arms of the current tool. R-POS moves the
+rotary axis itself.
 """
 
 from __future__ import annotations
@@ -105,7 +106,7 @@ class _AxisTables:
         self._known: dict[tuple[str, bytes, float], np.ndarray] = {}
 
     def tables(self) -> list[ErrorTable]:
-        """One table for each function that some type moves; R-POS, which the axis itself corrects, has its own."""
+        """One table for each function that at least one type moves; R-POS, which the axis itself corrects, has its own."""
         small, plain = condensed(self.solution, self.request.base)
         ways = [self._values(small, plain, w) for w in (1.0, -1.0)]  # (types, m, 6) each
         offset = self.request.sampling.offset
