@@ -245,7 +245,7 @@ def _over(table: Table, name: str, letters: tuple[str, ...]) -> tuple[str, str] 
 
 
 def format_machine(machine: Machine) -> str:
-    """Text of a machine file for `machine`: its own text as long as that still describes it, else written anew."""
+    """Text of a machine file for `machine`: the text it was read from while that still describes it, else a new one."""
     if _describes(machine.text, machine):
         return machine.text
     lines = format_lines({"format": FORMAT, "name": machine.name, "structure": machine.structure})

@@ -1,4 +1,4 @@
-"""Nuisance parameters in a solution's file, with key and response in plain text; files of earlier versions have only names."""
+"""Nuisance parameters in the file of a solution, with key and response as plain text; older files have only their names."""
 
 from __future__ import annotations
 

@@ -165,7 +165,7 @@ def read_statistics(file: h5py.File) -> Statistics:
 
 
 def read_residuals(file: h5py.File, campaign: Campaign, path: str) -> Residuals:
-    """What is left of every reading of the campaign. Raises `InputError` for a wrong shape."""
+    """Residuals of every reading of the campaign. Raises `InputError` for a wrong shape."""
 
     def column(name: str) -> tuple[np.ndarray, ...]:
         return tuple(

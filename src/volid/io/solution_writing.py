@@ -108,7 +108,7 @@ def write_identifiability(group: h5py.Group, solution: Solution) -> None:
 
 
 def write_residuals(group: h5py.Group, solution: Solution) -> None:
-    """What is left of every reading, set by set."""
+    """Residuals of every reading, set by set."""
     results = solution.readings
     for i, readings in enumerate(solution.campaign.sets):
         part = group.create_group(str(i + 1))

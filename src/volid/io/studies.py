@@ -1,4 +1,4 @@
-"""Studies (TOML, `volid-study/1`): which campaigns to simulate, fit and hold against their truth.
+"""Studies (TOML, `volid-study/1`): which campaigns to simulate, fit and compare with their truth.
 
 ```
 format = "volid-study/1"
@@ -145,7 +145,7 @@ def _truths(table: Table) -> Truths:
 
 
 def _integer(table: Table, key: str, default: Any = REQUIRED, least: int = 0) -> Any:
-    """A whole number, not less than `least`."""
+    """An integer, not less than `least`."""
     value = table.get(key, default)
     if key in table.data and not (_is_integer(value) and value >= least):
         raise table.wrong(key, f"a whole number >= {least}" + (' or "auto"' if key == "segments" else ""))

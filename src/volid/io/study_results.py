@@ -58,7 +58,7 @@ def places(output: str | Path) -> Places:
 class CampaignFolder:
     """Finished campaigns of a study, one small JSON file each, named by the hash of what was to be done.
 
-    Each is written whole or not at all. Raises `InputError` when the folder holds campaigns and `resume` is not asked for.
+    Each is written completely or not at all. Raises `InputError` when the folder holds campaigns and `resume` is not asked for.
     """
 
     def __init__(self, path: Path, study: Study, resume: bool) -> None:

@@ -13,7 +13,7 @@ NEGLIGIBLE = 5e-4  # of the variance: 0.0 % in print
 
 
 def format_budget(lines: Iterable[Line], lack_of_fit: LackOfFit) -> str:
-    """Every output once: a function of position as its RMS over the travel. `lack_of_fit`: stated below."""
+    """The text of a budget. A function of position appears once, as its RMS over the travel; `lack_of_fit` is stated below."""
     outputs: dict[str, list[Line]] = {}
     for line in lines:
         outputs.setdefault(line.output, []).append(line)

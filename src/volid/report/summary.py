@@ -1,4 +1,4 @@
-"""A solution in one screenful: the verdict first, then what was measured, the numbers people ask for, and what is missing.
+"""A solution on one screen: the verdict first, then what was measured, the numbers most asked for, and what is missing.
 
 `summary_data` holds the numbers in mm and rad, ready for JSON (None: not determined); `summary_text` prints them.
 Expanded uncertainties have k = 2; ranges are largest minus smallest value over the travel.
@@ -222,7 +222,7 @@ def _function(solution: Solution, name: str, rows: list[FunctionValue]) -> dict[
 
 
 def _weakest(rows: Iterable[FunctionValue]) -> dict[str, Any] | None:
-    """Where the wholly determined functions and constants have their largest u, 1 µm weighing as much as 1 µrad."""
+    """Where the functions and constants that are completely determined have their largest u, 1 µm counting as 1 µrad."""
     rows = list(rows)
     partly = {row.name for row in rows if not math.isfinite(row.u)}
     known = [row for row in rows if row.name not in partly]

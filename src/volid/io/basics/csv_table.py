@@ -1,7 +1,7 @@
-"""A CSV file as named columns of text, numbers on request; messages name file, line and column.
+"""A CSV file as named columns of text, converted to numbers on request; messages name file, line and column.
 
-Header row, comma separated, UTF-8; lines that begin with `#` are comments, empty lines are skipped. Numbers are
-converted a whole column at a time; only when that fails is the offending line looked for.
+The file has a header row, commas between the cells, and UTF-8 text. Lines that begin with `#` are comments, and empty lines are
+skipped. Numbers are converted column by column; only when that fails, the wrong line is looked for.
 """
 
 from __future__ import annotations
@@ -121,7 +121,7 @@ def _acceptable(cell: str, gaps: bool) -> bool:
 
 
 def read_csv(path: str | Path) -> CsvTable:
-    """Read a CSV file. Raises `InputError` for a missing, empty or ragged file, or a column name that stands twice."""
+    """Read a CSV file. Raises `InputError` when it is missing or empty, rows differ in length, or a column name stands twice."""
     lines = read_text(Path(path)).split("\n")
     kept = [i for i, line in enumerate(lines) if line.strip() and not line.lstrip().startswith("#")]
     if not kept:

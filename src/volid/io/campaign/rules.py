@@ -1,4 +1,4 @@
-"""What holds for every campaign, whichever file it came from: stations, bodies and names agree with each other."""
+"""Rules that every campaign obeys, whichever file it came from: stations, bodies and names agree with each other."""
 
 from __future__ import annotations
 

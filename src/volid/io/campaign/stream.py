@@ -52,7 +52,11 @@ class CampaignStream:
             self.n_readings = sum(int(np.prod(g["readings"].shape)) for g in groups)
 
     def parts(self, rows: int = PART) -> Iterator[Campaign]:
-        """Campaigns of one set with at most `rows` rows each, in the order of the file."""
+        """The campaign in parts: campaigns of one set with at most `rows` rows each, in the order of the file.
+
+        Raises:
+            InputError: a row lacks a finite reading, position, tool vector or u; the text names file and row.
+        """
         with reading(self.path, "campaign", FORMAT) as file:
             outline = read_outline(file, str(self.path))
             for group in set_groups(file):
@@ -63,7 +67,11 @@ class CampaignStream:
                     yield check_consistent(replace(outline, sets=(_finite(readings),)))
 
     def sample(self, rows: int) -> Campaign:
-        """About `rows` rows spread evenly over the campaign, and some of every station, segment and other label."""
+        """A campaign of about `rows` rows spread evenly over the file, with at least 25 rows of every combination of labels.
+
+        Raises:
+            InputError: no set has a row.
+        """
         step = max(1, -(-self.rows // rows))
         found: dict[str, list[ObservationSet]] = {}
         seen: dict[tuple[str, ...], int] = {}
