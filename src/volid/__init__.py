@@ -1,9 +1,10 @@
 """volid: identification of machine-tool geometry from tracker, ball-bar, R-test and direct measurements.
 
-Why it is as it is: importing JAX takes as long as a fit of some thousand readings, so `import volid` and such a fit do without,
-and `volid --help` does without NumPy too. Three plain things see to that. A public name is imported from its module when it is
-first asked for (`__getattr__` below; `__init__.pyi` says the same to type checkers). Modules take JAX from `volid.backend.lazy`,
-which imports it at first use. Classes that JAX sees as trees of arrays wait in `volid.backend.pytrees` until JAX is there.
+Why public names are imported late: importing JAX takes as long as a fit of some thousand readings. Therefore `import volid` and
+such a fit do not import it, and `volid --help` does not import NumPy either. Three measures achieve that. A public name is
+imported from its module when it is first asked for (`__getattr__` below; `__init__.pyi` states the same for type checkers).
+Modules take JAX from `volid.backend.lazy`, which imports it at first use. Classes that JAX sees as trees of arrays wait in
+`volid.backend.pytrees` until JAX has been imported.
 
 >>> import volid
 >>> machine = volid.load_machine("models/wYXbZt_vertical.toml")

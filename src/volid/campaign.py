@@ -30,8 +30,8 @@ class Station:
         name: as the readings name it.
         body: the body it stands on: "workpiece", "bed", "tool" or the letter of the axis that moves it.
         position: (x, y, z) in that body's frame, all axes at 0 [mm]; None when nothing is known of it.
-        known: the position is exact, in the stations' common frame; with `frame` = "machine" in the machine's.
-        frame: "stations" or "machine".
+        known: whether the position is exact. It is then in the common frame of the stations, or in that of the machine.
+        frame: in which frame a known position is: "stations" (their common frame) or "machine".
 
     Source: CONVENTIONS 6.
 
@@ -56,11 +56,11 @@ class Effect:
     """A systematic effect on the readings of a set.
 
     Args:
-        name: by which sets share it.
+        name: sets that use the same name share the effect.
         type: one of the types of `volid.effects`.
         u: standard uncertainty, in the unit of the type.
         per: its scope, such as "campaign", "set" or "station".
-        options: what else the type knows, such as the distribution.
+        options: other keys of the type, such as the distribution.
     """
 
     name: str
@@ -125,8 +125,8 @@ class ObservationSet:
         """True unless the set measures to a reflector on another body than the tool (option `target_body`)."""
         return str(self.options.get("target_body", TOOL)) == TOOL
 
-    def rows_of(self, numbers: np.ndarray) -> ObservationSet:
-        """The set with some of its rows, in the order of `numbers`."""
+    def rows_of(self, numbers: Int[np.ndarray, " k"]) -> ObservationSet:
+        """The set with the rows of these `numbers` only, shape (k,), in their order."""
         given = {name: getattr(self, name) for name in ROW_ARRAYS}
         cut: dict[str, Any] = {name: None if values is None else values[numbers] for name, values in given.items()}
         return replace(self, labels={name: values[numbers] for name, values in self.labels.items()}, **cut)
@@ -155,12 +155,12 @@ class Campaign:
     """A measuring campaign, complete in itself: machine, stations, sets of readings, and the record of conditions.
 
     Args:
-        machine: that was measured, with its datum and the settings of its error model.
+        machine: the machine that was measured, with its datum and the settings of its error model.
         stations: where the instruments stand.
         sets: the readings.
         title: in words.
         conditions: the record of conditions, as ISO/TR 16907 9.1 asks for it.
-        warnings: what reading or planning it has found odd.
+        warnings: what looked odd when it was read or planned.
         source: file that it was read from.
 
     >>> import volid
@@ -202,7 +202,7 @@ class Campaign:
         """Number of distinct commanded positions of every axis, equal within 1e-4 of the travel."""
         axes, columns = self.machine.axes, self.positions.T
         steps = (np.round((q - a.travel[0]) / (SAME_PLACE * a.length)) for a, q in zip(axes, columns, strict=True))
-        return {a.letter: len(np.unique(own)) for a, own in zip(axes, steps, strict=True)}
+        return {a.letter: len(np.unique(numbers)) for a, numbers in zip(axes, steps, strict=True)}
 
     def rotary_poses(self) -> list[Int[np.ndarray, " rows"]]:
         """Number of the combination of rotary positions of every row, by set; 0 everywhere without rotary axes."""

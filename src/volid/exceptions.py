@@ -14,7 +14,7 @@ class VolidError(Exception):
 
 
 class InputError(VolidError):
-    """Input is wrong: the text names file, row or key, what was found and what was expected. Mend it and call again.
+    """Input is wrong: the text names file, row or key, what was found and what was expected. Correct it and call again.
 
     >>> import volid
     >>> volid.load_machine("nowhere.toml")
@@ -39,7 +39,7 @@ class OutputError(VolidError):
 class NotDeterminedError(VolidError):
     """The data do not determine what was asked for. Measure more, or ask for less.
 
-    A single number that is not determined is NaN instead; this is raised where nothing useful would be left.
+    A single number that is not determined is NaN instead. This error is raised when no useful result would remain.
 
     >>> raise NotDeterminedError("grid: the data do not determine dZ for tool vector (0, 0, -150) mm.")
     Traceback (most recent call last):

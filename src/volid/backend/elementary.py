@@ -1,7 +1,7 @@
 """Elementary functions of numbers and arrays of any sort: NumPy arrays, JAX arrays and tracers, recorded arrays (`reverse`).
 
-The kinematic chain and the observation kinds are written once with these. On NumPy arrays they run at once, without a program
-being traced and compiled; on JAX arrays they are JAX.
+The kinematic chain and the observation kinds are written once, with these functions. On NumPy arrays they compute immediately,
+without tracing and compiling a program. On JAX arrays they are the functions of JAX.
 """
 
 from __future__ import annotations
@@ -62,8 +62,8 @@ def constant_like(x: Any, value: float) -> Any:
 def in_rows(parts: Sequence[Any], shape: tuple[int, ...]) -> Any:
     """Array (k, *shape) of k parts, each of `shape` or a number; a list of them while they are being recorded.
 
-    With JAX not `stack`: XLA on a CPU merges its operands into it and computes the whole chain anew for every use of every
-    intermediate point, seconds instead of a millisecond per thousand points of a five-axis machine.
+    With JAX, `stack` is not used: XLA on a CPU would merge its operands into it and compute the entire chain again for every use
+    of every intermediate point. That takes seconds instead of a millisecond per thousand points of a five-axis machine.
     """
     if any(isinstance(p, Recorded) for p in parts):
         return list(parts)
@@ -81,7 +81,7 @@ def in_rows(parts: Sequence[Any], shape: tuple[int, ...]) -> Any:
 
 
 def computed_once(parts: Any) -> Any:
-    """The parts of a vector; JAX arrays as rows of one array, at which XLA stops computing them anew for every use."""
+    """The parts of a vector. JAX arrays become rows of one array, so that XLA does not compute them again for every use."""
     if any(is_plain(p) or isinstance(p, Recorded) for p in parts):
         return parts
     rows = in_rows(parts, parts[0].shape)

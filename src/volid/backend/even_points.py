@@ -1,6 +1,6 @@
 """Points spread evenly: on a line by a step, over the unit cube by the Halton sequence, shifted at random.
 
-Of NumPy alone: SciPy's sequences take longer to import than most fits last.
+Only NumPy is used, because SciPy's sequences take longer to import than most fits last.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29)
 
 
 def every_step(low: float, high: float, step: float) -> np.ndarray:
-    """Every `step` > 0 from the lower end on, and the upper end.
+    """Positions every `step` > 0 from the lower end on, and the upper end.
 
     >>> every_step(0.0, 1.0, 0.4).tolist()
     [0.0, 0.4, 0.8, 1.0]
@@ -33,9 +33,9 @@ def even_points(n: int, dimension: int, seed: int = 0) -> np.ndarray:
 
 def radical_inverse(numbers: np.ndarray, base: int) -> np.ndarray:
     """Digits of whole numbers in `base`, mirrored at the point: 6 = 110 in base 2 becomes 0.011. Halton 1960."""
-    result, share, rest = np.zeros(len(numbers)), 1.0 / base, np.asarray(numbers).copy()
-    while rest.any():
-        result += share * (rest % base)
-        rest //= base
+    result, share, remaining = np.zeros(len(numbers)), 1.0 / base, np.asarray(numbers).copy()
+    while remaining.any():
+        result += share * (remaining % base)
+        remaining //= base
         share /= base
     return result

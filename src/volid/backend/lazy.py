@@ -1,7 +1,7 @@
-"""JAX, imported when it is first used: importing it takes as long as a fit of some thousand readings, which does without.
+"""JAX, imported when it is first used: importing it takes as long as a fit of some thousand readings, which does not need it.
 
 `jax` and `jnp` stand for the modules, `jit` for `jax.jit` on functions at the top of a module. Any thread may be the first to use
-them. Raise `ImportError` at the first use where JAX cannot be imported.
+them. Where JAX cannot be imported, the first use raises `ImportError`.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ else:
     class _OnDemand(ModuleType):
         """Stands for a module that is imported when something in it is asked for; volid's trees are then known to JAX.
 
-        The package first: threads that begin with different modules of it would wait for each other.
+        The package `jax` is imported before its modules, because threads that begin with different modules of it would wait for
+        each other.
         """
 
         def __getattr__(self, name: str) -> Any:

@@ -1,8 +1,8 @@
 """Tasks in processes of this machine, one per core: the same numbers whatever the number of processes.
 
-Processes are spawned, not forked (JAX does not survive a fork), with one thread each: the number of threads of a matrix
-product changes its last digits. The environment of the process that starts them stays as it is, but for the moment in which one
-starts. A script that calls this needs `if __name__ == "__main__":`, because every process reads it.
+Processes are spawned, not forked, because JAX does not survive a fork. Each has one thread, because the number of threads of a
+matrix product changes its last digits. The environment of the process that starts them changes only for the moment in which one
+starts. A script that calls this needs `if __name__ == "__main__":`, because every process reads the script.
 """
 
 from __future__ import annotations
@@ -46,9 +46,9 @@ def single_threaded() -> dict[str, str]:
 
 @contextmanager
 def single_threaded_environment() -> Iterator[None]:
-    """`os.environ` with `single_threaded()` meanwhile, as it was before when all threads that entered have left.
+    """`os.environ` with `single_threaded()` within this context, and as it was before once all threads have left it.
 
-    For processes that are started meanwhile, and for NumPy and JAX when they are loaded meanwhile.
+    It acts on processes that are started within the context, and on NumPy and JAX when they are loaded within it.
     """
     global _inside
     with _lock:
@@ -79,8 +79,8 @@ def in_processes(
 ) -> Iterator[tuple[int, Any]]:
     """(number, result) of function(shared, *task) for every task, as they finish, in `workers` processes.
 
-    `function`: at module level; `shared`: sent once to every process. The task of a process that dies (out of memory, killed) is
-    done again at the end, alone; `Died` is the result when that fails too. Exceptions of `function` are raised. Raises
+    `function` stands at module level; `shared` is sent once to every process. When a process dies (out of memory, killed), its
+    task is done again at the end, alone; when that fails too, the result is `Died`. Exceptions of `function` are raised. Raises
     `VolidError` when no process can be started.
     """
     suspects = []
@@ -102,11 +102,11 @@ def _results(
     check: bool = False,
 ) -> Generator[tuple[int, Any], None, None]:
     """(number, result) of the tasks with these numbers, `Died` for those whose process died; `check` that one starts."""
-    before, left = set(multiprocessing.active_children()), deque(numbers)
+    before, waiting = set(multiprocessing.active_children()), deque(numbers)
     running: dict[Future[Any], tuple[int, _Process]] = {}
 
     def begin(process: _Process) -> None:
-        number = left.popleft()
+        number = waiting.popleft()
         running[process.submit(function, tasks[number])] = number, process
 
     processes: list[_Process] = []
@@ -124,7 +124,7 @@ def _results(
                 except BrokenProcessPool:
                     result = Died()
                 yield number, result
-                if left:
+                if waiting:
                     begin(process)
         for process in processes:
             process.end()
@@ -139,7 +139,8 @@ def _results(
 class _Process:
     """One process, replaced when it dies and after `RENEW` tasks.
 
-    A pool of its own for each: a pool of several that breaks while it starts another process waits for that one forever.
+    Each process has a pool of its own, because a pool of several that breaks while it starts another process waits for that one
+    forever.
     """
 
     def __init__(self, shared: Any) -> None:
@@ -184,7 +185,7 @@ class _Process:
 
 
 def _begin() -> None:
-    """First in every process: end at Ctrl-C without words, and end with the parent."""
+    """What every process does first: it prepares to end at Ctrl-C without a message, and to end with its parent."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 

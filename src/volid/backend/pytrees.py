@@ -1,11 +1,11 @@
 """Dataclasses that JAX sees as trees of arrays: `@register_dataclass @dataclass(frozen=True)`, settings marked `STATIC`.
 
-JAX has to be told of such a class before it meets an object of it, but is imported only where it is needed. A class is therefore
-registered at once when JAX is there, and waits otherwise. Those that wait are registered (`register_waiting`) when volid itself
-first uses JAX (`volid.backend.lazy`), and when a solution or a machine, which users hand to JAX, is made or read while JAX is
-imported. One case is left: a solution made before the user's own `import jax`, and handed to JAX before volid has used JAX. JAX
-does not take it for a tree then; `import jax` at the top of a script, any call of `solution.deviation`, or `register_waiting()`
-avoids that.
+JAX has to know such a class before it meets an object of it, but JAX is imported only where it is needed. A class is therefore
+registered at once when JAX has been imported, and waits otherwise. The waiting classes are registered (`register_waiting`) when
+volid itself first uses JAX (`volid.backend.lazy`), and when a solution or a machine, which users pass to JAX, is made or read
+while JAX is imported. One case remains: a solution made before the user's own `import jax`, and passed to JAX before volid has
+used JAX. JAX does not treat it as a tree then. To avoid that, put `import jax` at the top of the script, or call
+`solution.deviation` or `register_waiting()` first.
 """
 
 from __future__ import annotations
@@ -39,13 +39,13 @@ def register_dataclass(kind: type[T]) -> type[T]:
 
 
 def register_if_imported() -> None:
-    """Register what waits when JAX has been imported; quick otherwise."""
+    """Register the waiting classes if JAX has been imported; does nothing otherwise."""
     if _waiting and "jax" in sys.modules:
         register_waiting()
 
 
 def register_waiting() -> None:
-    """Import JAX, and make every class known to it that waits. Any thread may call this at any time."""
+    """Import JAX and make every waiting class known to it. Any thread may call this at any time."""
     jax_trees = import_module("jax.tree_util")  # where another thread imports JAX at this moment, Python waits here
     with _lock:
         while _waiting:

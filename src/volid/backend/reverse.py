@@ -65,11 +65,11 @@ class Recorded:
 
 def arctan2(y: Any, x: Any) -> Recorded:
     """Angle of (x, y) [rad], at least one of them recorded: ∂/∂y = x/(x² + y²), ∂/∂x = -y/(x² + y²)."""
-    own = [part for part in (y, x) if isinstance(part, Recorded)]
+    recorded = [part for part in (y, x) if isinstance(part, Recorded)]
     v, u = (part.value if isinstance(part, Recorded) else part for part in (y, x))
     square = u * u + v * v
     partials = [p for p, part in ((u / square, y), (-v / square, x)) if isinstance(part, Recorded)]
-    return Recorded(np.arctan2(v, u), own[0].notes, tuple(zip(own, partials, strict=True)))
+    return Recorded(np.arctan2(v, u), recorded[0].notes, tuple(zip(recorded, partials, strict=True)))
 
 
 def gradients(result: Any, leaves: list[Recorded], m: int) -> np.ndarray:

@@ -1,7 +1,8 @@
-"""One thread for BLAS: its products here are small, and its threads stand in the way of those of XLA and of volid.
+"""One thread for BLAS: its products here are small, and more threads would compete with those of XLA and of volid.
 
-On two cores a fit of 10 ms took up to 150 ms with two BLAS threads. A NumPy that is loaded after this module begins with one
-thread; one that was loaded before is held to one within fits and Monte Carlo. OPENBLAS_NUM_THREADS in the environment wins.
+On two cores a fit of 10 ms took up to 150 ms with two BLAS threads. When NumPy is loaded after this module, it starts with one
+thread. When it was loaded before, it is limited to one thread during fits and Monte Carlo runs. A value of OPENBLAS_NUM_THREADS
+that the user has set in the environment takes precedence.
 """
 
 from __future__ import annotations
@@ -22,7 +23,10 @@ _lock, _inside, _limit = Lock(), 0, ExitStack()
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Also a decorator: BLAS has one thread meanwhile; as many as before when all who entered have left."""
+    """BLAS has one thread within this context, and as many as before once every thread of the program has left it.
+
+    It can also be used as a decorator.
+    """
     global _inside
     if not NUMPY_CAME_FIRST:
         yield
@@ -42,7 +46,7 @@ def one_blas_thread() -> Iterator[None]:
 
 @cache
 def _keeper() -> Any:
-    """The thread that sets and lifts the limit: nobody else may lift it."""
+    """The thread that sets and lifts the limit, because only the thread that set it may lift it."""
     from concurrent.futures import ThreadPoolExecutor
 
     return ThreadPoolExecutor(1, thread_name_prefix="volid-blas")

@@ -33,7 +33,7 @@ VERBS = {
     "budget": ("budget", "uncertainty budget: which source contributes how much to which output"),
     "study": (
         "study",
-        "many simulated campaigns, each fitted and held against its truth: bias, spread, coverage",
+        "many simulated campaigns, each fitted and compared with its truth: bias, spread, coverage",
     ),
     "summary": ("summary", "what a solution says: verdict, squareness, volumetric accuracy, error functions"),
     "errors": ("errors", "deviation of the functional point at given axis positions and tool vectors"),

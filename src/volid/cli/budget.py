@@ -50,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--tool", metavar="x,y,z", type=tool_vector, help="mm, for the working volume; default: the most used one"
     )
-    add_output(parser, "OUT.csv", "the whole budget; default: its summary on standard output")
+    add_output(parser, "OUT.csv", "the complete budget; default: its summary on standard output")
 
 
 def run(args: argparse.Namespace) -> int:

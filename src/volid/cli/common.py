@@ -1,4 +1,4 @@
-"""What the verbs share: arguments, checks of the output before the work begins, tables and JSON on their way out."""
+"""What the verbs have in common: arguments, checks of the output before the work begins, and how tables and JSON are written."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ def write_sheets(sheets: Sequence[Sheet], paths: Sequence[Path], args: argparse.
 
 
 def print_json(data: Any) -> None:
-    """JSON on standard output; null for NaN, which JSON has not."""
+    """JSON on standard output, with null for NaN, which JSON does not have."""
     from volid.report.summary import plain
 
     print(json.dumps(plain(data), ensure_ascii=False, indent=1, allow_nan=False))

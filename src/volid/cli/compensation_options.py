@@ -1,4 +1,4 @@
-"""Options that `tables`, `grid` and `residual` share: types, base, datum, sampling, ranges, and what a user's rule is."""
+"""Options that `tables`, `grid` and `residual` share: types, base, datum, sampling, ranges, and the rule of a user."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""An interrupt (Ctrl-C) ends the program, even when it arrives where Python drops exceptions.
+"""An interrupt (Ctrl-C) takes effect even when it arrives where Python drops exceptions.
 
 Python raises KeyboardInterrupt wherever the program happens to be. In a finaliser, or in a callback of the garbage collector
-such as JAX's, an exception is printed and dropped, and the program would go on.
+such as JAX's, an exception is printed and dropped, and the program would continue as if it had not been interrupted.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ AGAIN = 0.01  # s
 
 
 class Interrupts:
-    """While entered, delivers an interrupt that Python dropped once more, soon after; `check`, called between stages, raises one
-    that went missing in another way, as does leaving.
+    """Within this context, an interrupt that Python has dropped is delivered again soon after.
 
-    Leaves signals alone where somebody else handles them, or outside the main thread.
+    `check`, called between stages, raises an interrupt that was dropped in another way; so does the end of the context. Signals
+    are not touched where other code handles them, or outside the main thread.
 
     >>> with Interrupts() as interrupts:
     ...     interrupts.check()

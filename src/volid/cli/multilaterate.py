@@ -188,5 +188,5 @@ def as_json(solution: NetworkSolution, warnings: list[str]) -> dict:
 
 
 def _null(value: float) -> float | None:
-    """None for NaN, which JSON has not."""
+    """None for NaN, which JSON does not have."""
     return None if np.isnan(value) else float(value)

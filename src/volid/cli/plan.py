@@ -18,7 +18,7 @@ HELP = "what to measure: a standard path or grid as a manifest without readings"
 GRID, CONE, STANDARD = "static-grid", "cone-frustum", "standard"
 ISO = ("K1", "K2", "K4")
 LAYOUTS = ("A", "B", "C")  # two rotary axes in the head, two in the table, one on each side
-_OWN = {  # option: tests that know it ("K": the ISO ones) and their default in words
+_TESTS_OF = {  # option: tests that know it ("K": the ISO ones) and their default in words
     "sphere": (GRID, "K"),
     "sensor_on": (GRID, "K"),
     "centre": (CONE,),
@@ -189,11 +189,11 @@ def _given(test: str, args: argparse.Namespace) -> dict[str, Any]:
     from volid.exceptions import InputError
 
     kind = "K" if test[-2:] in ISO else test
-    given = {name: getattr(args, name) for name in _OWN if getattr(args, name) is not None}
+    given = {name: getattr(args, name) for name in _TESTS_OF if getattr(args, name) is not None}
     for name in given:
         option = "--" + name.replace("_", "-")
-        if kind not in _OWN[name]:
-            fits = ", ".join(GRID if t == GRID else "K1 … K4" if t == "K" else t for t in _OWN[name])
+        if kind not in _TESTS_OF[name]:
+            fits = ", ".join(GRID if t == GRID else "K1 … K4" if t == "K" else t for t in _TESTS_OF[name])
             raise InputError(f"{option} is not for --test {test}, but for {fits}; leave it out")
         if name in ("u", "length", "calibrated_u") and not given[name] > 0.0:
             raise InputError(f"{option} {given[name]:g}: expected a number > 0 in mm")

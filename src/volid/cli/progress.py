@@ -1,4 +1,4 @@
-"""What a long command is doing, on standard error: at once on a terminal, else only when it takes more than a second."""
+"""What a long command is doing, on standard error: at once on a terminal, otherwise only when it takes more than a second."""
 
 from __future__ import annotations
 

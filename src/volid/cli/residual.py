@@ -30,11 +30,11 @@ LINEAR_FEED, ROTARY_FEED = 10_000.0, 3_600.0  # mm/min; °/min, ten turns
 
 _EPILOG = """\
 Every --type is one row of the table, types joined by a comma act together: --type L-VOL,R-VOL. The
-first row is "none". A simulated control applies tables and grids as they would be written; what is
-left is the functional point's deviation and the orientation error at points over the travels, with
-95 % intervals from the Monte Carlo samples of the solution (volid uncertainty), else from its
-covariance. --tools adds rows for other tool lengths with the same compensation; --tool-error lets
-the control believe in a wrong tool vector.
+first row is "none". A simulated control applies tables and grids as they would be written. Stated
+are the deviation of the functional point and the orientation error that remain at points over the
+travels, with 95 % intervals from the Monte Carlo samples of the solution (volid uncertainty), else
+from its covariance. --tools adds rows for other tool lengths with the same compensation;
+--tool-error gives the control a wrong tool vector.
 
 Limits: --limit and --speed-limit refuse a compensation that asks an axis for more; speeds for axes
 that move one at a time with --feed (linear, mm/min) and --turn (rotary, degrees/min).
@@ -115,7 +115,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _messages(solution: Solution) -> list[str]:
-    """Which axes were not measured over their whole travel."""
+    """Which axes were not measured over their entire travel."""
     measured = zip(solution.machine.axes, solution.measured_range(), strict=True)
     outside = [
         axis.letter

@@ -1,4 +1,4 @@
-"""`volid study`: many simulated campaigns, each fitted and held against its truth."""
+"""`volid study`: many simulated campaigns, each fitted and compared with its truth."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from volid.cli.progress import Progress
 if TYPE_CHECKING:
     from volid.io.study_results import Places
 
-HELP = "many simulated campaigns, each fitted and held against its truth: bias, spread, coverage"
+HELP = "many simulated campaigns, each fitted and compared with its truth: bias, spread, coverage"
 NAMED = 10  # failed campaigns named one by one
 
 _EPILOG = """\

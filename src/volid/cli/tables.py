@@ -182,9 +182,11 @@ def _refuse_others(folder: Path, sheets: dict[str, Sheet]) -> None:
     """Raises `OutputError` when old tables would stay beside the new ones, where a control would read them too."""
     from volid.exceptions import OutputError
 
-    left = sorted(p.name for p in folder.glob("*.csv") if p.name not in sheets) if folder.is_dir() else []
-    if left:
-        raise OutputError(f"{folder} holds other tables ({', '.join(left[:5])}); choose another folder or remove them")
+    others = sorted(p.name for p in folder.glob("*.csv") if p.name not in sheets) if folder.is_dir() else []
+    if others:
+        raise OutputError(
+            f"{folder} holds other tables ({', '.join(others[:5])}); choose another folder or remove them"
+        )
 
 
 def _write(sheets: dict[str, Sheet], folder: Path) -> None:

@@ -1,15 +1,15 @@
 """To what the compensated motion is aligned (ISO/TR 16907 10.2): primary and secondary axis, or the spindle.
 
-By axes, it is another datum of the same solution (`Solution.in_datum`). By the spindle, the machine frame is turned about the
-datum's origin so that its Z lies along the spindle's axis at the reference position, rotary axes at 0: compensated Z motion
-(L-VOL) is then parallel to the spindle, and a longer tool cuts at the same X and Y. Squareness between the linear axes is not
-changed by either.
+Alignment to axes is another datum of the same solution (`Solution.in_datum`). Alignment to the spindle turns the machine frame
+about the datum's origin so that its Z lies along the spindle's axis at the reference position, with the rotary axes at 0. The
+compensated Z motion (L-VOL) is then parallel to the spindle, and a longer tool cuts at the same X and Y. Neither of them changes
+the squareness between the linear axes.
 
-With rotary axes in the head that is the spindle at their zeros; the head's location errors are those in the turned frame. With
-rotary axes in the table Z follows the spindle at every position of the table, and the location errors of the table, which stays
-where it is, are restated in the turned frame. R-VOL then makes the table turn about lines parallel to that frame: together
-L-VOL and R-VOL move the workpiece as they do in any other frame, with Z along the table's axis. A spindle that is not parallel to
-the table's axis cannot be parallel to both.
+With rotary axes in the head, the spindle is that at their zeros, and the head's location errors are those in the turned frame.
+With rotary axes in the table, Z follows the spindle at every position of the table. The table itself stays where it is, and its
+location errors are stated in the turned frame. R-VOL then makes the table turn about lines parallel to that frame, so that L-VOL
+and R-VOL together move the workpiece as in any other frame, with Z along the table's axis. When the spindle is not parallel to
+the table's axis, Z cannot be parallel to both.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ from volid.model.jacobian import influence
 
 
 def spindle_turn(solution: Solution) -> np.ndarray:
-    """Turn of the machine frame that puts its Z along the spindle, as linear map of θ, (3, n) [rad]; nothing about Z.
+    """Turn of the machine frame that puts its Z along the spindle, as linear map of θ, (3, n) [rad]; it has no turn about Z.
 
-    The orientation error of the tool at the reference positions, rotary axes at 0, table apart. Raises `InputError` when the
-    model has no tool-frame rotation, `NotDeterminedError` when the data do not determine it: with one tool vector per station
-    they do not.
+    It is the orientation error of the tool at the reference positions, with rotary axes at 0 and without the errors of the table.
+    Raises `InputError` when the model has no tool-frame rotation, and `NotDeterminedError` when the data do not determine it,
+    which is the case with one tool vector per station.
     """
     machine = solution.machine
     names = [n for n in ("EA0S", "EB0S") if n in solution.model.names]
@@ -45,10 +45,10 @@ def spindle_turn(solution: Solution) -> np.ndarray:
     errors = model_errors(solution, at, np.zeros_like(at), lambda e: e.axis not in table)[0]
     rows = np.asarray(influence(machine, at, np.zeros(3))[0, 3:] @ errors)
     rows[2] = 0.0
-    held = [n for n in solution.held_tool_rotation if n in names]
-    if held or solution.is_not_determined(rows[:2]).any():
+    fixed = [n for n in solution.held_tool_rotation if n in names]
+    if fixed or solution.is_not_determined(rows[:2]).any():
         raise NotDeterminedError(
-            f"alignment to the spindle: the data do not determine the tilt of the spindle ({', '.join(held or names)}). "
+            f"alignment to the spindle: the data do not determine the tilt of the spindle ({', '.join(fixed or names)}). "
             f"{' '.join(solution.statements)} Measure with several tool vectors, or align by axes, in a datum with primary axis Z"
         )
     return rows

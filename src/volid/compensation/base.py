@@ -73,7 +73,7 @@ def base_of(
 
 
 def condensed(solution: Solution, base: Base) -> tuple[Solution, Base]:
-    """The same error functions with one parameter each, 1: for values without uncertainty, at a tenth of the cost."""
+    """The same error functions with one parameter each, equal to 1: gives values without uncertainty at a tenth of the cost."""
     model, theta = solution.model, np.asarray(solution.parameters)
     p = np.zeros((len(model.parametrisation), len(model.functions)))
     functions = []
@@ -122,10 +122,11 @@ def _turn_frame(
 ) -> None:
     """What a rotation t of the machine frame about the datum's origin r adds to the errors, (m, 6·(n_axes + 1), n).
 
-    With the chain cut at the stator of the table, T = table · rest, the same machine reads T = (table · G) (G⁻¹ · rest): all
-    that bears the tool is turned by -t about r, the table's stator by +t, so that its axis lines stay where they are and
-    their location errors, rotations and positions, are those in the new frame. Table and rest together do not change; without
-    a table G is a motion of the workpiece frame. A linear axis turns as long as no rotary axis lies between it and the bed.
+    Cut at the stator of the table, the chain is T = table · rest, and the same machine is T = (table · G) (G⁻¹ · rest) as well.
+    All that carries the tool is turned by -t about r, and the table's stator by +t. The axis lines of the table therefore stay
+    where they are, and their location errors, rotations and positions, are those in the new frame. Both parts together do not
+    change; without a table, G is a motion of the workpiece frame. A linear axis turns as long as no rotary axis lies between it
+    and the bed.
     """
     machine = solution.machine
     rotary = [i for i, a in enumerate(machine.axes) if not a.is_linear]

@@ -1,8 +1,9 @@
 """A simulated control: it reads tables, grids and tool data, and alters the commanded position as a real control does.
 
-Tables and grids by linear interpolation, end values held outside them, reversal by approach direction; lever arms with the
-tool vector that the control *believes* in; rotary axes turned against the orientation error, with a rule for poles;
-corrections rounded to the least increment; clamped axes stay. Not modelled: dynamics, the ramp at reversal, the order of cycles.
+It interpolates tables and grids linearly, keeps their end values outside them, and takes the reversal of the approach direction.
+Lever arms are those of the tool vector that the control *uses*, which may be wrong. Rotary axes are turned against the
+orientation error, with a rule for poles. Corrections are rounded to the least increment, and clamped axes do not move. Not
+modelled: dynamics, the ramp at reversal, the order of cycles.
 """
 
 from __future__ import annotations
@@ -30,8 +31,8 @@ TURNING = (FOR, "L-VOL+", "R-VOL+")
 
 
 class Expected(NamedTuple):
-    """What the control expects of its machine: `point`: deviation of the functional point (m, 3) [mm]; `orientation`: what it
-    hands to the rotary axes (m, 3) [rad]; `turn`: what the tables of the rotary axes themselves say, (m, n_axes) [°]."""
+    """The deviations that the control expects. `point`: of the functional point (m, 3) [mm]. `orientation`: to be corrected by
+    the rotary axes (m, 3) [rad]. `turn`: of the rotary axes themselves, from their own tables, (m, n_axes) [°]."""
 
     point: np.ndarray
     orientation: np.ndarray
@@ -46,14 +47,14 @@ class Control:
         machine: whose axes it moves.
         tables: of single functions.
         grids: spatial grids.
-        tool: the tool vector it believes in (3,) [mm]; None: it knows the true one.
+        tool: the tool vector that it uses (3,) [mm]; None: it knows the true one.
         increment: least increment by axis letter [mm or °].
         clamped: letters of axes that do not move for a compensation.
         poles: what it does near kinematic poles, see `PoleRule`.
-        correct_motion: whether X, Y, Z make up for what turned rotary axes do to the functional point; None: yes, unless
-            orientation is all that is corrected (FOR alone).
+        correct_motion: whether X, Y, Z compensate the motion of the functional point that turned rotary axes cause; None: yes,
+            unless only the orientation is corrected (FOR alone).
 
-    Raises `InputError` for an axis that the machine does not have, or an increment that is none.
+    Raises `InputError` for an axis that the machine does not have, or an increment that is not positive.
 
     >>> import numpy as np
     >>> import volid
@@ -93,9 +94,15 @@ class Control:
         tool: Float[np.ndarray, "*m 3"] | None,
         directions: Float[np.ndarray, "m axes"] | None = None,
     ) -> Expected:
-        """Deviations that tables and grids say, at commanded positions (m, n_axes) for the machine's tool vector.
+        """Deviations that tables and grids give at commanded positions.
 
-        Raises `InputError` when a compensation needs a tool vector and none is known.
+        Args:
+            positions: commanded, machine axis order, shape (m, n_axes) [mm or °].
+            tool: tool vectors of the machine, shape (m, 3) or (3,) [mm]; None when unknown.
+            directions: of approach, shape (m, n_axes): +1, -1 or 0; None: the mean of both.
+
+        Raises:
+            InputError: a compensation needs a tool vector, and none is known.
         """
         q = np.atleast_2d(np.asarray(positions, dtype=float))
         way = np.zeros_like(q) if directions is None else np.broadcast_to(np.asarray(directions, dtype=float), q.shape)
@@ -116,8 +123,16 @@ class Control:
         tool: Float[np.ndarray, "*m 3"] | None,
         directions: Float[np.ndarray, "m axes"] | None = None,
     ) -> Float[np.ndarray, "m axes"]:
-        """Positions that the axes really get, (m, n_axes) [mm, °], for commanded ones and the machine's tool vector (3,) or
-        (m, 3)."""
+        """Positions to which the axes move instead of the commanded ones, shape (m, n_axes) [mm or °].
+
+        Args:
+            positions: commanded, machine axis order, shape (m, n_axes) [mm or °].
+            tool: tool vectors of the machine, shape (m, 3) or (3,) [mm]; None when unknown.
+            directions: of approach, shape (m, n_axes): +1, -1 or 0; None: the mean of both.
+
+        Raises:
+            InputError: a compensation needs a tool vector, and none is known.
+        """
         q = np.atleast_2d(np.asarray(positions, dtype=float))
         found = self.expected(q, tool, directions)
         turns = np.zeros_like(q)
@@ -131,8 +146,15 @@ class Control:
             step[:, i] = np.round(step[:, i] / least) * least
         return np.asarray(q + step)
 
-    def unintended_motion(self, positions: np.ndarray, tool: np.ndarray) -> np.ndarray:
-        """What the turns of the rotary axes alone do to the functional point, machine frame (m, 3) [mm]."""
+    def unintended_motion(
+        self, positions: Float[np.ndarray, "m axes"], tool: Float[np.ndarray, "*m 3"]
+    ) -> Float[np.ndarray, "m 3"]:
+        """Motion of the functional point that the turns of the rotary axes alone cause, machine frame, shape (m, 3) [mm].
+
+        Args:
+            positions: commanded, machine axis order, shape (m, n_axes) [mm or °].
+            tool: tool vectors of the machine, shape (m, 3) or (3,) [mm].
+        """
         q = np.atleast_2d(np.asarray(positions, dtype=float))
         if not self._turns:
             return np.zeros((len(q), 3))
@@ -163,8 +185,8 @@ class Control:
         for table in self.tables:
             if table.applied == MODEL:
                 i, component = self._place(table), parse(table.function).component
-                own = i < len(self.machine.axes)
-                x, d = (q[:, i], way[:, i]) if own else (np.zeros(len(q)), np.zeros(len(q)))
+                of_axis = i < len(self.machine.axes)
+                x, d = (q[:, i], way[:, i]) if of_axis else (np.zeros(len(q)), np.zeros(len(q)))
                 errors[:, ROWS * i + component] += table.at(x, d)
         if not errors.any():
             return np.zeros((len(q), 3))
@@ -186,8 +208,8 @@ class Control:
         return turns
 
     def _from_grid(self, grid: AnyGrid, q: np.ndarray, tool: np.ndarray) -> np.ndarray:
-        """Six components of the deviation (m, 6); end values held outside the grid."""
-        values, lever = grid.held(grid.own_positions(self.machine, q)), grid.lever_arms(self.machine, q, tool)
+        """Six components of the deviation (m, 6), with the grid's end values outside its nodes."""
+        values, lever = grid.clamped(grid.own_positions(self.machine, q)), grid.lever_arms(self.machine, q, tool)
         blank = np.isnan(values[:, 3:]).any(axis=1)
         if np.any(blank & (np.abs(lever).max(axis=1) > 1e-9)):
             raise InputError(

@@ -1,15 +1,15 @@
-"""What each effect of a compensation type is made of: the error values that a control's kinematic model should hold.
+"""The effects that compensation types consist of: the error values that the kinematic model of a control should have.
 
-An effect keeps, of every axis, six error values that depend on that axis (CONVENTIONS 3); the deviation they cause follows
-from the kinematic model. Types on a *specific line* (L-POS, L-STR, L-SQU) hold what the functional point does along the lines
-through `at` with the base tool, lever effects there included; L-ANG holds the angular error motions, less what they do on
-these lines. So
+For every axis, an effect has six error values that depend on that axis (CONVENTIONS 3); the deviation that they cause follows
+from the kinematic model. Types on a *specific line* (L-POS, L-STR, L-SQU) contain the motion of the functional point along the
+lines through `at` with the base tool, lever effects there included. L-ANG contains the angular error motions, less their effect
+on these lines. Therefore
 
     L-POS + L-STR + L-SQU + L-ANG = L-VOL  of a rigid machine, but for the constant deviation at `at`.
 
-R-RAX likewise holds the translations at one point: at an elevation above the table, on its line, or at the tip of the base tool;
-R-ANG the tilts, less what they do there. Everything is linear in the parameters θ, so that values and uncertainties come
-together.
+Likewise R-RAX contains the translations at one point: at an elevation above the table, on its line, or at the tip of the base
+tool; R-ANG contains the tilts, less their effect at that point. All values are linear in the parameters θ, so that values and
+uncertainties follow together.
 """
 
 from __future__ import annotations
@@ -56,12 +56,12 @@ def effect_errors(
     linear = {a.letter for a in solution.machine.linear} | ({SPINDLE} if not _has_head(solution.machine) else set())
     wanted = set(effects)
     out = np.zeros((len(positions), ROWS * (len(solution.machine.axes) + 1), solution.model.n_parameters))
-    for own, group, selected in ((True, LINEAR_EFFECTS, LINEAR_SPEC), (False, ROTARY_EFFECTS, ROTARY_SPEC)):
+    for of_linear, group, selected in ((True, LINEAR_EFFECTS, LINEAR_SPEC), (False, ROTARY_EFFECTS, ROTARY_SPEC)):
         if set(group) <= wanted or selected in wanted:
             names = None if set(group) <= wanted else base.functions
 
-            def keep(error: ErrorName, own: bool = own, names: tuple[str, ...] | None = names) -> bool:
-                return (error.axis in linear) == own and (names is None or str(error) in names)
+            def keep(error: ErrorName, of_linear: bool = of_linear, names: tuple[str, ...] | None = names) -> bool:
+                return (error.axis in linear) == of_linear and (names is None or str(error) in names)
 
             turn = base.turn if names is None else None
             out = out + model_errors(solution, positions, directions, keep, turn)
@@ -72,44 +72,46 @@ def effect_errors(
 def line_errors(
     solution: Solution, effects: Sequence[str], base: Base, positions: np.ndarray, directions: np.ndarray
 ) -> np.ndarray:
-    """As `effect_errors`, every effect by itself and on its lines: what single-axis tables can hold. Cross effects at `at`."""
+    """As `effect_errors`, but each effect on its lines, as single-axis tables hold it; cross effects are evaluated at `at`."""
     machine = solution.machine
     out = np.zeros((len(positions), ROWS * (len(machine.axes) + 1), solution.model.n_parameters))
     for i, axis in enumerate(machine.axes):
         if set(effects) & set(LINEAR_EFFECTS if axis.is_linear else ROTARY_EFFECTS):
-            own, inverse = np.unique(np.stack([positions[:, i], directions[:, i]], axis=1), axis=0, return_inverse=True)
-            values = axis_errors(solution, axis, effects, base, own[:, 0], own[:, 1])
+            places, inverse = np.unique(
+                np.stack([positions[:, i], directions[:, i]], axis=1), axis=0, return_inverse=True
+            )
+            values = axis_errors(solution, axis, effects, base, places[:, 0], places[:, 1])
             out[:, ROWS * i : ROWS * i + ROWS] = values[np.asarray(inverse).ravel()]
     out[:, -ROWS:] = tool_frame_errors(solution, effects, base)
     return out
 
 
 def axis_errors(
-    solution: Solution, axis: Axis, effects: Sequence[str], base: Base, own: np.ndarray, direction: np.ndarray
+    solution: Solution, axis: Axis, effects: Sequence[str], base: Base, places: np.ndarray, direction: np.ndarray
 ) -> np.ndarray:
     """Six error values of one axis along its line through `at`, as linear map of θ, (m, 6, n)."""
     function = _linear_axis if axis.is_linear else _rotary_axis
-    return function(solution, axis, effects, base, own, direction)
+    return function(solution, axis, effects, base, places, direction)
 
 
 def _on_line(
-    solution: Solution, axis: Axis, base: Base, own: np.ndarray, direction: np.ndarray
+    solution: Solution, axis: Axis, base: Base, places: np.ndarray, direction: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Positions and directions (m, n_axes): the axis moves, all others stand at `at`, their direction unknown."""
     i = solution.machine.index(axis.letter)
-    positions, ways = np.tile(base.at, (len(own), 1)), np.zeros((len(own), len(base.at)))
-    positions[:, i], ways[:, i] = own, direction
+    positions, ways = np.tile(base.at, (len(places), 1)), np.zeros((len(places), len(base.at)))
+    positions[:, i], ways[:, i] = places, direction
     return positions, ways
 
 
 def _linear_axis(
-    solution: Solution, axis: Axis, effects: Sequence[str], base: Base, own: np.ndarray, direction: np.ndarray
+    solution: Solution, axis: Axis, effects: Sequence[str], base: Base, places: np.ndarray, direction: np.ndarray
 ) -> np.ndarray:
     k = LINEAR_AXES.index(axis.letter)
-    out = np.zeros((len(own), ROWS, solution.model.n_parameters))
+    out = np.zeros((len(places), ROWS, solution.model.n_parameters))
     if {POS, STR, SQU} & set(effects):
-        line = _moved(solution, axis, base, own, direction, rotations=False)
-        slope = _slope(solution, axis, base) * (own - base.at[solution.machine.index(axis.letter)])[:, None, None]
+        line = _moved(solution, axis, base, places, direction, rotations=False)
+        slope = _slope(solution, axis, base) * (places - base.at[solution.machine.index(axis.letter)])[:, None, None]
         across = np.array([j for j in range(3) if j != k])
         if POS in effects:
             out[:, k] += line[:, k]
@@ -118,11 +120,11 @@ def _linear_axis(
         if SQU in effects:
             out[:, across] += slope[:, across]
     if ANG in effects:
-        positions, ways = _on_line(solution, axis, base, own, direction)
+        positions, ways = _on_line(solution, axis, base, places, direction)
         errors = model_errors(solution, positions, ways, lambda e: e.axis == axis.letter and _is_angular(e), None)
         i = ROWS * solution.machine.index(axis.letter)
         out[:, 3:] += errors[:, i + 3 : i + ROWS]
-        out[:, :3] -= _moved(solution, axis, base, own, direction, rotations=True)
+        out[:, :3] -= _moved(solution, axis, base, places, direction, rotations=True)
     return out
 
 
@@ -132,14 +134,14 @@ def _is_angular(error: ErrorName) -> bool:
 
 
 def _moved(
-    solution: Solution, axis: Axis, base: Base, own: np.ndarray, direction: np.ndarray, *, rotations: bool
+    solution: Solution, axis: Axis, base: Base, places: np.ndarray, direction: np.ndarray, *, rotations: bool
 ) -> np.ndarray:
     """Deviation of the functional point along the axis's line less that at `at`, (m, 3, n) [mm]; `rotations`: by angular
     errors alone.
 
-    Of all linear axes' errors: where the other axes stand turned by their angular errors, they turn this one's motion.
+    The errors of all linear axes take part, because the angular errors of the other axes turn the motion of this one.
     """
-    positions, ways = _on_line(solution, axis, base, own, direction)
+    positions, ways = _on_line(solution, axis, base, places, direction)
     errors = model_errors(
         solution,
         np.vstack([positions, base.at]),
@@ -162,9 +164,9 @@ def _slope(solution: Solution, axis: Axis, base: Base) -> np.ndarray:
 
 
 def _rotary_axis(
-    solution: Solution, axis: Axis, effects: Sequence[str], base: Base, own: np.ndarray, direction: np.ndarray
+    solution: Solution, axis: Axis, effects: Sequence[str], base: Base, places: np.ndarray, direction: np.ndarray
 ) -> np.ndarray:
-    positions, ways = _on_line(solution, axis, base, own, direction)
+    positions, ways = _on_line(solution, axis, base, places, direction)
     i = ROWS * solution.machine.index(axis.letter)
     own_rows = slice(i, i + ROWS)
     motion = model_errors(solution, positions, ways, lambda e: e.axis == axis.letter and not e.location)[:, own_rows]

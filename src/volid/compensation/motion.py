@@ -13,8 +13,8 @@ from volid.model.machine import Machine
 
 
 class Motion(NamedTuple):
-    """What a compensation asks of the axes: `largest` |correction| per axis (n_axes,) [mm, °]; `slope`: largest change of a
-    correction per unit of another axis's motion (n_axes, n_axes): row the corrected axis, column the moving one."""
+    """What a compensation asks of the axes. `largest`: largest |correction| of each axis, (n_axes,) [mm, °]. `slope`: largest
+    change of a correction per unit of an axis's motion, (n_axes, n_axes), one row per corrected, one column per moving axis."""
 
     largest: np.ndarray
     slope: np.ndarray

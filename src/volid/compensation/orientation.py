@@ -85,8 +85,9 @@ def rotary_turns(
 ) -> np.ndarray:
     """Turns of the rotary axes against an orientation error, (m, n_axes) [°], 0 for linear axes.
 
-    `orientation`: rotation vector, machine frame (m, 3) [rad]. The component about the tool axis, and near a pole that about the
-    pole's direction, stay. Axes `clamped` do not turn; the others do what they can alone.
+    `orientation`: rotation vector, machine frame (m, 3) [rad]. The component about the tool axis is not corrected, and near a
+    pole that about the pole's direction is not either. Axes in `clamped` do not turn; the others correct what they can without
+    them.
     """
     rotary = [i for i, a in enumerate(machine.axes) if not a.is_linear]
     u, s, vt = _across(machine, positions, clamped)

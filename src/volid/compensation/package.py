@@ -1,4 +1,4 @@
-"""A compensation: tables and grids of several types together, as one control gets them."""
+"""A compensation: the tables and grids of several types together, as they are given to one control."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Compensation:
     grids: tuple[AnyGrid, ...]
 
     def control(self, machine: Machine, **options: Any) -> Control:
-        """A control of `machine` with this compensation; `options`: tool, increment, clamped, poles, correct_motion."""
+        """A simulated control of `machine` with this compensation; `options`: those of `Control`, such as tool or increment."""
         return Control(machine, self.tables, self.grids, **options)
 
 
@@ -100,11 +100,11 @@ def compensate(
     for t in types:
         if t.name.endswith("SPEC") and rule is None and not base.functions:
             raise InputError(f"{t.name} needs what it corrects: `functions` of the base, such as EXX,EAX, or a `rule`")
-    own_form = {t.name: form if form in t.forms else t.forms[0] for t in types}
-    in_tables = [t for t in types if own_form[t.name] == TABLES]
-    held = error_tables(solution, in_tables, base, tables, zero, ranges) if in_tables else ()
+    form_of = {t.name: form if form in t.forms else t.forms[0] for t in types}
+    in_tables = [t for t in types if form_of[t.name] == TABLES]
+    in_lines = error_tables(solution, in_tables, base, tables, zero, ranges) if in_tables else ()
     found: list[AnyGrid] = []
-    for t in (t for t in types if own_form[t.name] == GRID):
+    for t in (t for t in types if form_of[t.name] == GRID):
         request = GridRequest(
             type=t,
             base=base,
@@ -117,11 +117,11 @@ def compensate(
             uncertainty=uncertainty,
         )
         found += build_grids(solution, request)
-    return Compensation(tuple(t.name for t in types), held, _once(found))
+    return Compensation(tuple(t.name for t in types), in_lines, _once(found))
 
 
 def _once(grids: Sequence[AnyGrid]) -> tuple[AnyGrid, ...]:
-    """L-VOL+ brings the rotary axes' FOR grids, R-VOL+ the linear ones; with both, the + grids hold them already."""
+    """Each side's grid once: L-VOL+ and R-VOL+ both bring FOR grids, which the + grids already contain when both are there."""
     plus = {g.side for g in grids if g.type in ("L-VOL+", "R-VOL+")}
     kept: list[AnyGrid] = []
     for g in grids:

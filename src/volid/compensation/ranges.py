@@ -1,7 +1,7 @@
 """Over which positions tables and grids reach: the measured part of each travel, unless more is asked for.
 
-A spline says nothing where nothing was measured: there its values are extrapolated, and a control would believe them. Outside a
-table or grid a control holds its end value instead.
+Where nothing was measured, the values of a spline are extrapolated and have no basis, but a control would apply them. Outside a
+table or grid, a control keeps the end value instead.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ def chosen_ranges(
 ) -> dict[str, tuple[float, float]]:
     """Lowest and highest position of tables and grids by axis letter [mm or °].
 
-    `asked` as it stands; else the part of the travel that was measured, or all of it (`extrapolate`). Ends that were measured to
-    within 1 % of the travel stay, as in `Solution.outside`; full turns stay closed; an axis measured at one place has no
-    part, and keeps its travel for `refuse_extrapolation` to name. Raises `InputError` for a range that is none or that leaves
-    the travel.
+    A range in `asked` is taken as it is. Otherwise the range is the part of the travel that was measured, or all of it with
+    `extrapolate`. An end of travel that was measured to within 1 % of the travel is kept, as in `Solution.outside`, and full
+    turns stay closed. An axis measured at one position has no measured part; it keeps its travel, and `refuse_extrapolation`
+    names it. Raises `InputError` for a range that does not rise or that leaves the travel.
     """
     found = {a.letter: a.travel if extrapolate else measured_part(solution, a) for a in solution.machine.axes}
     for letter, (low, high) in (asked or {}).items():
@@ -87,8 +87,8 @@ def refuse_extrapolation(solution: Solution, made: Iterable[ErrorTable | AnyGrid
             )
 
 
-def _beyond(solution: Solution, letter: str, own: tuple[float, float]) -> str:
-    axis, (low, high) = solution.machine.axis(letter), own
+def _beyond(solution: Solution, letter: str, wanted: tuple[float, float]) -> str:
+    axis, (low, high) = solution.machine.axis(letter), wanted
     if not _outside(solution, letter, np.array([low, high])).any():
         return ""
     index = solution.machine.index(letter)
@@ -109,9 +109,9 @@ def _crossing(solution: Solution, letter: str, base: Base) -> str:
     )
 
 
-def _outside(solution: Solution, letter: str, own: np.ndarray) -> np.ndarray:
-    positions = np.zeros((len(own), len(solution.machine.axes)))
-    positions[:, solution.machine.index(letter)] = own
+def _outside(solution: Solution, letter: str, column: np.ndarray) -> np.ndarray:
+    positions = np.zeros((len(column), len(solution.machine.axes)))
+    positions[:, solution.machine.index(letter)] = column
     return solution.outside(positions, (letter,))
 
 

@@ -1,4 +1,4 @@
-"""What spatial grids do with reversal: they hold one value per node, whatever the approach direction."""
+"""Reversal in spatial grids: they have one value per node, whatever the approach direction."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def left_reversal(solution: Solution, letters: Collection[str]) -> dict[str, flo
     """Largest |B|/2 over the travel of every function of the axes `letters` that has reversal [mm or rad].
 
     E(q, ±) = E(q) ± B(q)/2 (CONVENTIONS 3): the mean of both directions leaves half the reversal, with either sign. Cross
-    effects are looked at where the other axis stands at its reference.
+    effects are evaluated with the other axis at its reference.
     """
     theta, found = np.asarray(solution.parameters), {}
     for name in dict.fromkeys(f.name for f in solution.model.functions if f.part == "reversal"):
@@ -32,13 +32,13 @@ def left_reversal(solution: Solution, letters: Collection[str]) -> dict[str, flo
 
 
 def reversal_text(solution: Solution, grid: AnyGrid) -> str:
-    """What the grid holds of reversal and what is left, in words; `NONE` when its axes have no reversal."""
-    left = left_reversal(solution, part_letters(solution.machine, grid.side))
-    if not left:
+    """How the grid treats reversal and what remains of it, in words; `NONE` when its axes have no reversal."""
+    halves = left_reversal(solution, part_letters(solution.machine, grid.side))
+    if not halves:
         return NONE
     each = ", ".join(
         f"{name} {1e6 * v:.2f} µrad" if parse(name).is_rotation else f"{name} {1e3 * v:.2f} µm"
-        for name, v in left.items()
+        for name, v in halves.items()
     )
     return (
         f"mean of both approach directions; half the reversal is left in either direction, at most {each}; volid tables holds "

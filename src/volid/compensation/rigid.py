@@ -1,8 +1,8 @@
 """The best rigid compensation of a machine that is not rigid (ISO/TR 16907 7.4.2).
 
 When a control can only hold single-axis functions, but the model has cross effects f(own axis, other axis), its functions
-should not be those of one line: they are chosen so that the deviation that remains over the working volume is least, in the
-least-squares sense over points and tool vectors. What remains then is the cross effects' own share.
+should not be those of one line. They are chosen so that the deviation that remains over the working volume is least, in the
+least-squares sense over points and tool vectors. What remains is then due to the cross effects alone.
 """
 
 from __future__ import annotations
@@ -39,25 +39,27 @@ class Remaining(NamedTuple):
 def best_rigid(solution: Solution, tools: Float[np.ndarray, "k 3"]) -> tuple[Solution, Remaining]:
     """The solution with single-axis functions only, and what they leave.
 
-    θ' = (A'ᵀA')⁺A'ᵀ A θ over 2048 points spread evenly (Halton), translations of the functional point; the covariance goes along.
-    Directions that the tools leave open stay at their least-norm value. Reversal and constants are kept as parts of the fit.
+    θ' = (A'ᵀA')⁺A'ᵀ A θ over 2048 points spread evenly (Halton), translations of the functional point; the covariance is
+    transformed likewise. Directions that the tools do not determine have their least-norm value. Reversal and constants are
+    kept as parts of the fit.
 
     Args:
         solution: of `fit`.
-        tools: tool vectors over which the volume is to be served, shape (k, 3) [mm]; several non-collinear ones tell angular
-            functions from translations.
+        tools: tool vectors for which the remaining deviation is minimised, shape (k, 3) [mm]; several that do not lie on one line
+            distinguish angular functions from translations.
 
     Source: ISO/TR 16907 7.4.2.
 
     >>> import numpy as np
     >>> import volid
     >>> solution = volid.fit(volid.load_campaign("datasets/five_axis_rtest/campaign.toml"))
-    >>> rigid, left = volid.best_rigid(solution, np.array([[0.0, 0.0, -150.0], [80.0, 0.0, -150.0], [0.0, 80.0, -150.0]]))
-    >>> left.rms < 1e-6 * left.rms_before  # its functions depend on one axis each: nothing is left
+    >>> tools = np.array([[0.0, 0.0, -150.0], [80.0, 0.0, -150.0], [0.0, 80.0, -150.0]])
+    >>> rigid, remaining = volid.best_rigid(solution, tools)
+    >>> remaining.rms < 1e-6 * remaining.rms_before  # its functions depend on one axis each: nothing remains
     True
     """
     machine = solution.machine
-    settings = {n: replace(s, over=None, segments=_own(s)) for n, s in machine.model.functions.items()}
+    settings = {n: replace(s, over=None, segments=_own_segments(s)) for n, s in machine.model.functions.items()}
     plain = replace(machine, model=ModelSettings(machine.model.degree, machine.model.segments, settings))
     segments = {n: k[:1] for n, k in solution.model.segments.items()}
     model = build_model(plain, segments, datum=solution.datum)
@@ -69,12 +71,12 @@ def best_rigid(solution: Solution, tools: Float[np.ndarray, "k 3"]) -> tuple[Sol
     scale = np.where(scale > 0, scale, 1.0)
     mapping = (np.linalg.pinv(after / scale, rcond=RELATIVE_RANK) @ before) / scale[:, None]
     theta = np.asarray(solution.parameters)
-    left = (before @ theta - after @ (mapping @ theta)).reshape(-1, 3)
+    remaining = (before @ theta - after @ (mapping @ theta)).reshape(-1, 3)
     found = _moved(solution, rigid, mapping)
-    return found, Remaining(*_sizes(left), *_sizes((before @ theta).reshape(-1, 3)))
+    return found, Remaining(*_sizes(remaining), *_sizes((before @ theta).reshape(-1, 3)))
 
 
-def _own(settings: FunctionSettings) -> int | str | None:
+def _own_segments(settings: FunctionSettings) -> int | str | None:
     return settings.segments[0] if isinstance(settings.segments, tuple) else settings.segments
 
 

@@ -18,10 +18,11 @@ def round_to(values: np.ndarray, least: float | None) -> np.ndarray:
 def rounded_grid(grid: AnyGrid, increment: float | None, angle_increment: float | None) -> AnyGrid:
     """The grid with translations at multiples of `increment` [mm], rotations of `angle_increment` [rad], and a note of the loss.
 
-    None: all digits. Values are absolute, so that rounding does not add up. Raises `InputError` for an increment that is none.
+    None keeps all digits. Values are absolute, so that rounding errors do not add up. Raises `InputError` for an increment that
+    is not positive.
     """
     notes, values = list(grid.notes), grid.values.copy()
-    for own, least, scale, unit in (
+    for columns, least, scale, unit in (
         (slice(0, 3), increment, 1.0, "mm"),
         (slice(3, 6), angle_increment, 180.0 / np.pi, "degrees"),
     ):
@@ -29,8 +30,8 @@ def rounded_grid(grid: AnyGrid, increment: float | None, angle_increment: float 
             continue
         if not least > 0:
             raise InputError(f"least increment {scale * least:g} {unit}; expected a number > 0")
-        values[:, own] = round_to(grid.values[:, own], least)
-        loss = np.nanmax(np.abs(values[:, own] - grid.values[:, own]), initial=0.0)
+        values[:, columns] = round_to(grid.values[:, columns], least)
+        loss = np.nanmax(np.abs(values[:, columns] - grid.values[:, columns]), initial=0.0)
         notes.append(
             f"least increment {scale * least:.9g} {unit}; largest change by rounding {scale * loss:.6g} {unit}"
         )

@@ -1,8 +1,8 @@
 """A new compensation on top of an existing one (ISO/TR 16907 10.5): the sum, on the union of the points of both.
 
-A machine that was measured with its old tables active shows what they leave; the new tables belong on top, not in their place.
-Both are piecewise linear, so the union of their points holds the sum exactly. Outside its own range a table holds its end
-value, as a control does.
+When a machine was measured with its old tables active, the measurement shows the errors that remain with them; the new tables
+must then be added to the old ones, not replace them. Both are piecewise linear, so the sum is exact on the union of their points.
+Outside its range a table keeps its end value, as in a control.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def _add_table(new: ErrorTable, old: ErrorTable) -> ErrorTable:
         raise InputError(f"the existing {old.function} acts on {old.applied}, the new one on {new.applied}")
     nodes = np.union1d(old.positions, new.positions)
     up, down = np.ones(len(nodes)), -np.ones(len(nodes))
-    own = new.positions[0] - 1e-9, new.positions[-1] + 1e-9
+    ends = new.positions[0] - 1e-9, new.positions[-1] + 1e-9
     return replace(
         new,
         type=f"{new.type} on top of {old.type}",
@@ -46,7 +46,7 @@ def _add_table(new: ErrorTable, old: ErrorTable) -> ErrorTable:
         forward=new.at(nodes, up) + old.at(nodes, up),
         reverse=new.at(nodes, down) + old.at(nodes, down),
         u=np.stack([np.interp(nodes, new.positions, c) for c in new.u.T], axis=1),
-        outside=(np.interp(nodes, new.positions, new.outside) > 0) | (nodes < own[0]) | (nodes > own[1]),
+        outside=(np.interp(nodes, new.positions, new.outside) > 0) | (nodes < ends[0]) | (nodes > ends[1]),
         notes=(*new.notes, *_note(old.type, old.zero, len(old.positions), len(new.positions))),
     )
 
@@ -74,18 +74,18 @@ def add_grid(new: AnyGrid, old: AnyGrid) -> AnyGrid:
         raise InputError(f"a control applies a {old.type} grid otherwise than a {new.type} grid; they have no sum")
     nodes = tuple(np.union1d(a, b) for a, b in zip(old.nodes, new.nodes, strict=True))
     positions = grid_positions(nodes)
-    own, before = new.held(positions), old.held(positions)
+    now, before = new.clamped(positions), old.clamped(positions)
     before[:, :3] += _shift(new, old, before)
     return replace(
         new,
         type=new.type,
         nodes=nodes,
         positions=positions,
-        values=own + before,
-        u=replace(new, values=new.u).held(positions),
-        outside=replace(new, values=np.repeat(new.outside[:, None] * 1.0, 6, axis=1)).held(positions)[:, 0] > 0,
+        values=now + before,
+        u=replace(new, values=new.u).clamped(positions),
+        outside=replace(new, values=np.repeat(new.outside[:, None] * 1.0, 6, axis=1)).clamped(positions)[:, 0] > 0,
         notes=(*new.notes, *_note(old.type, "", len(old.values), len(new.values))),
-        **({"determined": np.isfinite(own + before)} if isinstance(new, RotaryGrid) else {}),
+        **({"determined": np.isfinite(now + before)} if isinstance(new, RotaryGrid) else {}),
     )
 
 

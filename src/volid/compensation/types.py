@@ -35,9 +35,10 @@ TABLES, GRID = "tables", "grid"
 class CompensationType:
     """One type of ISO/TR 16907.
 
-    `effects`: what of the error model it uses. `based_on`: the specific line through `at`, all of the volume, one elevation or
-    tool length, or the axis alone. `control`: what the control does with it. `leaves`: what it must not touch. `forms`: table
-    of an axis, or spatial grid. `needs_tool`: the control must know the tool vector.
+    `effects`: the parts of the error model that it corrects. `based_on`: where it holds: on the specific line through `at`, in
+    all of the volume, at one elevation or tool length, or on the axis alone. `control`: what the control does with it. `leaves`:
+    the errors that it does not correct. `forms`: table of an axis, or spatial grid. `needs_tool`: whether the control must know
+    the tool vector.
     """
 
     name: str
@@ -145,9 +146,9 @@ def _require_disjoint(one: CompensationType, other: CompensationType) -> None:
         raise InputError(
             f"{one.name} and {other.name} both correct {', '.join(twice)}; it would be corrected twice. Take one of them"
         )
-    own = {LINEAR_SPEC: LINEAR_EFFECTS, ROTARY_SPEC: ROTARY_EFFECTS}
+    specific = {LINEAR_SPEC: LINEAR_EFFECTS, ROTARY_SPEC: ROTARY_EFFECTS}
     for a, b in ((one, other), (other, one)):
-        if a.effects[0] in own and set(b.effects) & set(own[a.effects[0]]):
+        if a.effects[0] in specific and set(b.effects) & set(specific[a.effects[0]]):
             raise InputError(f"{a.name} and {b.name} may correct the same errors twice; take one of them")
         if a.name == "R-POS" and b.turns:
             raise InputError(f"R-POS and {b.name} both turn the rotary axes, {b.name} for angular positioning too")

@@ -41,7 +41,7 @@ class Choice:
 
 @dataclass(frozen=True)
 class Letters:
-    """Some of the letters of `COMPONENTS`, each once."""
+    """One or more of the letters of `COMPONENTS`, each at most once."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class Term(NamedTuple):
 
 
 class ToolShift(NamedTuple):
-    """One component of the tool vector that is off by an unknown: its number 0, 1 or 2, and that of the unknown by row, (m,)."""
+    """One component of the tool vector with an unknown error: its number 0, 1 or 2, and the unknown's number by row, (m,)."""
 
     component: int
     slot: np.ndarray
@@ -79,10 +79,10 @@ class Sensitivity(NamedTuple):
 
 
 class EffectType(ABC):
-    """One type of systematic effect. A final class per type says what it does; its one instance is in the table.
+    """One type of systematic effect. Each type has one final class that says what it does; its only instance is in the table.
 
-    `keys`: keys of the file besides those that all types have. `always_random`: drawn anew for every reading, whatever
-    `per` says; `never_random`: never so. `spans_campaign`: needs all readings of the campaign at once.
+    `keys`: keys of the file besides those that all types have. `always_random`: the effect is drawn anew for every reading,
+    whatever `per` says; `never_random`: it never is. `spans_campaign`: it needs all readings of the campaign at once.
     """
 
     name: str
@@ -98,7 +98,7 @@ class EffectType(ABC):
         return []
 
     def tool_shifts(self, effect: Effect, observations: ObservationSet, table: NuisanceTable) -> list[ToolShift]:
-        """What the tool vectors of a set are off by."""
+        """The unknown errors of the tool vectors of a set."""
         return []
 
     @abstractmethod
@@ -127,7 +127,7 @@ def labelled_scopes() -> tuple[str, ...]:
 
 
 def lengths_of(observations: ObservationSet) -> np.ndarray:
-    """The readings a scale acts on, (m, k): lengths; angles have no scale."""
+    """The readings that a scale acts on, (m, k): the lengths, with 0 for angles, which have no scale."""
     return np.where(KINDS[observations.kind].is_angle, 0.0, observations.readings)
 
 
@@ -192,7 +192,7 @@ def slots_of(
 
 
 def columns_of(observations: ObservationSet) -> Iterator[tuple[np.ndarray, str, str]]:
-    """For every component of a reading: 1 in its column (m, k), its name (none for the only one), and its unit."""
+    """For every component of a reading: 1 in its column (m, k), its name (empty when there is only one), and its unit."""
     kind = KINDS[observations.kind]
     for c, name in enumerate(kind.readings):
         column = np.zeros((len(observations), len(kind.readings)))

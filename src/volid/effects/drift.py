@@ -3,7 +3,7 @@
     form = "linear":       reading += ξ · t,        t [h] since the scope's first reading; u in the reading's unit per hour
     form = "random walk":  reading += Σ ξ_j r_j(t), increments between `NODES` instants, straight in between; u per √h
 
-Closures determine it. Not modelled: a drift that is different in the two directions of travel.
+Repeated readings at the same place determine a drift. Not modelled: a drift that differs between the two directions of travel.
 """
 
 from __future__ import annotations
@@ -45,11 +45,11 @@ class Drift(EffectType):
         self, effect: Effect, observations: ObservationSet, campaign: Campaign, table: NuisanceTable
     ) -> list[Term]:
         """One term for every component, or one for every increment of it."""
-        own = _linear if effect.options.get("form", LINEAR) == LINEAR else _random_walk
+        form = _linear if effect.options.get("form", LINEAR) == LINEAR else _random_walk
         spans = [(n, rows, *_span(campaign, effect, n)) for n, rows in scopes_of(observations, effect)]
         result = []
         for column, what, unit in columns_of(observations):
-            result += own(effect, observations, spans, table, column, (what, unit))
+            result += form(effect, observations, spans, table, column, (what, unit))
         return result
 
     def variance(
@@ -120,8 +120,8 @@ def _span(campaign: Campaign, effect: Effect, scope: str) -> tuple[float, float]
         for name, rows in scopes_of(s, e)
         if name == scope
     ]
-    whole = np.concatenate(hours)
-    return float(whole.min()), float(whole.max())
+    times = np.concatenate(hours)
+    return float(times.min()), float(times.max())
 
 
 DRIFT = Drift()

@@ -1,4 +1,4 @@
-"""`offset`: a constant that all readings of a scope share, for every component of a reading on its own.
+"""`offset`: a constant that all readings of a scope share; each component of a reading has its own.
 
 reading += ξ,   u of ξ in the reading's unit
 """
@@ -21,7 +21,7 @@ class Offset(EffectType):
     def terms(
         self, effect: Effect, observations: ObservationSet, campaign: Campaign, table: NuisanceTable
     ) -> list[Term]:
-        """1 for every component."""
+        """One term with the factor 1 for every component."""
         return [
             Term(column, slots_of(observations, effect, table, unit, what))
             for column, what, unit in columns_of(observations)

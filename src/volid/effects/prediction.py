@@ -2,8 +2,8 @@
 
     reading = prediction(tool + Σ τ, …) + Σ a ξ,   ξ, τ of mean 0 and standard uncertainty u, one for each scope (`per`)
 
-What a and τ are, every type says in its own file. An effect is one unknown of the fit per scope, with its u as prior
-knowledge: what the data say of it lowers its u, the rest goes into every result. With `per` = "point" (always for
+The file of each type says what a and τ are. An effect is one unknown of the fit per scope, with its u as prior knowledge: the
+data may reduce this u, and what remains of it contributes to the uncertainty of every result. With `per` = "point" (always for
 repeatability) an effect is drawn anew for every reading and adds to its u, see `random`.
 """
 
@@ -44,16 +44,16 @@ class Extended(NamedTuple):
 def predict_readings(machine: Machine, form: Form, q: Any, tool: Any, errors: Any, slots: Any, constants: Any) -> Any:
     """Predicted readings (k, m) of one group, effects included."""
     k, n = form.n_readings, form.additive
-    own = len(slots) - len(form.tool) - n
-    own_constants = len(constants) - n * k
+    before = len(slots) - len(form.tool) - n
+    constants_before = len(constants) - n * k
     vector = list(tool)
     for i, component in enumerate(form.tool):
-        vector[component] = vector[component] + slots[own + i]
+        vector[component] = vector[component] + slots[before + i]
     predict = KINDS[form.kind].predict
-    values = predict(machine, form.settings, q, tuple(vector), errors, slots[:own], constants[:own_constants])
-    first = own + len(form.tool)
+    values = predict(machine, form.settings, q, tuple(vector), errors, slots[:before], constants[:constants_before])
+    first = before + len(form.tool)
     for j in range(n):
-        factors = constants[own_constants + j * k : own_constants + (j + 1) * k]
+        factors = constants[constants_before + j * k : constants_before + (j + 1) * k]
         values = in_rows([v + f * slots[first + j] for v, f in zip(values, factors, strict=True)], np.shape(q[0]))
     return values
 
@@ -91,5 +91,5 @@ def check_effects(observations: ObservationSet) -> None:
 
 
 def is_random(effect: Effect) -> bool:
-    """True for what is drawn anew for every reading; see `random`."""
+    """True for an effect that is drawn anew for every reading; see `random`."""
     return effect.per == POINT or TYPES[effect.type].always_random

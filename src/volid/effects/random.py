@@ -47,12 +47,12 @@ def split_normal(parts: list[tuple[Effect, np.ndarray]]) -> tuple[Any, list[Scat
     """Variance (m, k) of all normal parts together (0 for none), and the others one by one."""
     variance: Any = 0.0
     others = []
-    for effect, own in parts:
+    for effect, variances in parts:
         name = str(effect.options.get("distribution", NORMAL))
         if name == NORMAL:
-            variance = variance + own
+            variance = variance + variances
         else:
-            others.append(Scatter(name, tuple(effect.options.get("samples", ())), np.sqrt(own)))
+            others.append(Scatter(name, tuple(effect.options.get("samples", ())), np.sqrt(variances)))
     return variance, others
 
 

@@ -1,6 +1,8 @@
-"""`repeatability`: axis positions that scatter anew at every reading; u in mm for linear axes, or of the axes named.
+"""`repeatability`: axis positions that scatter anew at every reading.
 
-u² += Σ (u_axis ∂reading/∂position)²,   `axes` = { X = 0.001, … }, else every linear axis with u
+u² += Σ (u_axis ∂reading/∂position)²
+
+`axes` = { X = 0.001, … } gives u_axis by axis letter [mm or degrees]; without it every linear axis has the effect's u [mm].
 """
 
 from __future__ import annotations
@@ -27,8 +29,8 @@ class Repeatability(EffectType):
         """Σ (u_axis ∂reading/∂position)²."""
         given = effect.options.get("axes")
         scatter = given if isinstance(given, Mapping) else {a.letter: effect.u for a in machine.axes if a.is_linear}
-        own = [(float(u) * sensitivity.by_axis[machine.index(letter)]) ** 2 for letter, u in scatter.items()]
-        return np.asarray(sum(own, np.zeros(observations.readings.shape)))
+        variances = [(float(u) * sensitivity.by_axis[machine.index(letter)]) ** 2 for letter, u in scatter.items()]
+        return np.asarray(sum(variances, np.zeros(observations.readings.shape)))
 
 
 REPEATABILITY = Repeatability()

@@ -1,8 +1,9 @@
-"""`scale`: the reading itself times an unknown factor (refractive index); with `components` a factor for each (sensor scale).
+"""`scale`: the reading times an unknown factor, such as an error of the refractive index.
 
     reading += ξ · length,   u of ξ as a ratio, such as 2e-7
 
-A length comprises its dead path; angles have no scale.
+With `components` each of them has a factor of its own, such as the scales of a sensor's axes. A length includes its dead path.
+Angles have no scale.
 """
 
 from __future__ import annotations
@@ -28,14 +29,14 @@ class Scale(EffectType):
     def terms(
         self, effect: Effect, observations: ObservationSet, campaign: Campaign, table: NuisanceTable
     ) -> list[Term]:
-        """One factor for the whole reading, or one for each of its `components`."""
+        """One factor for the entire reading, or one for each of its `components`."""
         lengths, names = lengths_of(observations), KINDS[observations.kind].readings
         if "components" not in effect.options:
             return [Term(lengths, slots_of(observations, effect, table, "1"))]
         result = []
         for letter in str(effect.options["components"]):
-            own = np.array([name.upper() == letter for name in names])
-            result.append(Term(np.where(own, lengths, 0.0), slots_of(observations, effect, table, "1", letter)))
+            scaled = np.array([name.upper() == letter for name in names])
+            result.append(Term(np.where(scaled, lengths, 0.0), slots_of(observations, effect, table, "1", letter)))
         return result
 
     def variance(

@@ -1,9 +1,9 @@
-"""`temperature`: a length that expands with an unknown temperature, and by an expansion that is not quite known.
+"""`temperature`: a length expands, and its temperature and its coefficient of expansion are both uncertain.
 
     reading += expansion · length · ξ,  u of ξ in K;   reading += (temperature - 20 °C) · length · η,  u of η: `u_expansion` [1/K]
 
-`temperature` [°C] from the column of the set, else from the key. The length that expands is the reading less its dead path;
-η has a normal distribution. Drawn anew for every reading, only ξ counts. ISO 1 (reference temperature).
+`temperature` [°C] is taken from the column of the set, or else from the key. The length that expands is the reading less its dead
+path; η has a normal distribution. When the effect is drawn anew for every reading, only ξ counts. ISO 1 (reference temperature).
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class Temperature(EffectType):
     def terms(
         self, effect: Effect, observations: ObservationSet, campaign: Campaign, table: NuisanceTable
     ) -> list[Term]:
-        """One for the temperature of every scope, and one for the expansion, which all scopes share."""
+        """One term for the temperature of every scope, and one for the expansion, which all scopes share."""
         lengths = lengths_of(observations) - KINDS[observations.kind].dead_paths(observations, table.starts)
         factor = float(effect.options[EXPANSION]) * lengths
         terms = [Term(factor, slots_of(observations, effect, table, "K"))]

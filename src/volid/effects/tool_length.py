@@ -1,4 +1,4 @@
-"""`tool_length`: the tool vector is off by an unknown, in some of its `components` ("Z" by default, "XYZ" for all).
+"""`tool_length`: the tool vector has an unknown error in one or more of its `components` ("Z" by default, "XYZ" for all).
 
 reading = prediction(tool + Σ ξ e_c, …),   u of ξ in mm
 """
@@ -16,13 +16,13 @@ from volid.observations.base import NuisanceTable
 
 
 class ToolLength(EffectType):
-    """A tool vector that is not quite known."""
+    """A tool vector with an uncertain length or position."""
 
     name = "tool_length"
     keys: Mapping[str, FileKey] = {"components": Letters()}
 
     def tool_shifts(self, effect: Effect, observations: ObservationSet, table: NuisanceTable) -> list[ToolShift]:
-        """One for every component."""
+        """One shift for every component of the tool vector that the effect names."""
         return [
             ToolShift(COMPONENTS.index(letter), slots_of(observations, effect, table, "mm", letter))
             for letter in _letters(effect)
@@ -32,8 +32,8 @@ class ToolLength(EffectType):
         self, effect: Effect, observations: ObservationSet, machine: Machine, sensitivity: Sensitivity
     ) -> np.ndarray:
         """Σ (u ∂reading/∂tool)²."""
-        own = [sensitivity.by_tool[COMPONENTS.index(letter)] for letter in _letters(effect)]
-        return np.asarray(sum((effect.u * s) ** 2 for s in own))
+        by_tool = [sensitivity.by_tool[COMPONENTS.index(letter)] for letter in _letters(effect)]
+        return np.asarray(sum((effect.u * s) ** 2 for s in by_tool))
 
 
 def _letters(effect: Effect) -> str:

@@ -121,12 +121,12 @@ class Assembly:
 
     def _notes(self) -> list[str]:
         notes, found = [], self.fitter.found
-        held = held_constants(self.problem.model, found.tool_rotation)
+        fixed = held_constants(self.problem.model, found.tool_rotation)
         if not self.optimum.converged:
             notes.append("the iteration stopped before full convergence")
-        if held:
+        if fixed:
             notes.append(
-                f"constant tool rotation {', '.join(held)}: not determined by these stations and tool vectors, held at 0"
+                f"constant tool rotation {', '.join(fixed)}: not determined by these stations and tool vectors, held at 0"
             )
         if limited := self.resolution.at_limit:
             notes.append(f"finest resolution on offer taken for {', '.join(limited)}: shorter waves may remain")

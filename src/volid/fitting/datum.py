@@ -83,8 +83,8 @@ def _nominal_gradient(model: ErrorModel, positions: np.ndarray, tool: np.ndarray
 def s_transformation(old: ErrorModel, new: ErrorModel, hold: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
     """S with θ' = S θ, shape (n', n), and the rigid motion ρ = R θ of the workpiece frame, shape (6, n).
 
-    `hold`: projector (n', n') that keeps what is held at 0 of the tool frame's constants there. The rest of the model takes over
-    what it can; what it cannot is a motion of the tool vectors, which is left out of θ'.
+    `hold`: projector (n', n') that keeps at 0 those directions of the tool frame's constants that are held there. The rest of the
+    model takes over their effect as far as it can; what remains is a motion of the tool vectors, which is left out of θ'.
 
     Raises `InputError` when the new datum needs a squareness that the old model leaves out.
     """
@@ -96,18 +96,18 @@ def s_transformation(old: ErrorModel, new: ErrorModel, hold: np.ndarray | None =
     def flat(rows: np.ndarray) -> np.ndarray:
         return np.asarray((rows * weight).reshape(-1, rows.shape[2]))
 
-    kept, held = _kept_and_held(new, np.eye(new.n_parameters) if hold is None else hold)
+    kept, fixed = _free_and_fixed(new, np.eye(new.n_parameters) if hold is None else hold)
     before = flat(_nominal_gradient(old, positions, tool, direction))
-    whole = flat(_nominal_gradient(new, positions, tool, direction))
-    last = whole @ held if _has_tool_frame(new) else flat(tool_rotation_rows(machine, positions, tool))
-    left = np.hstack([whole @ kept, flat(rigid_motion_rows(machine, positions, tool)), last])
-    scale = 1.0 / np.maximum(np.linalg.norm(left, axis=0), 1e-300)
-    scale[left.shape[1] - last.shape[1] :] *= LAST_CHOICE
+    field = flat(_nominal_gradient(new, positions, tool, direction))
+    last = field @ fixed if _has_tool_frame(new) else flat(tool_rotation_rows(machine, positions, tool))
+    design = np.hstack([field @ kept, flat(rigid_motion_rows(machine, positions, tool)), last])
+    scale = 1.0 / np.maximum(np.linalg.norm(design, axis=0), 1e-300)
+    scale[design.shape[1] - last.shape[1] :] *= LAST_CHOICE
     first = _same_constants(old, new)
     first = first if hold is None else hold @ first
-    mapping, *_ = np.linalg.lstsq(left * scale, before - whole @ first, rcond=1e-12)
+    mapping, *_ = np.linalg.lstsq(design * scale, before - field @ first, rcond=1e-12)
     mapping = scale[:, None] * mapping
-    misfit = np.linalg.norm(left @ mapping + whole @ first - before, axis=0)
+    misfit = np.linalg.norm(design @ mapping + field @ first - before, axis=0)
     if np.any(misfit > 1e-6 * np.maximum(np.linalg.norm(before, axis=0), 1.0)):
         raise InputError(
             "datum: the model cannot be expressed in this datum; it leaves out a squareness, straightness or location error that "
@@ -121,18 +121,19 @@ def _has_tool_frame(model: ErrorModel) -> bool:
     return any(parse(name).axis == SPINDLE for name in model.names)
 
 
-def _kept_and_held(model: ErrorModel, hold: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Bases (n, n - r) and (n, r) of what a projector leaves and takes out; it is symmetric in physical units."""
+def _free_and_fixed(model: ErrorModel, hold: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Bases (n, n - r) and (n, r) of what a projector keeps and removes; it is symmetric in physical units."""
     units = parameter_units(model)
     values, vectors = np.linalg.eigh(hold * units / units[:, None])
     return units[:, None] * vectors[:, values > 0.5], units[:, None] * vectors[:, values <= 0.5]
 
 
 def split_null_space(model: ErrorModel, null_space: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Undetermined combinations (n, d) as (what only moves the workpiece frame or nothing at all, the rest), in θ's units.
+    """The combinations that are not determined, in two kinds (n, d₁) and (n, d₂), in θ's units.
 
-    The first kind is a matter of datum, not of data: the place of a head is the place of the workpiece (EX0C, EY0C, EZ0A of
-    a fork head), and table and head share a direction (EX0C and EX0B of C' … B). Held at 0, it makes no compensation worse.
+    Combinations of the first kind move only the workpiece frame, or nothing at all. They are a matter of datum, not of data: the
+    place of a head is the place of the workpiece (EX0C, EY0C, EZ0A of a fork head), and table and head share a direction (EX0C
+    and EX0B of C' … B). Holding them at 0 makes no compensation worse. The second kind is all others.
     """
     if not null_space.shape[1]:
         return null_space, null_space
@@ -144,8 +145,8 @@ def split_null_space(model: ErrorModel, null_space: np.ndarray) -> tuple[np.ndar
     field = (field * weight).reshape(-1, null.shape[1])
     rigid = (rigid_motion_rows(model.machine, positions, tool) * weight).reshape(len(field), 6)
     q, _ = np.linalg.qr(rigid)
-    left = field - q @ (q.T @ field)
-    _, values, vt = np.linalg.svd(left, full_matrices=True)
+    deforming = field - q @ (q.T @ field)
+    _, values, vt = np.linalg.svd(deforming, full_matrices=True)
     harmless = np.append(values, np.zeros(len(vt) - len(values))) < 1e-6 * np.sqrt(len(field)) * UNIT
     return units[:, None] * (null @ vt[harmless].T), units[:, None] * (null @ vt[~harmless].T)
 
@@ -153,7 +154,8 @@ def split_null_space(model: ErrorModel, null_space: np.ndarray) -> tuple[np.ndar
 def _same_constants(old: ErrorModel, new: ErrorModel) -> np.ndarray:
     """Start of S, shape (n', n): constants that both models have keep their values unless the datum demands otherwise.
 
-    Decides only where the data cannot: the offset of a head from the linear axes, say, is the same as the place of the workpiece.
+    This matters only where the data do not decide: the offset of a head from the linear axes, for example, is the same as the
+    place of the workpiece.
     """
     start = np.zeros((new.n_parameters, old.n_parameters))
     for (name, part), f in new.by_name.items():

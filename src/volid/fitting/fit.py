@@ -134,7 +134,8 @@ def fit(
     """Identify a machine's error model from a campaign by nonlinear least squares.
 
     Minimises Σ ((reading - predicted)/u)² over the error functions, stations, dead paths and all other unknowns at once. What the
-    readings do not determine is found first, named, and left at zero. Not modelled: thermal behaviour, dynamics and load.
+    readings do not determine is found first, is named in the solution, and stays at zero. Not modelled: thermal behaviour,
+    dynamics and load.
 
     Args:
         campaign: the readings, with their machine.
@@ -142,8 +143,8 @@ def fit(
         datum: the solution is transformed into it after the fit; None: the machine's.
         prior: an earlier solution of axes that this machine has too (linear axes measured before); its functions count as
             readings, with their covariance.
-        solver: "chord" (few assemblies of the normal equations) or "optimistix" (a solver of that library, one assembly a
-            step); both end at the same minimum.
+        solver: "chord" (few assemblies of the normal equations) or "optimistix" (a solver of that library, one assembly per
+            step); both reach the same minimum.
         progress: called with a message at every stage.
 
     Raises:

@@ -1,4 +1,4 @@
-"""One least-squares fit with what its users ask for: refits with other weights, residuals, leverages, the covariance's root."""
+"""One least-squares fit and what is asked of it: refits with other weights, residuals, leverages, the covariance's root."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Fitter:
         return self.optimum
 
     def without(self, outliers: list[np.ndarray]) -> Fitter:
-        """Refit without the outliers; what is determined is decided anew, since they may have carried it alone."""
+        """Refit without the outliers; what is determined is decided again, since outliers alone may have determined it."""
         factors = [np.where(o, 0.0, 1.0) for o in outliers]
         weighted = reweight(self.problem, self.campaign, factors)
         refit = Fitter(self.campaign, self.problem, analyse(weighted, self.campaign), self.method)

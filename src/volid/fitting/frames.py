@@ -3,7 +3,8 @@
 Two datums describe one machine: every factor F_i of its chain becomes (1 - g_i) F_i (1 + g_(i+1)), with one small rigid
 motion g of the frame of every body; g_0 is that of the workpiece. The error motion of axis i therefore changes by
 f_i = -g_i + Ad(N_i) g_(i+1), N_i its nominal motion, which gives the frames one after another from the workpiece to the tool.
-What arrives behind the tool frame is the rotation of the tool vectors: 0, unless a tool rotation is left out or held at 0.
+The last of them, behind the tool frame, is the rotation of the tool vectors. It is 0 unless a tool rotation is left out or held
+at 0.
 Not modelled: products of two errors.
 """
 
@@ -40,8 +41,8 @@ class Frames(NamedTuple):
 
     def motion(self, machine: Machine, body: str) -> np.ndarray:
         """(t, ω) of a body and the rotation h of the tool vectors, (9, n)."""
-        own = self.tool if body == TOOL_VECTORS else self.of[machine.body_index(body)]
-        return np.concatenate([own, self.tool[3:]])
+        moved = self.tool if body == TOOL_VECTORS else self.of[machine.body_index(body)]
+        return np.concatenate([moved, self.tool[3:]])
 
 
 def frames(old: ErrorModel, new: ErrorModel, mapping: np.ndarray, workpiece: np.ndarray) -> Frames:
@@ -109,7 +110,7 @@ def _twists(model: ErrorModel, i: int, positions: np.ndarray) -> np.ndarray:
 
 
 def unknown_rows(machine: Machine, table: Sequence[Nuisance], values: np.ndarray, moved: Frames) -> np.ndarray:
-    """What comes off every unknown at the change of datum, linear in θ, shape (k, n), at the unknowns' `values` (k,)."""
+    """What is subtracted from every unknown at the change of datum, linear in θ, (k, n), at the unknowns' `values` (k,)."""
     number = {entry.key: i for i, entry in enumerate(table)}
     result = np.zeros((len(table), moved.tool.shape[1]))
     for i, entry in enumerate(table):
@@ -122,7 +123,7 @@ def unknown_rows(machine: Machine, table: Sequence[Nuisance], values: np.ndarray
 def check_exact(
     machine: Machine, table: Sequence[Nuisance], moved: Frames, theta: np.ndarray, covariance: np.ndarray
 ) -> None:
-    """Raises `InputError` with the reason when readings would change noticeably beside their u, whatever the unknowns did.
+    """Raises `InputError`, with the reason, when predicted readings would change noticeably compared with their u.
 
     `theta` (n,) and its `covariance`: the change itself, and by how much samples of θ scatter about it.
     """
@@ -134,8 +135,10 @@ def check_exact(
                 "moves otherwise at other positions, because of an error function of two axes. Fit in that datum: [datum] of "
                 "the machine file"
             )
-    for left in dict.fromkeys((e.response.body, e.response.left) for e in table if e.response.left is not None):
-        body, remainder = left
+    pairs = [(e.response.body, e.response.not_followed) for e in table]
+    for body, remainder in dict.fromkeys(pairs):
+        if remainder is None:
+            continue
         rows = np.array(remainder.rows).reshape(-1, MOTIONS) @ moved.motion(machine, body)
         spread = np.einsum("ij,jk,ik->", rows, covariance, rows)
         if np.linalg.norm(rows @ theta) > NOTICED or spread > NOTICED**2:

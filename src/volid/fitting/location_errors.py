@@ -1,8 +1,8 @@
 """Location errors of rotary axes as a table in ISO notation: the parameter and the axis line, relative to what was asked for.
 
-Every stator error between the bed and an axis displaces and tilts its line: δ(x) = ± Σ (e + ω × (x - p)), + on the tool side,
-- on the workpiece side, where parameters describe the tool relative to the workpiece and the physical line moves the other way
-(CONVENTIONS 3). The error motions have zero mean, so these are axis average lines (ISO 230-7).
+Every stator error between the bed and an axis displaces and tilts its line: δ(x) = ± Σ (e + ω × (x - p)). The sign is + on the
+tool side, and - on the workpiece side, because parameters describe the tool relative to the workpiece and the physical line
+moves the other way (CONVENTIONS 3). The error motions have zero mean, so these are axis average lines (ISO 230-7).
 """
 
 from __future__ import annotations
@@ -59,16 +59,16 @@ def location_errors(solution: Solution, relative_to: str | None = None) -> list[
     """Two positions and two orientations of every rotary axis, relative to the machine frame or to another rotary axis.
 
     Relative to the machine frame, an axis that another one carries (C' on A', A under C) has the errors of both, at the
-    commanded zero of the carrier; with that carrier as `relative_to`, its own parameters come out. Errors along and about the
-    line of `relative_to` are named: a line alone does not define them, its zero and the machine frame do.
+    commanded zero of the carrier; with that carrier as `relative_to` it has its own parameters. A remark marks errors along and
+    about the line of `relative_to`, because not the line but its zero and the machine frame define them.
 
     Args:
         solution: of a machine with rotary axes.
         relative_to: letter of a rotary axis; None or "machine": the machine frame.
 
     Raises:
-        InputError: `relative_to` is no rotary axis of the machine, or stands on the other side: the linear axes lie between, ask
-            for the machine frame then.
+        InputError: `relative_to` is no rotary axis of the machine, or it stands on the other side, with the linear axes in
+            between; ask for the machine frame then.
 
     >>> import volid
     >>> solution = volid.fit(volid.load_campaign("datasets/five_axis_rtest/campaign.toml"))
@@ -101,9 +101,9 @@ def _of_axis(solution: Solution, axis: Axis, datum: Axis | None) -> list[Locatio
         functional = functional - _line_rows(solution, datum, axis.point)
     functional = np.concatenate([axis.frame.T @ functional[:3], axis.frame.T @ functional[3:]])
     sign = -1.0 if axis.primed else 1.0
-    own = ROTARY_AXES.index(axis.letter)
+    along = ROTARY_AXES.index(axis.letter)
     result = []
-    for k in (i for i in range(6) if i % 3 != own):
+    for k in (i for i in range(6) if i % 3 != along):
         row = functional[k]
         line, u = float(row @ np.asarray(solution.parameters)), _u(solution, row)
         if solution.is_not_determined(row[None])[0]:
@@ -121,12 +121,12 @@ def _line_rows(solution: Solution, axis: Axis, at: tuple[float, float, float]) -
         between = i >= first if axis.primed else i <= first
         if carrier.is_linear or carrier.primed != axis.primed or not between:
             continue
-        own = np.zeros_like(rows)
+        constants = np.zeros_like(rows)
         for k, d in enumerate(DIRECTIONS):
             f = solution.model.by_name.get((f"E{d}0{carrier.letter}", "location"))
             if f is not None:
-                own[k, f.parameters] = 1.0
-        translation, rotation = carrier.frame @ own[:3], carrier.frame @ own[3:]
+                constants[k, f.parameters] = 1.0
+        translation, rotation = carrier.frame @ constants[:3], carrier.frame @ constants[3:]
         lever = np.asarray(at) - np.asarray(carrier.error_point)
         rows[:3] += translation + np.cross(rotation, lever[:, None], axis=0)
         rows[3:] += rotation
@@ -165,7 +165,7 @@ class Split(NamedTuple):
 def motions_with_mean(solution: Solution, letter: str, positions: np.ndarray) -> list[FunctionValue]:
     """Error motions of a rotary axis with its location errors added: what an instrument on the axis sees, with u.
 
-    Rows by component, then position; approach direction 0. Undetermined values are NaN.
+    The rows are ordered by component, then by position; the approach direction is 0. Values that are not determined are NaN.
     """
     axis, result = solution.machine.axis(letter), []
     if axis.is_linear:
@@ -179,18 +179,20 @@ def motions_with_mean(solution: Solution, letter: str, positions: np.ndarray) ->
             rows[:, constant.parameters] += 1.0
         if not rows.any():
             continue
-        values, lost = rows @ np.asarray(solution.parameters), solution.is_not_determined(rows)
+        values, not_determined = rows @ np.asarray(solution.parameters), solution.is_not_determined(rows)
         u = [_u(solution, row) for row in rows]
-        for x, v, s, gone in zip(positions, values, u, lost, strict=True):
-            result.append(FunctionValue(name, letter, float(x), 0, np.nan if gone else float(v), np.nan if gone else s))
+        for x, v, s, unknown in zip(positions, values, u, not_determined, strict=True):
+            result.append(
+                FunctionValue(name, letter, float(x), 0, np.nan if unknown else float(v), np.nan if unknown else s)
+            )
     return result
 
 
 def split_mean(solution: Solution, letter: str, positions: np.ndarray, values: np.ndarray) -> Split:
-    """Take tabulated error motions (m, 6) [mm, rad] apart into location errors, co-rotating parts and zero-mean motions.
+    """Divide tabulated error motions (m, 6) [mm, rad] into location errors, co-rotating parts and zero-mean motions.
 
-    The inverse of `motions_with_mean`, for tables of any origin: even `positions` over the travel, their two ends included (mean
-    by the trapezoidal rule). The zero is the angular positioning at the reference, interpolated.
+    This is the inverse of `motions_with_mean`, for tables of any origin. `positions` are evenly spaced over the travel, both ends
+    included (mean by the trapezoidal rule). The zero is the angular positioning at the reference, interpolated.
     """
     axis = solution.machine.axis(letter)
     x, values = np.asarray(positions, dtype=float), np.asarray(values, dtype=float)
@@ -211,8 +213,8 @@ def split_mean(solution: Solution, letter: str, positions: np.ndarray, values: n
         normal = np.einsum("m,mki,mkj->ij", weight, design, design)
         found = np.linalg.pinv(normal, rcond=1e-10) @ np.einsum("m,mki,mk->i", weight, design, part)
         constant = across @ found[:3]
-        own = part @ along
-        constant = constant + along * (np.interp(reference, x, own) if half else weight @ own)
+        about = part @ along
+        constant = constant + along * (np.interp(reference, x, about) if half else weight @ about)
         mean[3 * half : 3 * half + 3], corotating[half] = constant, across @ found[3:]
         motions[:, 3 * half : 3 * half + 3] = part - constant - rotor @ corotating[half]
     names = {f"E{d}0{letter}": float(v) for d, v in zip(DIRECTIONS, mean, strict=True)}

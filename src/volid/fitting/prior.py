@@ -1,8 +1,8 @@
 """An earlier solution as prior knowledge: linear axes measured before the rotary ones (ISO/TR 16907 10.3).
 
 Functions that both models hold get the earlier values as pseudo-readings W (θ - θ0) with WᵀW = C⁻¹, the inverse of the
-earlier covariance on what the earlier data determined; along what they did not determine the prior says nothing. To first
-order this equals a joint fit of both campaigns (recursive least squares; Koch, Parameter Estimation, 3.3).
+earlier covariance on what the earlier data determined. The prior contains no information about what they did not determine. To
+first order this equals a joint fit of both campaigns (recursive least squares; Koch, Parameter Estimation, 3.3).
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def check_prior(prior: Solution, machine: Machine) -> None:
 
 
 def shared_names(prior: Solution, machine: Machine) -> set[str]:
-    """Functions that a prior can say something about: of axes both machines have; the tool frame only without head axes."""
+    """Functions about which a prior has information: of axes that both machines have; the tool frame only without a head."""
     head = any(not a.is_linear and not a.primed for m in (machine, prior.machine) for a in m.axes)
     names = set()
     for name in prior.model.names:

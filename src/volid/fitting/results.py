@@ -30,7 +30,7 @@ class Deviations(NamedTuple):
 
 
 class FunctionValue(NamedTuple):
-    """One row of the table of error functions [mm or rad]: location errors have position NaN; NaN is what is not determined."""
+    """One row of the table of error functions [mm or rad]. A location error has position NaN; values not determined are NaN."""
 
     name: str
     axis: str
@@ -43,8 +43,8 @@ class FunctionValue(NamedTuple):
 class Statistics(NamedTuple):
     """Numbers about the fit: readings used, free parameters, RMS of the residuals by set [reading's unit], iterations.
 
-    `held_out_weight`: RMS of readings predicted without them over what is expected of it, in the search for the resolution; NaN
-    where all resolutions are stated.
+    `held_out_weight`: RMS of the prediction errors of held-out readings over its expectation, from the search for the resolution;
+    NaN where all resolutions are stated.
     """
 
     n_readings: int
@@ -57,11 +57,11 @@ class Statistics(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Residuals:
-    """What is left of every reading after the fit, one array (m, k) per set.
+    """Residuals of every reading after the fit, one array (m, k) per set.
 
     `residuals`: reading - predicted. `normalised`: residual / (u sqrt(1 - h)). `outliers`: set aside by the robust fit, named
-    in `outlier_readings`. `held_out`: reading - prediction by the fit to all other rotary positions, NaN where one of
-    them alone determines something; empty without rotary axes.
+    in `outlier_readings`. `held_out`: reading - prediction by the fit to all other rotary positions, NaN where one position
+    alone determines a combination of the parameters; empty without rotary axes.
     """
 
     residuals: tuple[np.ndarray, ...]

@@ -51,8 +51,8 @@ def held_constants(model: ErrorModel, directions: Float[np.ndarray, "s r"]) -> t
 class Solution:
     """What `fit` finds: the error model with numbers, their covariance, and what the data say about them.
 
-    A JAX pytree whose leaves are the first five fields, NumPy arrays that cannot be written to (when JAX knows it as such:
-    `volid.backend.pytrees`).
+    A solution is a JAX pytree whose leaves are the first five fields, NumPy arrays that cannot be written to.
+    `volid.backend.pytrees` says from when on JAX knows it as such.
 
     Args:
         parameters: θ, shape (n,), of the error functions in the order of `model` [mm, rad].
@@ -160,7 +160,7 @@ class Solution:
         return values.T.reshape(*shape, 6)
 
     def evaluate(self, positions: ArrayLike, tool: ArrayLike, direction: ArrayLike | None = None) -> Deviations:
-        """Deviations with standard uncertainties, machine frame, as NumPy arrays; NaN where not determined.
+        """Deviations with standard uncertainties, machine frame, as NumPy arrays; NaN where they are not determined.
 
         Args:
             positions: axis positions, shape (m, n_axes), machine axis order [mm or degrees].
@@ -190,14 +190,14 @@ class Solution:
     ) -> Bool[np.ndarray, " m"]:
         """True for positions [mm or degrees] outside what was measured, by more than 1 % of the travel.
 
-        `axes`: letters that are judged; None: all. A rotary axis measured over a whole turn is measured everywhere.
+        `axes`: letters of the axes that are judged; None: all. A rotary axis measured over a full turn is measured everywhere.
         """
         low, high = self.measured_range().T
         slack = 0.01 * np.array([axis.length for axis in self.machine.axes])
         round_about = np.array([a.is_full_turn for a in self.machine.axes]) & (high - low >= 360.0 - slack)
         out = ((positions < low - slack) | (positions > high + slack)) & ~round_about
-        own = [self.machine.index(a) for a in (self.machine.letters if axes is None else axes)]
-        return np.asarray(np.any(out[:, own], axis=1))
+        columns = [self.machine.index(a) for a in (self.machine.letters if axes is None else axes)]
+        return np.asarray(np.any(out[:, columns], axis=1))
 
     def functions(self, step: float | None = None, points: int = 21) -> list[FunctionValue]:
         """All error functions tabulated over the travels, and location errors, each with its standard uncertainty.
@@ -228,8 +228,8 @@ class Solution:
     def location(self, name: str) -> FunctionValue:
         """A constant (squareness, location error, tool-frame rotation) with its standard uncertainty."""
         i = self.model.by_name[name, "location"].parameters.start
-        held = name in self.held_tool_rotation
-        unknown = bool(self.is_not_determined(np.eye(self.model.n_parameters)[i : i + 1])[0]) or held
+        fixed = name in self.held_tool_rotation
+        unknown = bool(self.is_not_determined(np.eye(self.model.n_parameters)[i : i + 1])[0]) or fixed
         value, u = float(np.asarray(self.parameters)[i]), float(np.sqrt(np.asarray(self.covariance)[i, i]))
         value, u = (np.nan, np.nan) if unknown else (value, u)
         return FunctionValue(name, parse(name).axis, np.nan, 0, value, u)
@@ -277,11 +277,11 @@ class Solution:
         return volid.linear_grid(self, **keywords)
 
     def in_datum(self, datum: Datum) -> Solution:
-        """The same solution in another datum: an S-transformation of everything that is unknown, never a new fit.
+        """The same solution in another datum, by an S-transformation of all unknowns, never by a new fit.
 
         Every unknown answers as its kind of observation declares, so that no predicted reading changes. Raises `InputError` when
-        the model cannot be expressed in that datum, or when readings could not stay as they are (a straightedge whose slope is
-        said to be known), with the reason and what to do. Source: CONVENTIONS 4.
+        the model cannot be expressed in that datum, or when predicted readings would have to change (for example those of a
+        straightedge whose slope is stated to be known), with the reason and what to do. Source: CONVENTIONS 4.
         """
         machine = self.machine
         model = build_model(machine, self.model.segments, carrier=self.model.carrier, datum=datum)
@@ -315,8 +315,8 @@ class Solution:
         places = [f.parameters.start for f in tool_frame(model)]
         units = parameter_units(model)[places]
         projector = np.eye(model.n_parameters)
-        held = np.asarray(self.held_directions @ self.held_directions.T) * units[:, None] / units
-        projector[np.ix_(places, places)] -= held
+        fixed = np.asarray(self.held_directions @ self.held_directions.T) * units[:, None] / units
+        projector[np.ix_(places, places)] -= fixed
         return projector
 
     def summary_functions(self) -> list[tuple[str, str, float, float]]:

@@ -1,4 +1,4 @@
-"""Start values from the data: what every observation kind says of its own unknowns."""
+"""Start values from the data, which every observation kind finds for its own unknowns."""
 
 from __future__ import annotations
 

@@ -1,8 +1,9 @@
 """`fit_streamed`: campaigns larger than memory, one part of the readings after the other.
 
-A sample of the campaign goes through the whole of `fit`: it places the stations, decides what is determined, chooses the spline
-resolution and gives a solution to begin with. Then all readings, part by part: normal equations at the start (in single
-precision), gradients until the minimum is reached, normal equations there for the covariance, and residuals for the verdict.
+First a sample of the campaign is fitted completely by `fit`. It places the stations, decides what is determined, chooses the
+spline resolution and gives a solution to begin with. Then all readings are used, part by part: for normal equations at the start
+(in single precision), for gradients until the minimum is reached, for normal equations there, which give the covariance, and for
+residuals, which give the verdict.
 """
 
 from __future__ import annotations
@@ -54,19 +55,19 @@ class _Part(NamedTuple):
 
 
 class _Parts:
-    """The parts of a stream as problems that share the unknowns of one whole problem."""
+    """The parts of a stream as problems that share the unknowns of one complete problem."""
 
-    def __init__(self, stream: Stream, whole: Problem, table: NuisanceTable, progress: Progress) -> None:
-        self.stream, self.whole, self.table, self.progress = stream, whole, table, progress
-        self.prior = replace(whole.system, blocks=(), tiles=())  # what is known beforehand, without any reading
+    def __init__(self, stream: Stream, complete: Problem, table: NuisanceTable, progress: Progress) -> None:
+        self.stream, self.complete, self.table, self.progress = stream, complete, table, progress
+        self.prior = replace(complete.system, blocks=(), tiles=())  # what is known beforehand, without any reading
 
     def __call__(self, what: str) -> Iterator[_Part]:
-        system, done = self.whole.system, 0
+        system, done = self.complete.system, 0
         nothing = (np.zeros_like(system.prior_mean), np.zeros((0, system.size)))
         for raw in self.stream.parts():
             campaign = with_random_effects(raw, dict(self.table.starts))
             known = len(self.table.entries)
-            problem = build_problem(campaign, self.whole.model, table=self.table)
+            problem = build_problem(campaign, self.complete.model, table=self.table)
             if len(self.table.entries) > known:
                 name = self.table.entries[known].name
                 raise InputError(
@@ -90,8 +91,8 @@ class _StreamObjective(Objective):
         self._passes += 1
         total = [np.asarray(a) for a in function(_on_device(self._stream.prior), *arguments)]
         for part in self._stream(f"pass {self._passes}"):
-            own = function(_on_device(part.problem.system), *arguments)
-            total = [a + np.asarray(b) for a, b in zip(total, own, strict=True)]
+            part_sums = function(_on_device(part.problem.system), *arguments)
+            total = [a + np.asarray(b) for a, b in zip(total, part_sums, strict=True)]
         return total
 
 
@@ -111,9 +112,9 @@ def fit_streamed(
 ) -> Solution:
     """Identify a machine's error model from a campaign that need not fit into memory.
 
-    The minimum, its covariance, chi-square and all group tests are those of all readings. Decided on a `sample` of that many rows
-    are start values, what is determined, and the spline resolution. The solution holds the sample's readings alone; Monte Carlo
-    and budgets, which repeat the fit, refuse it.
+    The minimum, its covariance, chi-square and all group tests are those of all readings. The start values, what is determined,
+    and the spline resolution are decided on a `sample` of that many rows. The solution contains the readings of the sample only;
+    therefore Monte Carlo and budgets, which repeat the fit, refuse it.
 
     Args:
         stream: the readings, as `volid.CampaignStream` reads them part by part.
@@ -141,17 +142,17 @@ def fit_streamed(
     with interpreted(is_small(few)):
         fitter = stages.solved()
     table = NuisanceTable(stages.task.starts)
-    whole = build_problem(stages.task.campaign, fitter.problem.model, prior=stages.prior_of(fitter), table=table)
+    complete = build_problem(stages.task.campaign, fitter.problem.model, prior=stages.prior_of(fitter), table=table)
     assert [e.name for e in table.entries] == [e.name for e in fitter.problem.nuisance]
-    parts = _Parts(stream, whole, table, progress)
+    parts = _Parts(stream, complete, table, progress)
     assert fitter.optimum is not None
     with interpreted(False):
         objective = _StreamObjective(parts, fitter.free)
-        fitter.optimum = solve(whole, fitter.optimum.z, fitter.free, objective)
+        fitter.optimum = solve(complete, fitter.optimum.z, fitter.free, objective)
         tally, squares = _residuals(parts, fitter, few, stream.n_readings)
     with interpreted(is_small(few)):
         solution = stages.solution(fitter)
-    pseudo = np.asarray(whole.system.prior_root) @ (fitter.optimum.z - np.asarray(whole.system.prior_mean))
+    pseudo = np.asarray(complete.system.prior_root) @ (fitter.optimum.z - np.asarray(complete.system.prior_mean))
     dof = stream.n_readings + len(pseudo) - fitter.free.shape[1]
     solution = replace(
         solution,

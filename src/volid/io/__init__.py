@@ -1,4 +1,4 @@
-"""Files: machines, campaigns, and how every output is written (whole or not at all)."""
+"""Files: machines, campaigns, and how every output is written (completely or not at all)."""
 
 from volid.io.campaign.files import load_campaign
 from volid.io.campaign.hdf5 import read_campaign, write_campaign

@@ -1,4 +1,4 @@
-"""Whole compensations as files: written to a folder, and read back into a simulated control."""
+"""Complete compensations as files: written to a folder, and read back into a simulated control."""
 
 from __future__ import annotations
 

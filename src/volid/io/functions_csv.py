@@ -64,7 +64,7 @@ class Points(NamedTuple):
 
 
 class Sheet(NamedTuple):
-    """A table before it is written: what it says about itself, column names, and rows of numbers and texts.
+    """A table before it is written: its record, column names, and rows of numbers and texts.
 
     NaN stands for what the data do not determine. `digits`: decimal places of columns that are not to keep all digits.
     """
@@ -77,7 +77,7 @@ class Sheet(NamedTuple):
 
 @contextmanager
 def text_output(path: str | Path, overwrite: bool = False) -> Iterator[TextIO]:
-    """A text file that appears whole or not at all. Raises `OutputError` when `path` exists or cannot be written."""
+    """A text file that appears completely or not at all. Raises `OutputError` when `path` exists or cannot be written."""
     with atomic_output(path, overwrite) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
         yield stream
 

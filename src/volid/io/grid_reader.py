@@ -26,8 +26,12 @@ _NAMED = ("format", "type", "values", "frame", "datum")
 def read_grid(path: str | Path) -> AnyGrid:
     """A grid from CSV or HDF5, as error values in mm and rad whatever the file holds: `Grid`, or `RotaryGrid` for rotary axes.
 
-    Raises `InputError` when the file is damaged or of another format, a header line or column is missing, or the nodes
-    are no regular grid with the first axis varying fastest.
+    Args:
+        path: of a file that `save_grid` or `volid grid` wrote.
+
+    Raises:
+        InputError: the file is damaged or of another format, a header line or column is missing, or the nodes are no regular
+            grid with the first axis varying fastest.
 
     >>> path = getfixture("tmp_path") / "grid.csv"
     >>> keys = ["format: volid-grid/1", "type: L-POS", "values: error", "frame: machine", "datum: X", "tool vector: 0, 0, 0 mm"]
@@ -78,8 +82,8 @@ def _assemble(
     outside: np.ndarray,
 ) -> AnyGrid:
     rotary = "side" in header or header.get("type") == _ROTARY
-    own = ("side", "reference point", "period") if rotary else ("tool vector",)
-    require_keys(path, header, (*_NAMED, *own), f"a grid written by volid, '{FORMAT}'")
+    special = ("side", "reference point", "period") if rotary else ("tool vector",)
+    require_keys(path, header, (*_NAMED, *special), f"a grid written by volid, '{FORMAT}'")
     if header["format"] != FORMAT:
         raise InputError(f"{path}: format is '{header['format']}'; this volid reads '{FORMAT}'")
     if header["values"] not in SIGN:

@@ -1,13 +1,15 @@
 """Spatial grids as CSV, for people and controls, and as HDF5 (`volid-grid/1`): positions, six components, u, `outside`.
 
-Both forms hold lengths in mm and rotations in DEGREES (ISO/TR 16907 Tables 2 and 3), the first axis varying fastest, absolute
-values, and say whether they are error values (actual - nominal) or compensation values (minus that). A cell is empty (NaN) where
-the data do not determine the value; `outside` = 1 marks nodes outside what was measured. CSV: lines "# key: value", then the
-columns `X,Y,Z,dX,dY,dZ,dA,dB,dC,u_dX,…,u_dC,outside`, with coverage intervals also `U_…`, `low_…`, `high_…`, `shortest_low_…` and
-`shortest_high_…`, which a reader leaves aside; of the rotary axes `A,C,dX,…` with A, B, C in degrees. HDF5: the same keys
-as attributes of the root (blanks as `_`), and the datasets `positions` (n, axes) [mm or degrees], `values` and `u` (n, 6) [mm,
-degrees], their attribute `columns` naming the columns, `outside` (n,). A grid in memory always holds error values, mm and rad;
-reading back restores them. One file holds one grid: of a machine with rotary axes on both sides, one file per side.
+Both forms hold absolute values, with lengths in mm and rotations in DEGREES (ISO/TR 16907 Tables 2 and 3), the first axis varying
+fastest. They state whether these are error values (actual - nominal) or compensation values (minus that). A cell is empty (NaN)
+where the data do not determine the value; `outside` = 1 marks nodes outside what was measured.
+
+A CSV file has lines "# key: value", then the columns `X,Y,Z,dX,dY,dZ,dA,dB,dC,u_dX,…,u_dC,outside`, with coverage intervals also
+`U_…`, `low_…`, `high_…`, `shortest_low_…` and `shortest_high_…`, which are not read back. The columns of rotary axes are
+`A,C,dX,…` with A, B, C in degrees. An HDF5 file has the same keys as attributes of the root (blanks as `_`), and the datasets
+`positions` (n, axes) [mm or degrees], `values` and `u` (n, 6) [mm, degrees], whose attribute `columns` names the columns, and
+`outside` (n,). A grid in memory always holds error values in mm and rad, and reading restores them. One file holds one grid; a
+machine with rotary axes on both sides has one file per side.
 """
 
 from __future__ import annotations
@@ -58,7 +60,7 @@ def grid_header(
     source: str | Path | None = None,
     command: Sequence[str] = (),
 ) -> dict[str, str]:
-    """What a grid file says about itself, enough to make it again (ISO/TR 16907 12).
+    """The record of a grid file, from which the grid can be made again (ISO/TR 16907 12).
 
     `values`: "error" or "compensation"; `source`: the solution's file; `command`: the words of the command line.
     """
@@ -108,7 +110,7 @@ def _three(values: Sequence[float]) -> str:
 
 
 def grid_paths(grids: Sequence[AnyGrid], path: str | Path) -> list[Path]:
-    """Where grids go: `path` for one; of several OUT.linear.csv, OUT.table.csv and OUT.head.csv instead of OUT.csv."""
+    """Paths of the files: `path` for one grid; for several OUT.linear.csv, OUT.table.csv and OUT.head.csv instead of OUT.csv."""
     path = Path(path)
     if len(grids) == 1:
         return [path]
@@ -133,7 +135,7 @@ def grid_sheet(grid: AnyGrid, header: Mapping[str, str]) -> Sheet:
 
 
 def _interval_columns(grid: AnyGrid, values: str) -> np.ndarray:
-    """U and the ends of the coverage intervals, (n, 30) [mm, degrees], (n, 0) without; with the sign the ends change places."""
+    """U and the ends of the coverage intervals, (n, 30) [mm, degrees]; (n, 0) without. A change of sign exchanges the ends."""
     if grid.bands is None:
         return np.zeros((len(grid.values), 0))
     ends = grid.bands if values == ERROR else -grid.bands[[1, 0, 3, 2]]
@@ -141,7 +143,7 @@ def _interval_columns(grid: AnyGrid, values: str) -> np.ndarray:
 
 
 def write_grid_hdf5(grid: AnyGrid, header: Mapping[str, str], path: str | Path, overwrite: bool = False) -> None:
-    """Write a grid to an HDF5 file, whole or not at all. Raises `OutputError` when `path` cannot be written."""
+    """Write a grid to an HDF5 file, completely or not at all. Raises `OutputError` when `path` cannot be written."""
     with atomic_output(path, overwrite) as temporary, h5py.File(temporary, "w") as file:
         for key, text in header.items():
             file.attrs[key.replace(" ", "_")] = text

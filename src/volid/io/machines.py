@@ -152,10 +152,10 @@ def _datum(table: Table, letters: tuple[str, ...]) -> Datum:
     table.only(("primary", "secondary", "line"))
     linear = [a for a in LINEAR_AXES if a in letters]
     primary = table.text("primary", linear[0] if linear else "", choices=linear)
-    rest = [a for a in linear if a != primary]
-    secondary = table.text("secondary", rest[0] if rest else "", choices=linear)
+    others = [a for a in linear if a != primary]
+    secondary = table.text("secondary", others[0] if others else "", choices=linear)
     if primary and primary == secondary:
-        raise table.wrong("secondary", f"another linear axis than the primary one, {' or '.join(rest)}")
+        raise table.wrong("secondary", f"another linear axis than the primary one, {' or '.join(others)}")
     return Datum(primary, secondary, table.text("line", "least_squares", choices=LINES))
 
 
@@ -245,7 +245,7 @@ def _over(table: Table, name: str, letters: tuple[str, ...]) -> tuple[str, str] 
 
 
 def format_machine(machine: Machine) -> str:
-    """Text of a machine file for `machine`: its own text as long as that still describes it, else written anew."""
+    """Text of a machine file for `machine`: the text it was read from while that still describes it, else a new one."""
     if _describes(machine.text, machine):
         return machine.text
     lines = format_lines({"format": FORMAT, "name": machine.name, "structure": machine.structure})

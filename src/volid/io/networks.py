@@ -1,7 +1,8 @@
 """Distance networks as CSV: distances `from,to,distance,u`, coordinates `point,x,y,z,fixed`; and their results.
 
-Any one unit of length throughout; without a column `z` the network is plane. In the coordinates, `fixed` is optional
-(1, true, yes: the point keeps them) and points may be missing or have empty cells: their start is found from the data.
+All lengths are in one unit of any kind. Without a column `z` the network is plane. In the coordinates, the column `fixed` is
+optional (1, true or yes: the point keeps its coordinates). Points may be missing or have empty cells; their start values are then
+found from the data.
 """
 
 from __future__ import annotations
@@ -135,7 +136,7 @@ class Spread(NamedTuple):
 def write_coordinates(
     path: str | Path, solution: NetworkSolution, overwrite: bool = False, spread: Spread | None = None
 ) -> None:
-    """Write `point,x,y,z,u_x,u_y,u_z,fixed`, with `spread` also `u_mc_x,low_x,high_x,…`, whole or not at all."""
+    """Write `point,x,y,z,u_x,u_y,u_z,fixed`, with `spread` also `u_mc_x,low_x,high_x,…`, completely or not at all."""
     with atomic_output(path, overwrite) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
         coordinates_csv(stream, solution, spread)
 

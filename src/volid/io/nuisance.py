@@ -1,4 +1,4 @@
-"""Nuisance parameters in a solution's file, with key and response in plain text; files of earlier versions have only names."""
+"""Nuisance parameters in the file of a solution, with key and response as plain text; older files have only their names."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def _remade(entries: list[Nuisance], campaign: Campaign) -> tuple[Nuisance, ...]
                 **{
                     **vars(e),
                     "key": (e.name,),
-                    "response": Unmoved(left=Remainder(never, _NOT_KNOWN.format(name=e.name))),
+                    "response": Unmoved(not_followed=Remainder(never, _NOT_KNOWN.format(name=e.name))),
                 }
             )
             for e in entries

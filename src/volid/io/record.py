@@ -1,6 +1,6 @@
-"""What written tables and grids say alike: the sense of their values, where they come from, notes; and how it is read back.
+"""The record that all written tables and grids have: the sense of their values, their origin, notes; and how it is read back.
 
-A record is a header of lines "# key: value" in CSV, attributes in HDF5 (ISO/TR 16907 12).
+A record is a header of lines "# key: value" in CSV, and a set of attributes in HDF5 (ISO/TR 16907 12).
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ def values_lines(values: str) -> dict[str, str]:
 def closing_lines(
     solution: Solution, source: str | Path | None, datum: str, command: Sequence[str], notes: Sequence[str]
 ) -> dict[str, str]:
-    """Where the numbers come from, the words of the command line, notes.
+    """The origin of the numbers, the words of the command line, and the notes.
 
-    A verdict that the model is rejected stands in the notes, which a reader gets back, and then not beside them.
+    A verdict that the model is rejected is one of the notes, which are read back, and is then not stated a second time.
     """
     lines = source_lines(solution, source) | {"datum": datum}
     if command:

@@ -74,10 +74,10 @@ def read_model(file: h5py.File, campaign: Campaign, path: str) -> ErrorModel:
 
 def _same_space(model: ErrorModel, stored: np.ndarray) -> bool:
     """Whether the columns of two parametrisations span the same coefficients, group by group of functions."""
-    for names, part, own in model.groups:
+    for names, part, parameters in model.groups:
         members = [model.by_name[name, part].coefficients for name in names]
         rows = np.concatenate([np.arange(c.start, c.stop) for c in members])
-        ours, theirs = (p[rows, own] for p in (model.parametrisation, stored))
+        ours, theirs = (p[rows, parameters] for p in (model.parametrisation, stored))
         both = np.linalg.lstsq(ours, theirs, rcond=None)[0]
         if not np.all(np.abs(ours @ both - theirs) <= _SAME_SPACE) or np.linalg.matrix_rank(theirs) < theirs.shape[1]:
             return False
@@ -165,7 +165,7 @@ def read_statistics(file: h5py.File) -> Statistics:
 
 
 def read_residuals(file: h5py.File, campaign: Campaign, path: str) -> Residuals:
-    """What is left of every reading of the campaign. Raises `InputError` for a wrong shape."""
+    """Residuals of every reading of the campaign. Raises `InputError` for a wrong shape."""
 
     def column(name: str) -> tuple[np.ndarray, ...]:
         return tuple(

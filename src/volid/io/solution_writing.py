@@ -30,10 +30,10 @@ def write_samples(group: h5py.Group, samples: Samples, width: int) -> None:
         group.attrs[name] = getattr(samples, name)
     for name in ("chi_square", "error", "solved", "outliers"):
         write_array(group, name, getattr(samples, name), getattr(samples, name).dtype)
-    whole = group.create_dataset("samples", (samples.trials, width), "f8", chunks=(min(samples.trials, 1024), width))
+    written = group.create_dataset("samples", (samples.trials, width), "f8", chunks=(min(samples.trials, 1024), width))
     start = 0
     for batch in samples.batches():
-        whole[start : start + len(batch)] = batch
+        written[start : start + len(batch)] = batch
         start += len(batch)
 
 
@@ -77,7 +77,9 @@ def write_parameters(file: h5py.File, solution: Solution) -> None:
     model, table = solution.model, solution.nuisance_table
     u = np.sqrt(np.maximum(np.diagonal(solution.covariance), 0.0))
     group = file.create_group("parameters")
-    owners = [(names, part) for names, part, own in model.groups for _ in range(own.start, own.stop)]
+    owners = [
+        (names, part) for names, part, parameters in model.groups for _ in range(parameters.start, parameters.stop)
+    ]
     write_text(group, "label", model.parameter_labels())
     write_text(group, "function", ["+".join(names) for names, _ in owners])
     write_text(group, "part", [part for _, part in owners])
@@ -106,16 +108,16 @@ def write_identifiability(group: h5py.Group, solution: Solution) -> None:
 
 
 def write_residuals(group: h5py.Group, solution: Solution) -> None:
-    """What is left of every reading, set by set."""
-    left = solution.readings
+    """Residuals of every reading, set by set."""
+    results = solution.readings
     for i, readings in enumerate(solution.campaign.sets):
         part = group.create_group(str(i + 1))
         part.attrs["set"], part.attrs["rms"] = readings.name, solution.statistics.residual_rms[readings.name]
-        write_array(part, "residual", left.residuals[i], unit=KINDS[readings.kind].unit_words)
-        write_array(part, "normalised", left.normalised[i])
-        write_array(part, "outlier", left.outliers[i], bool)
-        if left.held_out:
-            write_array(part, "held_out", left.held_out[i], unit=KINDS[readings.kind].unit_words)
+        write_array(part, "residual", results.residuals[i], unit=KINDS[readings.kind].unit_words)
+        write_array(part, "normalised", results.normalised[i])
+        write_array(part, "outlier", results.outliers[i], bool)
+        if results.held_out:
+            write_array(part, "held_out", results.held_out[i], unit=KINDS[readings.kind].unit_words)
 
 
 def write_adequacy(group: h5py.Group, adequacy: Adequacy) -> None:

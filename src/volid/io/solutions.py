@@ -3,7 +3,7 @@
 n: free parameters θ of the error model; c: spline coefficients and constants; k: nuisance parameters ν (stations, dead
 paths, …); m: rows of a set, r: readings per row. Lengths [mm], rotations [rad], positions [mm or degrees].
 Root attributes: `format`; `machine_name`; `axes` (letters, machine axis order); `options` (JSON text).
-- `machine`: text of the machine file, scalar. `campaign/`: the whole campaign, laid out as a `volid-campaign/1` file.
+- `machine`: text of the machine file, scalar. `campaign/`: the complete campaign, laid out as a `volid-campaign/1` file.
 - `datum/`: attributes `primary`, `secondary`, `line`; `reference` (JSON text: axis -> position that overrides its own).
 - `functions/<ISO 230-1 symbol>/`, for those who only want to read: attributes `description`, `axis`, `unit`, `segments`;
   `position` (p,) (NaN for a constant), `direction` (p,), `value` and `u` (p,), NaN where the data do not determine it; a
@@ -25,7 +25,8 @@ Root attributes: `format`; `machine_name`; `axes` (letters, machine axis order);
   `held_directions` (s, h), directions of the s tool-frame constants held at 0; `undetermined/function`, `/directions`.
 - `residuals/1`, `/2`, …, in the order of `campaign/sets`: attributes `set`, `rms`; `residual` (m, r) = reading - predicted,
   `normalised` (m, r) = residual/(u sqrt(1 - h)), `outlier` (m, r), set aside by the robust fit; on machines with rotary
-  axes `held_out` (m, r) = reading - prediction by the fit to all other rotary positions, NaN where one alone carries something.
+  axes `held_out` (m, r) = reading - prediction by the fit to all other rotary positions, NaN where one position alone determines
+  a combination of the parameters.
 - `adequacy/`: attributes `verdict`, `rejected`, `chi_square`, `degrees_of_freedom`, `unit_weight`, `probability`; `groups/`:
   `what`, `n`, `unit_weight`, `probability`, each (g,), least probable first; `suspects/`: `where`, `label`, `residual`,
   `normalised`, `unit`, each (s,). `outliers/`: the same columns, for the readings that were set aside.
@@ -129,7 +130,12 @@ def read_solution(path: str | Path) -> Solution:
         InputError: the file is missing, truncated, not HDF5, of another type or version, or incomplete; or this version builds
             another error model from the machine and datum in it.
 
-    An example stands at `volid.save_solution`.
+    >>> import volid
+    >>> path = getfixture("tmp_path") / "solution.h5"
+    >>> solution = volid.fit(volid.load_campaign("datasets/published_positioning/campaign.toml"))
+    >>> volid.save_solution(solution, path)
+    >>> volid.load_solution(path).machine.name == solution.machine.name
+    True
     """
     with reading(path, "solution", FORMAT) as file:
         campaign = read_campaign_group(file["campaign"], str(path))

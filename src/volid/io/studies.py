@@ -1,4 +1,4 @@
-"""Studies (TOML, `volid-study/1`): which campaigns to simulate, fit and hold against their truth.
+"""Studies (TOML, `volid-study/1`): which campaigns to simulate, fit and compare with their truth.
 
 ```
 format = "volid-study/1"
@@ -55,7 +55,7 @@ def read_study(path: str | Path) -> Study:
         noise=_noise(top),
         seeds=_seeds(top),
         robust=top.flag("robust", False),
-        segments="auto" if top.data.get("segments") == "auto" else _whole(top, "segments", None, 1),
+        segments="auto" if top.data.get("segments") == "auto" else _integer(top, "segments", None, 1),
         truths=_truths(top.table("truth", {})),
         source=str(path),
     )
@@ -107,7 +107,7 @@ def _design(table: Table, folder: Path) -> Design:
     table.only(("name", "plan", *_STANDARD))
     name = table.text("name")
     if "plan" not in table.data:
-        return Design(name, None, _whole(table, "n_per_station", 400, 1), _whole(table, "seed", 0, 0))
+        return Design(name, None, _integer(table, "n_per_station", 400, 1), _integer(table, "seed", 0, 0))
     for key in _STANDARD:
         if key in table.data:
             raise InputError(f"{table.where}: {key} belongs to the standard plan; with a plan of its own, leave it out")
@@ -128,8 +128,8 @@ def _noise(top: Table) -> tuple[float, ...]:
 
 def _seeds(top: Table) -> tuple[int, ...]:
     found = top.get("seeds", 20)
-    values = list(range(found)) if _is_whole(found) else found
-    good = isinstance(values, list) and values and all(_is_whole(v) and v >= 0 for v in values)
+    values = list(range(found)) if _is_integer(found) else found
+    good = isinstance(values, list) and values and all(_is_integer(v) and v >= 0 for v in values)
     if not good or len(set(values)) < len(values):
         raise top.wrong("seeds", "how many (a whole number >= 1), or a list of different whole numbers >= 0")
     return tuple(values)
@@ -140,17 +140,17 @@ def _truths(table: Table) -> Truths:
     return Truths(
         table.number("scale", 1.0, least=0.0),
         table.number("waviness", 1.0, above=0.0),
-        _whole(table, "seed", None, 0),
+        _integer(table, "seed", None, 0),
     )
 
 
-def _whole(table: Table, key: str, default: Any = REQUIRED, least: int = 0) -> Any:
-    """A whole number, not less than `least`."""
+def _integer(table: Table, key: str, default: Any = REQUIRED, least: int = 0) -> Any:
+    """An integer, not less than `least`."""
     value = table.get(key, default)
-    if key in table.data and not (_is_whole(value) and value >= least):
+    if key in table.data and not (_is_integer(value) and value >= least):
         raise table.wrong(key, f"a whole number >= {least}" + (' or "auto"' if key == "segments" else ""))
     return value
 
 
-def _is_whole(value: Any) -> bool:
+def _is_integer(value: Any) -> bool:
     return isinstance(value, int) and not isinstance(value, bool)

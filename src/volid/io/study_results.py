@@ -58,7 +58,7 @@ def places(output: str | Path) -> Places:
 class CampaignFolder:
     """Finished campaigns of a study, one small JSON file each, named by the hash of what was to be done.
 
-    Each is written whole or not at all. Raises `InputError` when the folder holds campaigns and `resume` is not asked for.
+    Each is written completely or not at all. Raises `InputError` when the folder holds campaigns and `resume` is not asked for.
     """
 
     def __init__(self, path: Path, study: Study, resume: bool) -> None:
@@ -69,8 +69,8 @@ class CampaignFolder:
             path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise OutputError(f"{path}: cannot be made: {error.strerror}; choose another output") from None
-        for left in path.glob(".*.part"):
-            left.unlink(missing_ok=True)
+        for leftover in path.glob(".*.part"):
+            leftover.unlink(missing_ok=True)
 
     def place(self, task: Task) -> Path:
         """File of a campaign."""

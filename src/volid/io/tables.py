@@ -1,15 +1,15 @@
 """Error and compensation tables as CSV (`volid-table/1`), one function per file (ISO/TR 16907 Table 1).
 
-Lines "# key: value" say what the numbers are and where they come from, enough to make the table again; then the columns:
-position, values, u, `outside` (1: not measured there). The value columns are
+Lines "# key: value" state what the numbers are and where they come from, so that the table can be made again. Then follow the
+columns position, values, u, and `outside` (1: not measured there). The value columns are
 
     X,EXX                 without reversal, or one `reversal value` for the axis in the header (`reversal=value`)
     X,EXX(+),EXX(-)       approached in + and in - (`reversal=columns`)
     X,EXX(+),B_EXX        approached in +, and the reversal value EXX(+) - EXX(-) (`reversal=difference`)
 
-Lengths mm, rotations rad, positions mm or degrees. Incremental tables hold the differences of *rounded* absolute values, the
-first row the value itself, so that rounding does not add up: a running sum gives the absolute table. Read back, a table holds
-error values.
+Lengths are in mm, rotations in rad, positions in mm or degrees. Incremental tables hold the differences of *rounded* absolute
+values, and in the first row the value itself. A running sum therefore gives the absolute table, and rounding errors do not add
+up. A table that is read back always holds error values.
 """
 
 from __future__ import annotations
@@ -45,9 +45,9 @@ _APPLIED = {
 class TableForm:
     """How tables are written.
 
-    `errors`: error instead of compensation values. `incremental`. `reversal`: "columns", "value" or "difference". `increment`,
-    `angle_increment`: least increment to which values are rounded [mm], [rad]; None: all digits. Raises `InputError` for a
-    combination that makes no table.
+    `errors`: error values instead of compensation values. `incremental`: differences from row to row instead of absolute values.
+    `reversal`: "columns", "value" or "difference". `increment`, `angle_increment`: least increment to which values are rounded
+    [mm], [rad]; None: all digits. Raises `InputError` for a combination that makes no table.
     """
 
     errors: bool = False

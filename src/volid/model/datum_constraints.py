@@ -26,9 +26,9 @@ def make_splines(machine: Machine, name: str, segments: tuple[int, ...]) -> tupl
 def linear_constraints(machine: Machine, datum: Datum, name: str, splines: tuple[Spline, ...]) -> np.ndarray:
     """Datum rows of a linear axis's error motion: zero at the reference, zero-slope straightness (CONVENTIONS 4)."""
     error = parse(name)
-    own = splines[0]
-    at_reference = value_row(own, reference_of(machine, datum, error.axis))
-    slope = slope_row(own) if datum.line == "least_squares" else end_slope_row(own)
+    spline = splines[0]
+    at_reference = value_row(spline, reference_of(machine, datum, error.axis))
+    slope = slope_row(spline) if datum.line == "least_squares" else end_slope_row(spline)
     across, every = _across(machine, datum, splines)
     rows = [np.kron(at_reference, row) for row in every]
     if not error.is_rotation and error.direction != error.axis:

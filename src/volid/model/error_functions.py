@@ -108,12 +108,12 @@ def _is_inclined(axis: Axis) -> bool:
 
 
 def location_names(machine: Machine) -> tuple[str, ...]:
-    """Location errors of the rotary axes that are switched on: two positions, two orientations; the zero when asked for."""
+    """Location errors of the rotary axes that are switched on: two positions, two orientations, and the zero if stated."""
     names = []
     for axis in machine.axes:
         if not axis.is_linear:
-            own = ROTARY_AXES.index(axis.letter)
-            across = [d for triple in (TRANSLATIONS, ROTATIONS) for k, d in enumerate(triple) if k != own]
+            along = ROTARY_AXES.index(axis.letter)
+            across = [d for triple in (TRANSLATIONS, ROTATIONS) for k, d in enumerate(triple) if k != along]
             names += [f"E{d}0{axis.letter}" for d in across if settings_for(machine, f"E{d}0{axis.letter}").use]
             zero = f"E{axis.letter}0{axis.letter}"
             names += [zero] if _asked_for(machine, zero) and settings_for(machine, zero).use else []
@@ -121,7 +121,7 @@ def location_names(machine: Machine) -> tuple[str, ...]:
 
 
 def _asked_for(machine: Machine, zero: str) -> bool:
-    """Whether an entry for constants, a name or pattern with a 0 in it, says true; "E[ABC]*" = { segments = 6 } does not."""
+    """Whether an entry for constants (a name or pattern that contains 0) says true; "E[ABC]*" = { segments = 6 } does not."""
     return any("0" in p and s.use is True and fnmatchcase(zero, p) for p, s in machine.model.functions.items())
 
 
@@ -134,10 +134,10 @@ def spindle_names(machine: Machine) -> tuple[str, ...]:
 
 def spline_axes(machine: Machine, name: str) -> tuple[str, ...]:
     """Letters of the axes that an error motion depends on, its own first."""
-    own = parse(name).axis
+    first = parse(name).axis
     over = settings_for(machine, name).over
     if over is None:
-        return (own,)
-    if own not in over or len(set(over)) != 2:
-        raise InputError(f"[model.functions] {name}: over = {list(over)} must name {own} and one other axis")
-    return (own, next(a for a in over if a != own))
+        return (first,)
+    if first not in over or len(set(over)) != 2:
+        raise InputError(f"[model.functions] {name}: over = {list(over)} must name {first} and one other axis")
+    return (first, next(a for a in over if a != first))

@@ -162,7 +162,8 @@ def error_values(layout: Layout, coefficients: Any, bases: Any) -> Any:
 def error_rows(layout: Layout, coefficients: Any, bases: Any, m: int) -> list[Any]:
     """`error_values` as a list of rows (m,).
 
-    In JAX not one array: XLA would split the product that puts curves into rows, and add its parts up anew at every use of a row.
+    In JAX the rows are not one array: XLA would split the product that puts curves into rows, and add up its parts again at every
+    use of a row.
     """
     values = dict(zip(layout.bases, bases, strict=True))
     rows: list[Any] = [None] * (ROWS * (layout.n_axes + 1))

@@ -62,7 +62,7 @@ def rotate_about(direction: tuple[float, float, float], angle: Any, x: Vector) -
 
 
 def rotation_vector(columns: tuple[Vector, Vector, Vector]) -> Vector:
-    """Rotation vector [rad] of a nearly identical rotation given by its three columns: the antisymmetric part.
+    """Rotation vector [rad] of a rotation close to the identity, given by its three columns: the antisymmetric part.
 
     sin(θ)·axis instead of θ·axis: below 2e-10 rad at 1 mrad.
     """

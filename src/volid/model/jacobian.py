@@ -5,11 +5,12 @@ acts and through the direction c as that body sees it, carried there by the tran
 
     ∂(c·D y)/∂t = c,   ∂(c·D y)/∂ω = y × c + (c (ω·y) + y (c·ω)) / 2 - ω (c·y)
 
-(derivative of `geometry.rotate_small`). One walk along the chain for the point and three for directions there and back serve all
-bodies, where a reverse pass walks once per component. Siciliano and Khatib, Springer Handbook of Robotics, chapter 2 (Jacobians).
+(derivative of `geometry.rotate_small`). One pass along the chain for the point and three for directions, there and back, serve
+all bodies, whereas reverse differentiation needs one pass per component. Siciliano and Khatib, Springer Handbook of Robotics,
+chapter 2 (Jacobians).
 
-What a control computes with is the same at the nominal machine, in NumPy: `influence`, `axis_directions`, and what rigid motions
-of the workpiece and of the tool do to the deviation.
+A control computes with the same derivatives at the nominal machine. They stand here in NumPy: `influence`, `axis_directions`, and
+what rigid motions of the workpiece and of the tool do to the deviation.
 """
 
 from __future__ import annotations

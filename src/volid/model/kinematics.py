@@ -79,7 +79,7 @@ def nominal_factor(axis: Axis, q: Any, x: Vector, is_vector: bool) -> Vector:
 
 
 def error_first(axis: Axis) -> bool:
-    """Whether the axis moves what its error motion has moved, N·D, or the other way round, D·N (CONVENTIONS 3)."""
+    """Whether the error motion acts first and the axis then moves its result, N·D, or the reverse, D·N (CONVENTIONS 3)."""
     return axis.is_linear != axis.primed
 
 

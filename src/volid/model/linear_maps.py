@@ -1,4 +1,4 @@
-"""Error values as linear maps of the parameters θ, in NumPy: what a control, an uncertainty and a change of datum are made of."""
+"""Error values as linear maps of the parameters θ, in NumPy. Compensation, uncertainty and change of datum are built on them."""
 
 from __future__ import annotations
 

@@ -70,11 +70,11 @@ class Axis:
         """
         if self.is_linear or not self.axis_frame:
             return np.eye(3)
-        own = np.eye(3)[ROTARY_AXES.index(self.letter)]
+        nominal = np.eye(3)[ROTARY_AXES.index(self.letter)]
         target = np.asarray(self.unit_vector)
-        v, c = np.cross(own, target), float(own @ target)
+        v, c = np.cross(nominal, target), float(nominal @ target)
         if c < -1.0 + 1e-12:  # opposite: half a turn about the next direction
-            other = np.roll(own, 1)
+            other = np.roll(nominal, 1)
             return 2.0 * np.outer(other, other) - np.eye(3)
         k = np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
         return np.eye(3) + k + k @ k / (1.0 + c)

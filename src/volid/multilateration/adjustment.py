@@ -1,7 +1,7 @@
 """Least-squares adjustment of distance networks and its result.
 
-A free network is model-free multilateration: stations and targets are all unknown, distances alone hold them together,
-and inner constraints keep the coordinates as near to the approximate ones as the distances allow.
+Adjusting a free network is model-free multilateration: all stations and targets are unknown, only the distances relate them
+to each other, and inner constraints keep the coordinates as near to the approximate ones as the distances allow.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ class NetworkSolution:
             then of the second, …), under inner constraints.
         rank: Number of combinations of coordinates that the distances determine.
         defect: Number of combinations that they leave open.
-        datum_defect: How many of those are rigid motions of the whole network.
-        undetermined: Names of the points that the other open combinations move.
+        datum_defect: How many of those are rigid motions of the entire network.
+        undetermined: Names of the points that the other combinations, which are not determined, move.
         degrees_of_freedom: Number of observations kept minus `rank`.
         unit_weight: sqrt(Σ (residual/u)² / degrees of freedom): near 1 when the stated u is right, NaN without redundancy.
         residuals: Reading - predicted, shape (m,).
@@ -122,14 +122,14 @@ def adjust_network(
     """Least-squares coordinates of a distance network, free (inner constraints) or with fixed points.
 
     Minimises Σ ((d_i - |x_to - x_from|) / u_i)² by Gauss-Newton with the pseudo-inverse of the Jacobian J / u (singular
-    value decomposition, rank decided at 1e-9 of the largest singular value). What J leaves open is chosen by inner
+    value decomposition, rank decided at 1e-9 of the largest singular value). What J does not determine is chosen by inner
     constraints: of all solutions the one whose corrections to the approximate coordinates have the least sum of
-    squares, x = x0 + J⁺ (r + J (x - x0)), iterated. Covariance: J⁺ J⁺ᵀ. Fixed coordinates are taken as exact.
+    squares, x = x0 + J⁺ (r + J (x - x0)), iterated. The covariance is J⁺ J⁺ᵀ. Fixed coordinates are taken as exact.
 
     With `robust`, readings are reweighted to least absolute residuals; those whose normalised residual then exceeds the
     critical value are left out one by one (and taken back when they fit), and named in `blunders`. The critical value
-    holds for all readings together: quantile 1 - significance / (2 m) of the normal distribution. Stated u too small
-    would make blunders of good readings, so the test uses u times the unit weight when that exceeds 1.
+    holds for all readings together: quantile 1 - significance / (2 m) of the normal distribution. If the stated u is too
+    small, good readings would count as blunders; therefore the test uses u times the unit weight when that exceeds 1.
 
     Args:
         points: Names, in the order the results shall have.

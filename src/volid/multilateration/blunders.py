@@ -11,9 +11,10 @@ _INSEPARABLE = 0.98  # correlation of two residuals above which a blunder in one
 
 
 def without_blunders(equations: Equations, critical: float) -> Bool[np.ndarray, " m"]:
-    """Which observations to keep: of a search from least absolute residuals and one from all, the fewer exclusions.
+    """Which observations to keep: two searches are made, and the one that excludes fewer observations wins.
 
-    A reading whose loss would cost rank is kept: nothing else checks it.
+    One search starts from least absolute residuals, the other from all observations. A reading whose exclusion would lower the
+    rank is kept, because no other reading checks it.
     """
     everything = np.ones(equations.u.size, bool)
     guess, x = _first_guess(equations, critical)
@@ -22,9 +23,9 @@ def without_blunders(equations: Equations, critical: float) -> Bool[np.ndarray, 
 
 
 def _snooped(equations: Equations, critical: float, kept: Bool[np.ndarray, " m"], x: Float[np.ndarray, "p d"]):
-    """Data snooping: take back the reading that fits best, else leave out the one that fits worst, until all is quiet.
+    """Data snooping: take back the reading that fits best, or else leave out the one that fits worst, until nothing changes.
 
-    Returns the observations kept and the largest normalised residual left among them, over the unit weight without it.
+    Returns the observations kept and the largest normalised residual among them, over the unit weight without it.
     """
     seen: set[bytes] = set()
     largest = np.inf
@@ -66,15 +67,15 @@ def _first_guess(equations: Equations, critical: float):
 
 
 def inseparable(equations: Equations, x: np.ndarray, wanted: tuple[int, ...]) -> dict[int, tuple[int, ...]]:
-    """For each wanted observation the others whose residual is the same but for a factor, all observations used.
+    """For each wanted observation the others whose residual is proportional to its own, with all observations used.
 
     A blunder in any of them would leave the same residuals: correlation above 0.98 (Förstner 1983).
     """
-    left = decomposition(equations, x, np.ones(equations.u.size, bool))[0]
-    redundancy = np.maximum(1 - (left**2).sum(axis=1), 1e-12)
+    vectors = decomposition(equations, x, np.ones(equations.u.size, bool))[0]
+    redundancy = np.maximum(1 - (vectors**2).sum(axis=1), 1e-12)
     found = {}
     for i in wanted:
-        correlation = (left @ left[i]) / np.sqrt(redundancy * redundancy[i])
+        correlation = (vectors @ vectors[i]) / np.sqrt(redundancy * redundancy[i])
         others = np.flatnonzero(np.abs(correlation) > _INSEPARABLE)
         found[i] = tuple(int(j) for j in others if j != i)
     return found

@@ -1,4 +1,4 @@
-"""The distance equations in numbers: residuals, Jacobian, descent, inner constraints, rank, and what is left open."""
+"""The distance equations in numbers: residuals, Jacobian, descent, inner constraints, rank, and what is not determined."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def descend(equations: Equations, x: Float[np.ndarray, "p d"]) -> Float[np.ndarr
 def nearest(equations: Equations, x: Float[np.ndarray, "p d"]) -> Float[np.ndarray, "p d"]:
     """Of the solutions equivalent to x the one nearest the approximate coordinates: the inner constraints.
 
-    Also polishes the solution: each turn is a full Gauss-Newton step.
+    It also refines the solution, because each iteration is a full Gauss-Newton step.
     """
     origin = equations.approximate[equations.free].ravel()
     for _ in range(_ITERATIONS):
@@ -97,9 +97,9 @@ def nearest(equations: Equations, x: Float[np.ndarray, "p d"]) -> Float[np.ndarr
 
 def decomposition(equations: Equations, x: np.ndarray, kept: np.ndarray):
     """Singular value decomposition of the Jacobian of the observations `kept`, cut at its rank; axes as rows."""
-    left, sizes, axes = np.linalg.svd(part(equations, kept).jacobian(x), full_matrices=False)
+    vectors, sizes, axes = np.linalg.svd(part(equations, kept).jacobian(x), full_matrices=False)
     rank = int((sizes > RANK_TOLERANCE * sizes[0]).sum())
-    return left[:, :rank], sizes[:rank], axes[:rank]
+    return vectors[:, :rank], sizes[:rank], axes[:rank]
 
 
 def normalised(equations: Equations, x: np.ndarray, kept: np.ndarray, decomposed) -> Float[np.ndarray, " m"]:
@@ -114,7 +114,7 @@ def normalised(equations: Equations, x: np.ndarray, kept: np.ndarray, decomposed
 
 
 def undetermined(equations: Equations, x: np.ndarray, axes: np.ndarray) -> tuple[int, list[int]]:
-    """Number of rigid motions left open, and the points that move against the others in what is open besides them."""
+    """Number of rigid motions that are not determined, and the points that the other combinations not determined move."""
     rigid = _rigid_motions(equations, x)
     others = axes.shape[1] - axes.shape[0] - rigid.shape[1]
     if others <= 0:

@@ -1,6 +1,6 @@
 """Readings of one station to known targets in numbers: closed-form positions and their robust refinement.
 
-Dead paths never appear as unknowns: everything is centred segment by segment (variable projection).
+Dead paths never appear as unknowns, because all quantities are centred segment by segment (variable projection).
 """
 
 from __future__ import annotations
@@ -68,11 +68,11 @@ def closed_form(readings: Readings) -> Float[np.ndarray, "b d"]:
     d_c, p_c, y_c = (centred(readings, value, ones) for value in (d, p, known))
     if readings.relative:  # y = 2 p·s - 2 d δ - k: take the part along d out of p and y, segment by segment
         p_c, y_c = (value - _along(readings, value, d_c) for value in (p_c, y_c))
-    left, sizes, axes = np.linalg.svd(2 * p_c.T, full_matrices=False)
-    parts = (y_c @ left) / np.maximum(sizes, 1e-12 * sizes[0])
+    vectors, sizes, axes = np.linalg.svd(2 * p_c.T, full_matrices=False)
+    parts = (y_c @ vectors) / np.maximum(sizes, 1e-12 * sizes[0])
     in_plane = parts[:-1] @ axes[:-1]
-    rest = known - 2 * in_plane @ p
-    height = _height(readings, rest, in_plane) * axes[-1]
+    remaining = known - 2 * in_plane @ p
+    height = _height(readings, remaining, in_plane) * axes[-1]
     return np.array([parts @ axes, in_plane + height, in_plane - height])
 
 
@@ -83,15 +83,17 @@ def _along(readings: Readings, values: np.ndarray, d_c: np.ndarray) -> np.ndarra
     return np.repeat(slope, readings.counts, axis=-1) * d_c
 
 
-def _height(readings: Readings, rest: np.ndarray, in_plane: np.ndarray) -> float:
+def _height(readings: Readings, remaining: np.ndarray, in_plane: np.ndarray) -> float:
     """Distance from the plane, from k_j = |s|² - δ_j² and the rest -2 d δ_j - k_j, mean over readings."""
-    dead_path = np.zeros_like(rest)
+    dead_path = np.zeros_like(remaining)
     if readings.relative:
-        d_c = centred(readings, readings.distances, np.ones_like(rest))
+        d_c = centred(readings, readings.distances, np.ones_like(remaining))
         variance = np.repeat(np.add.reduceat(d_c**2, readings.first), readings.counts)
-        slope = np.repeat(np.add.reduceat(rest * d_c, readings.first), readings.counts) / np.maximum(variance, 1e-24)
+        slope = np.repeat(np.add.reduceat(remaining * d_c, readings.first), readings.counts) / np.maximum(
+            variance, 1e-24
+        )
         dead_path = -slope / 2
-    k = -(rest + 2 * readings.distances * dead_path)
+    k = -(remaining + 2 * readings.distances * dead_path)
     return float(np.sqrt(max(np.median(k + dead_path**2) - in_plane @ in_plane, 0.0)))
 
 

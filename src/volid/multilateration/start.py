@@ -28,8 +28,8 @@ def starting_coordinates(
     """Coordinates near the least-squares solution, for every point of a distance network.
 
     Points with readings to enough known ones are trilaterated, one after the other. When no point is known, the frame is
-    arbitrary and the result may be a mirror image: where every station sees every target, s_i·t_j = -(D² doubly centred) / 2
-    has rank 3 and gives both up to one linear map, which is found from |t_j|² (linear in its square); otherwise random
+    arbitrary and the result may be a mirror image. Where every station sees every target, s_i·t_j = -(D² doubly centred) / 2
+    has rank 3 and gives both up to one linear map, which is found from |t_j|² (linear in its square). Otherwise random
     starts are tried.
 
     Args:
@@ -127,9 +127,9 @@ def _unfolded(distances: Distances, dimension: int) -> dict[str, np.ndarray] | N
 def _unfold(squares: Float[np.ndarray, "a b"], dimension: int) -> Float[np.ndarray, "c d"] | None:
     """Stations, then targets, from squared distances; None if there are too few targets or no real solution."""
     products = -(squares - squares[:1] - squares[:, :1] + squares[0, 0])[1:, 1:] / 2
-    left, sizes, right = np.linalg.svd(products, full_matrices=False)
+    first, sizes, second = np.linalg.svd(products, full_matrices=False)
     root = np.sqrt(sizes[:dimension])
-    p, q = left[:, :dimension] * root, right[:dimension].T * root  # s_i - s_0 = A p_i, t_j - t_0 = A⁻ᵀ q_j
+    p, q = first[:, :dimension] * root, second[:dimension].T * root  # s_i - s_0 = A p_i, t_j - t_0 = A⁻ᵀ q_j
     rows, columns = np.triu_indices(dimension)
     twice = np.where(rows == columns, 1.0, 2.0)
     design = np.hstack([twice * q[:, rows] * q[:, columns], 2 * q])  # |t_j - s_0|² - |t_0 - s_0|² = qᵀ H q + 2 qᵀ b

@@ -1,7 +1,8 @@
 """Monte Carlo for distance networks: every trial draws all distances within their u and adjusts the network anew.
 
 Where a coordinate hardly changes the distances (a point near the plane of the stations that see it), the distances depend on
-its square: its distribution is far from normal, and u from propagation, which holds at the adjusted coordinates alone, misleads.
+its square. Its distribution is then far from normal, and u from propagation, which holds only at the adjusted coordinates, is
+misleading.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ class NetworkTrials(NamedTuple):
     """Adjusted coordinates of all trials; `network_trials` makes them.
 
     `coordinates`: shape (M, p, d), points in the order of the solution, in the unit of the distances. `converged`: shape (M,),
-    whether the adjustment of a trial arrived.
+    whether the adjustment of a trial converged.
     """
 
     coordinates: Float[np.ndarray, "M p d"]
@@ -42,7 +43,7 @@ def network_trials(solution: NetworkSolution, trials: int = 10_000, seed: int = 
     Args:
         solution: The adjusted network.
         trials: Number M of trials, at least 2.
-        seed: Of the random numbers, a whole number from 0.
+        seed: Seed of the random numbers, an integer from 0.
 
     Raises:
         InputError: fewer than 2 trials, or a negative seed.

@@ -40,8 +40,8 @@ class StationEstimate:
 
     `residuals` are reading - predicted, in the order given. `segments` are the labels that `dead_paths` belong to.
     `scale` is the robust standard deviation of the residuals, `outliers` marks readings beyond 4.685 of it.
-    `alternative` is a second position that the readings cannot tell from the first (for coplanar targets its mirror
-    image), or None.
+    `alternative` is a second position that the readings cannot distinguish from the first (for coplanar targets its
+    mirror image), or None.
     """
 
     position: Float[np.ndarray, " d"]
@@ -64,10 +64,11 @@ def trilaterate(
     """Position of one station from distances to known targets.
 
     The reading is d = |p - s| + δ_j: station s, target p, one dead path δ_j per segment j (0 when not `relative`).
-    Start: |p|² - d² = 2 p·s - 2 d δ_j - k_j is linear in s, δ_j and k_j = |s|² - δ_j². Then damped Gauss-Newton with
-    the dead paths eliminated, Huber weights and last Tukey's biweight, from that start, its mirror images in the
-    targets' best-fit plane and positions spread around; the lowest robust cost wins, or, among positions that the
-    readings cannot tell apart, the one nearest `start`. Target errors are not modelled: they appear in the residuals.
+    The start position follows from |p|² - d² = 2 p·s - 2 d δ_j - k_j, which is linear in s, δ_j and k_j = |s|² - δ_j².
+    From there, from its mirror images in the targets' best-fit plane and from positions spread around, damped Gauss-Newton
+    follows, with the dead paths eliminated, with Huber weights and finally Tukey's biweight. The position with the lowest
+    robust cost is taken, or, among positions that the readings cannot distinguish, the one nearest `start`. Errors of the
+    targets are not modelled: they appear in the residuals.
 
     Args:
         targets: Array, shape (n, 3), or (n, 2) in the plane. Any one unit, that of the distances.

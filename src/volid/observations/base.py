@@ -38,9 +38,9 @@ class Nuisance:
 
     `prior_u`: infinite for an unknown, a number for an artefact's calibration, 0 for a value that is known exactly.
     `spread`: how far from `start` a virtual instrument draws an unknown value (uniform); 0 when `start` is the true one.
-    `distribution`: of what is known beforehand; `effect`: name of the systematic effect that it belongs to. `key`: what it is,
-    for programs; `response`: how it answers a change of datum. `recorded`: its true value belongs in the truth of a simulation,
-    although nothing is drawn.
+    `distribution`: that of the prior knowledge. `effect`: name of the systematic effect that the parameter belongs to. `key`:
+    what the parameter is, for programs. `response`: how it answers a change of datum. `recorded`: its true value is stored with
+    the truth of a simulation, although nothing is drawn.
     """
 
     name: str
@@ -73,9 +73,9 @@ class NuisanceTable:
             self.entries.append(Nuisance(name, unit, float(self.starts.get(key, start)), key=key, **known))
             return self.keys[key]
         number = self.keys[key]
-        own, other = self.entries[number].response, known.get("response", UNMOVED)
-        if own != other:
-            self.entries[number] = replace(self.entries[number], response=own.joined(other))
+        present, other = self.entries[number].response, known.get("response", UNMOVED)
+        if present != other:
+            self.entries[number] = replace(self.entries[number], response=present.joined(other))
         return number
 
 
@@ -88,17 +88,17 @@ class Part(NamedTuple):
 
 
 class Kind(ABC):
-    """One kind of observation (CONVENTIONS 6). A final class per kind says what is not as here; its one instance is in the table.
+    """One kind of observation (CONVENTIONS 6). Each kind has one final class that overrides what differs, with one instance.
 
     `readings`: columns of a CSV that hold the readings. `labels`: text columns and their default; a default of None means
-    that the column is required; `choices`: the texts that a label may have, where there are no others.
+    that the column is required; `choices`: the only texts that a label may have, where they are limited.
     `options`: keys of a `[[set]]` of this kind and their default; None means required. `optional`: further keys, absent from a
     set that does not state them, with a value that shows their type. `unit`: of the readings and their u, `units` one by one
     where they differ. `file_kind`: the `kind` of a `[[set]]` in files of which this one is a form with other columns.
-    `scopes`: what an effect may be drawn anew for, besides campaign, set, tool and point, and the labels that make it.
+    `scopes`: the scopes of effects besides campaign, set, tool and point, each with the labels that define it.
     `tested_by`: labels whose groups of residuals are tested; `named_by`: labels that name a reading.
     `standing`: label of what stands on the workpiece at an unknown place ("sphere"). `takes_centres`: places found by a probe
-    may be given instead of readings, as readings of 0.
+    may be given instead of readings; they count as readings of 0.
     """
 
     name: str
@@ -126,7 +126,7 @@ class Kind(ABC):
 
     @abstractmethod
     def groups(self, observations: ObservationSet, campaign: Campaign, table: NuisanceTable) -> list[Group]:
-        """A set taken apart into groups; `table` gets the unknowns it needs, each with key and response."""
+        """The set divided into groups. The unknowns that it needs are added to `table`, each with key and response."""
 
     def starts(self, campaign: Campaign) -> dict[Any, float]:
         """Start values that follow from all readings of this kind, by the unknown's key."""
@@ -165,7 +165,7 @@ class Kind(ABC):
         words = self.file_kind or self.name
         for unit in dict.fromkeys(self.units):
             columns = [u == unit for u in self.units]
-            names = ", ".join(n for n, own in zip(self.readings, columns, strict=True) if own)
+            names = ", ".join(n for n, used in zip(self.readings, columns, strict=True) if used)
             yield Part(f"{words}, {names}", unit, np.tile(columns, (len(observations), 1)))
         if not self.units:
             yield Part(words, self.unit, np.ones(len(observations), dtype=bool))
@@ -183,7 +183,7 @@ class Kind(ABC):
     def beams(
         self, observations: ObservationSet, campaign: Campaign, positions: np.ndarray | None = None
     ) -> Iterable[Beam]:
-        """Readings that are lengths from a station to places known nominally; none for other kinds.
+        """Readings that are lengths from a station to places that are known nominally; other kinds have none.
 
         `positions`: (m, n_axes), tried instead of those of the set.
         """
@@ -192,13 +192,13 @@ class Kind(ABC):
     def places(
         self, observations: ObservationSet, machine: Machine, positions: np.ndarray | None = None
     ) -> np.ndarray | None:
-        """Where what stands on the workpiece is according to every row, nominal chain, (m, 3) [mm]; None for other kinds."""
+        """Place, by the nominal chain, that every row gives for what stands on the workpiece, (m, 3) [mm]; else None."""
         return None
 
     # --------------------------------------------------------------------------------- systematic effects, simulation, advice
 
     def dead_paths(self, observations: ObservationSet, starts: Mapping[Any, float]) -> np.ndarray:
-        """Start values of what of a length is no path in the air, (m, 1) [mm]."""
+        """Start values of the part of a length that is not a path in air, (m, 1) [mm]."""
         return np.zeros((len(observations), 1))
 
     def standing_at(self, observations: ObservationSet) -> Mapping[str, Sequence[float]]:
@@ -206,7 +206,7 @@ class Kind(ABC):
         return {}
 
     def approximate(self, observations: ObservationSet, near: Callable[[str, Any], list[float]]) -> ObservationSet:
-        """The set with its stated places replaced by `near` (name, place): what a plan knows exactly, a campaign does not."""
+        """The set with its stated places replaced by `near` (name, place), because a campaign knows them only approximately."""
         return observations
 
     def groups_by(self, like: ObservationSet) -> Iterator[tuple[str, str]]:
@@ -215,5 +215,5 @@ class Kind(ABC):
             yield from ((label, str(value)) for value in dict.fromkeys(like.labels[label]))
 
     def advice(self, sets: Sequence[ObservationSet], campaign: Campaign) -> list[str]:
-        """Facts of all `sets` of this kind that usually leave error functions undetermined."""
+        """Facts about all `sets` of this kind because of which error functions are often not determined."""
         return []

@@ -43,7 +43,7 @@ class ComponentSettings(NamedTuple):
 
 
 class Component(Kind):
-    """One component of the deviation; see the module."""
+    """One component of the deviation, as the docstring of the module describes it."""
 
     name = "component"
     readings = ("value",)
@@ -88,9 +88,9 @@ class Component(Kind):
             arm = np.zeros((1, len(rows)))
             for line in dict.fromkeys(lines[rows]):
                 here = np.flatnonzero(lines[rows] == line)
-                own = _Line(observations, campaign.machine, rows[here], str(line), str(component), slope)
-                slots[:, here] = np.array(own.slots(table))[:, None]
-                arm[0, here] = own.arm if slope else 0.0
+                this = _Line(observations, campaign.machine, rows[here], str(line), str(component), slope)
+                slots[:, here] = np.array(this.slots(table))[:, None]
+                arm[0, here] = this.arm if slope else 0.0
             settings = ComponentSettings(DIRECTIONS.index(component), slope)
             result.append(Group(rows, settings, slots, arm))
         return result
@@ -121,7 +121,7 @@ class _Line:
     """Readings of one component along one line: its unknowns and how they answer a motion of the workpiece frame.
 
     A rigid motion (t, ω) of the workpiece frame, and a rotation h of the tool, change reading i by M_i · (t, ω, h). Offset a and
-    slope b follow as far as M_i = a + b · arm_i; the rest is what makes a transformation inexact.
+    slope b follow it as far as M_i = a + b · arm_i; what remains makes a transformation inexact.
     """
 
     def __init__(
@@ -141,7 +141,7 @@ class _Line:
     def slots(self, table: NuisanceTable) -> list[int]:
         """Numbers of the line's offset and, where it is unknown, slope."""
         name = f"{self.observations.name} line {self.line} {self.component}"
-        (offset, slope), left = self._responses()
+        (offset, slope), not_followed = self._responses()
         key = (self.observations.name, self.line, self.component)
         result = [
             table.index(
@@ -149,7 +149,7 @@ class _Line:
                 f"offset {name}",
                 self.unit,
                 spread=SPREAD[self.unit],
-                response=Linear(left=left, constant=offset),
+                response=Linear(not_followed=not_followed, constant=offset),
             )
         ]
         if self.slope:
@@ -161,7 +161,7 @@ class _Line:
         return result
 
     def _responses(self) -> tuple[tuple[tuple[float, ...], tuple[float, ...]], Remainder | None]:
-        """Rows of offset and slope, least squares over the line, and what they leave."""
+        """Rows of offset and slope by least squares over the line, and the change that they cannot follow."""
         positions, tool = self.observations.positions[self.rows], self.observations.tool[self.rows]
         k = DIRECTIONS.index(self.component)
         frame = rigid_motion_rows(self.machine, positions, tool)[:, k]
@@ -176,10 +176,10 @@ class _Line:
             slope=" and slope" if self.slope else "",
             advice=_STRAIGHT[self.slope],
         )
-        rest = change - design @ found
-        rest[np.abs(rest) < 1e-9 * np.abs(change).max()] = 0.0
+        residual = change - design @ found
+        residual[np.abs(residual) < 1e-9 * np.abs(change).max()] = 0.0
         rows = [tuple((-row).tolist()) for row in found] + [(0.0,) * 9]
-        return (rows[0], rows[1]), remainder(rest, self.observations.u[self.rows, 0], reason)
+        return (rows[0], rows[1]), remainder(residual, self.observations.u[self.rows, 0], reason)
 
 
 def _check_line(observations: ObservationSet, rows: np.ndarray, unit: str) -> None:

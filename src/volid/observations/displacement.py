@@ -1,12 +1,14 @@
 """`displacement`: R-test, the position of a sphere relative to the nest of three displacement sensors; touch-probe centres.
 
-Sensor on the tool, sphere on the workpiece: d = S · (sphere in the tool frame - nest origin). Sensor on the workpiece, sphere in
-the spindle: d = S · (functional point in the workpiece frame - nest origin). S = (1 + scale) · (identity + small rotation). A
-touch probe that finds a sphere's centre gives d = 0 at the axis positions it reports. CONVENTIONS 6; ISO 10791-6 BK; ISO 230-7.
+With the sensor on the tool and the sphere on the workpiece, d = S · (sphere in the tool frame - nest origin). With the sensor on
+the workpiece and the sphere in the spindle, d = S · (functional point in the workpiece frame - nest origin). S = (1 + scale) ·
+(identity + small rotation). A touch probe that finds a sphere's centre gives d = 0 at the axis positions that it reports.
+CONVENTIONS 6; ISO 10791-6 BK; ISO 230-7.
 
-Options of a set: `sensor_on` "tool" or "workpiece"; `sphere`, approximate position of the sphere (or, with the sensor on the
-workpiece, of the nest), one for all rows or one per name in the column `sphere`; `nest_u` [mm], `rotation_u` [rad], `scale_u`:
-prior u of the sensor's origin, rotation and scale, 0 for known, inf for unknown; `range` [mm] of the sensor to either side.
+Options of a set: `sensor_on` is "tool" or "workpiece". `sphere` is the approximate position of the sphere (or, with the sensor on
+the workpiece, of the nest), one for all rows or one per name in the column `sphere`. `nest_u` [mm], `rotation_u` [rad] and
+`scale_u` are the prior u of the sensor's origin, rotation and scale: 0 when it is known, inf when it is unknown. `range` [mm] is
+that of the sensor to either side.
 """
 
 from __future__ import annotations
@@ -46,7 +48,7 @@ _SENSOR_TURNS = (
 
 
 class DisplacementSettings(NamedTuple):
-    """Static part: where the sensor sits, and which of its nuisance parameters are in play."""
+    """Static part: where the sensor is mounted, and which of its nuisance parameters are used."""
 
     on_tool: bool
     nest: bool
@@ -55,7 +57,7 @@ class DisplacementSettings(NamedTuple):
 
 
 class Displacement(Kind):
-    """R-test readings; see the module."""
+    """R-test readings, as the docstring of the module describes them."""
 
     name = "displacement"
     readings = ("x", "y", "z")
@@ -104,13 +106,13 @@ class Displacement(Kind):
     def groups(self, observations: ObservationSet, campaign: Campaign, table: NuisanceTable) -> list[Group]:
         """All rows of a set as one group: three coordinates per sphere, and what is unknown of the sensor."""
         settings, places = _settings(observations), sphere_places(observations)
-        own = list(places) == ["1"]  # an unnamed sphere belongs to its set, a named one to the campaign
+        unnamed = list(places) == ["1"]  # an unnamed sphere belongs to its set, a named one to the campaign
         sensor = _sensor_slots(observations, settings, table)
         slots = np.zeros((3 + len(sensor), len(observations)), dtype=np.int64)
-        left = _left(observations, settings)
+        not_followed = _remainder(observations, settings)
         for sphere, place in places.items():
             rows = observations.labels["sphere"] == sphere
-            name = f"{observations.name}" if own else sphere
+            name = f"{observations.name}" if unnamed else sphere
             keys = tuple(("sphere", name, c) for c in "XYZ")
             indices = [
                 table.index(
@@ -118,7 +120,7 @@ class Displacement(Kind):
                     f"sphere {name} {c}",
                     start=place[i],
                     recorded=True,
-                    response=PlaceOf(left=left, of=keys, component=i),
+                    response=PlaceOf(not_followed=not_followed, of=keys, component=i),
                 )
                 for i, c in enumerate("XYZ")
             ]
@@ -214,15 +216,15 @@ def _sensor_response(observations: ObservationSet, settings: DisplacementSetting
     """The nest lies at the tool vector and turns with the tool; a sensor turns with what it stands on."""
     if key == "scale":
         return UNMOVED
-    own = tuple((key, observations.name, c) for c in ("XYZ" if key == "nest" else "ABC"))
+    keys = tuple((key, observations.name, c) for c in ("XYZ" if key == "nest" else "ABC"))
     if key == "rotation":
-        return TurnOf(TOOL_VECTORS if settings.on_tool else "workpiece", of=own, component=i)
+        return TurnOf(TOOL_VECTORS if settings.on_tool else "workpiece", of=keys, component=i)
     middle = tuple(observations.tool.mean(axis=0).tolist())
-    return PlaceOf(TOOL_VECTORS, of=own, component=i, offset=middle)
+    return PlaceOf(TOOL_VECTORS, of=keys, component=i, offset=middle)
 
 
-def _left(observations: ObservationSet, settings: DisplacementSettings) -> Remainder | None:
-    """What places and sensor cannot follow: h × tool beside a known nest, ω × d of a sensor parallel to what it stands on."""
+def _remainder(observations: ObservationSet, settings: DisplacementSettings) -> Remainder | None:
+    """What places and sensor cannot follow: h × tool for a known nest, ω × d for a sensor parallel to what it stands on."""
     tools = observations.tool - (observations.tool.mean(axis=0) if settings.nest else 0.0)
     d, u = np.nan_to_num(observations.readings), observations.u
     arm = tools if settings.rotation or not settings.on_tool else tools + d

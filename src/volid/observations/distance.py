@@ -3,9 +3,10 @@
 d = |target - station| + dead path, with one dead path per station and segment when `relative`, none or a calibrated
 length's deviation (prior `calibrated_u`) when not. Stations known in their common frame share six placement parameters.
 
-The target is the functional point, or with `target_body` a reflector on any other body of the machine: `target` [mm], its place
-in that body's frame (all axes at 0: the machine frame), approximate when `target_u` is inf (default), exact when 0; sets that
-say the same of a target share it. Such distances see what lies between the two bodies. CONVENTIONS 6; ISO/TR 16907 8.3.
+The target is the functional point, or with `target_body` a reflector on any other body of the machine. `target` [mm] is then its
+place in that body's frame, which is the machine frame when all axes are at 0. The place is approximate when `target_u` is inf
+(default) and exact when it is 0; sets that describe a target alike share it. Such distances depend on the errors between the two
+bodies only. CONVENTIONS 6; ISO/TR 16907 8.3.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ DEAD_PATH_SPREAD = 300.0  # mm, of what a virtual instrument draws
 
 
 class Distance(Kind):
-    """Lengths from a station; see the module."""
+    """Lengths from a station, as the docstring of the module describes them."""
 
     name = "distance"
     readings = ("distance",)

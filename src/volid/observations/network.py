@@ -1,4 +1,4 @@
-"""The stations of lengths together: their start values from the lengths alone, and the frame that known stations share."""
+"""The stations of all length readings: their start values from the lengths alone, and the frame that known stations share."""
 
 from __future__ import annotations
 
@@ -41,12 +41,12 @@ def placement_slots(campaign: Campaign, seen: Seen, table: NuisanceTable) -> lis
 def _placement_response(campaign: Campaign, i: int, seen: Seen) -> Response:
     """The stations' common frame moves with the body that they all stand on."""
     keys = tuple(("placement", c) for c in PLACEMENT)
-    bodies, left = tuple(dict.fromkeys(s.body for s in campaign.stations if s.is_placed)), seen.left
+    bodies, remainder = tuple(dict.fromkeys(s.body for s in campaign.stations if s.is_placed)), seen.not_followed
     if len(bodies) > 1:
-        left = Remainder(as_rows(1e12 * np.eye(6, 9)), _ONE_FRAME.format(bodies=", ".join(bodies)))
+        remainder = Remainder(as_rows(1e12 * np.eye(6, 9)), _ONE_FRAME.format(bodies=", ".join(bodies)))
     if i < 3:
-        return PlaceOf(bodies[0], left, keys[:3], i, tool=seen.tool, u=seen.u)
-    return TurnOf(bodies[0], left, keys[3:], i - 3, sense=1.0)
+        return PlaceOf(bodies[0], remainder, keys[:3], i, tool=seen.tool, u=seen.u)
+    return TurnOf(bodies[0], remainder, keys[3:], i - 3, sense=1.0)
 
 
 def find_stations(campaign: Campaign, beams: list[Beam]) -> dict[Any, float]:
@@ -58,10 +58,10 @@ def find_stations(campaign: Campaign, beams: list[Beam]) -> dict[Any, float]:
     starts: dict[Any, float] = {}
     known = []
     for station in campaign.stations:
-        own = [beam for beam in beams if beam.station.name == station.name]
-        if not own:
+        of_station = [beam for beam in beams if beam.station.name == station.name]
+        if not of_station:
             continue
-        estimate, paths = _locate(station, own)
+        estimate, paths = _locate(station, of_station)
         starts.update(paths)
         if estimate is None:
             continue
@@ -87,15 +87,15 @@ def _locate(station: Station, beams: list[Beam]) -> tuple[StationEstimate | None
             raise InputError(
                 f"station {station.name}: no approximate position, and none can be found from its readings: {problem}"
             ) from problem
-        left = distances - np.linalg.norm(targets - np.asarray(station.position), axis=1)
-        paths = {i: float(np.median(left[index == i])) for i in numbers.values()}
+        paths_of_readings = distances - np.linalg.norm(targets - np.asarray(station.position), axis=1)
+        paths = {i: float(np.median(paths_of_readings[index == i])) for i in numbers.values()}
     else:
         estimate = found
         paths = dict(zip(np.asarray(found.segments).tolist(), found.dead_paths, strict=True)) if relative else {}
     starts = {
         ("dead path", station.name, segment): float(paths.get(number, 0.0))
-        for (segment, own), number in numbers.items()
-        if own is None
+        for (segment, number_of_set), number in numbers.items()
+        if number_of_set is None
     }
     return estimate, starts
 
@@ -109,8 +109,8 @@ def _numbered(beams: list[Beam]) -> tuple[dict[tuple[str, int | None], int], np.
     index = []
     for i, beam in enumerate(beams):
         keys = [(name, None) if beam.relative else ("", i) for name in beam.names]
-        own = np.array([numbers.setdefault(key, len(numbers)) for key in keys], dtype=np.int64)
-        index.append(own[beam.segments])
+        by_name = np.array([numbers.setdefault(key, len(numbers)) for key in keys], dtype=np.int64)
+        index.append(by_name[beam.segments])
     return numbers, np.concatenate(index)
 
 

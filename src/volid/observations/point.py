@@ -4,9 +4,9 @@
 readings themselves, by the rigid motion that best carries the nominal points onto them (Kabsch, Acta Cryst. A32 (1976) 922); ω
 and the station's position are unknown. CONVENTIONS 6.
 
-The same as range r [mm], azimuth az and elevation el [degrees], each with a u of its own (kind `polar`, in files a `point` set
-with these columns): x = r cos el cos az, y = r cos el sin az, z = r sin el. The predicted azimuth is the one within half a turn
-of the reading. Not modelled: errors of the instrument's own axes.
+The coordinates may also be given as range r [mm], azimuth az and elevation el [degrees], each with its own u. This is the kind
+`polar`; in files it is a `point` set with these columns. x = r cos el cos az, y = r cos el sin az, z = r sin el. The predicted
+azimuth is the one within half a turn of the reading. Not modelled: errors of the instrument's own axes.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Poses from points: the rigid motion that carries nominal points onto coordinates read, and what is left of them.
+"""Poses from points: the rigid motion that carries nominal points onto the coordinates read, and the misfit that remains.
 
-Kabsch, Acta Cryst. A32 (1976) 922. Not modelled: a scale. Where more is left than a machine's errors, readings are tried in other
-units; what fits ten times better is named.
+Kabsch, Acta Cryst. A32 (1976) 922. Not modelled: a scale. Where the misfit is larger than a machine's errors, the readings are
+tried in other units, and a unit that fits ten times better is named.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def check_units(
 
     def misfit(readings: np.ndarray) -> float:
         points = coordinates(observations, readings)
-        return max(_left(targets, points[rows]) for rows, targets in nominal)
+        return max(_misfit_of(targets, points[rows]) for rows, targets in nominal)
 
     before = misfit(observations.readings)
     if before <= _FITS:
@@ -55,8 +55,8 @@ def check_units(
         raise InputError(f"{observations.source or observations.name}, set '{observations.name}': {said}")
 
 
-def _left(targets: np.ndarray, points: np.ndarray) -> float:
+def _misfit_of(targets: np.ndarray, points: np.ndarray) -> float:
     """RMS distance of points from targets after the best rigid motion, over the targets' extent."""
-    left = best_rigid_motion(targets, points)(targets) - points
+    residual = best_rigid_motion(targets, points)(targets) - points
     extent = float(np.sum((targets - targets.mean(axis=0)) ** 2))
-    return float(np.sqrt(np.sum(left**2) / max(extent, 1e-300)))
+    return float(np.sqrt(np.sum(residual**2) / max(extent, 1e-300)))

@@ -1,8 +1,8 @@
-"""How an unknown of a campaign answers small rigid motions of the frame that it lives in: what a change of datum needs to know.
+"""How an unknown of a campaign answers small rigid motions of the frame it belongs to, which a change of datum needs to know.
 
 A change of datum moves the frame of every body of the machine, workpiece, bed and carriages, by a small rigid motion
 x -> x - (t + ω × x), and may turn the tool vectors by a constant h (where a tool rotation is held at 0). An unknown ν becomes
-ν - row · (t, ω, h), with the motion of its own body. Members are final; each has a plain form for files.
+ν - row · (t, ω, h), with the motion of its own body. The classes are final, and each has a plain form for files.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def as_rows(matrix: np.ndarray) -> Rows:
 
 @dataclass(frozen=True)
 class Remainder:
-    """What the readings of a set would change by, whatever the unknowns did: why a transformation may not be exact.
+    """The change of a set's readings that no change of the unknowns can follow: the reason why a transformation is not exact.
 
     `rows` (k, 9): |rows · (t, ω, h)| is the root mean square change of the readings in units of their u. `reason`: in words,
     with what to do about it.
@@ -40,7 +40,7 @@ class Remainder:
 
 
 def remainder(rows: np.ndarray, u: np.ndarray | float, reason: str) -> Remainder | None:
-    """`Remainder` of readings that change by `rows` (m, 9) [their unit]; None where that is rounding."""
+    """`Remainder` of readings that change by `rows` (m, 9) [their unit]; None where the change is only rounding."""
     u = np.asarray(u, dtype=float)
     u = np.where(np.isfinite(u) & (u > 0.0), u, 1.0)  # a plan may leave it open
     rows = np.asarray(rows) / np.reshape(u, (-1, 1)) / np.sqrt(max(len(rows), 1))
@@ -53,18 +53,18 @@ def remainder(rows: np.ndarray, u: np.ndarray | float, reason: str) -> Remainder
 
 @dataclass(frozen=True)
 class Response(ABC):
-    """How an unknown answers the motion of the frame of `body`; `left`: what it cannot follow."""
+    """How an unknown answers the motion of the frame of `body`. `not_followed`: the part that it cannot follow, if any."""
 
     body: str = "workpiece"
-    left: Remainder | None = None
+    not_followed: Remainder | None = None
 
     @abstractmethod
     def row(self, value: Values) -> np.ndarray:
-        """∂(what is taken off the unknown)/∂(t, ω, h), shape (9,); `value`: present value of an unknown by its key."""
+        """∂(what is subtracted from the unknown)/∂(t, ω, h), shape (9,); `value`: present value of an unknown by its key."""
 
     def joined(self, other: Response) -> Response:
-        """The response to the readings of two sets that share the unknown: that of the first, unless a class knows better."""
-        return self if self.left is not None or other.left is None else replace(self, left=other.left)
+        """The response of an unknown that two sets share: by default that of the first set."""
+        return self if self.not_followed is not None else replace(self, not_followed=other.not_followed)
 
 
 @dataclass(frozen=True)
@@ -112,22 +112,24 @@ class PlaceOf(Response):
         if not isinstance(other, PlaceOf):
             return super().joined(other)
         change = np.array(other.tool) - np.array(self.tool)
-        parts = [np.array(r.left.rows) for r in (self, other) if r.left is not None]
-        reasons = [r.left.reason for r in (self, other) if r.left is not None]
+        parts = [np.array(r.not_followed.rows) for r in (self, other) if r.not_followed is not None]
+        reasons = [r.not_followed.reason for r in (self, other) if r.not_followed is not None]
         if np.abs(change).max() > 1e-9:
             parts.append(np.pad(change / other.u, ((0, 0), (6, 0))))
             reasons.append(SEVERAL_TOOLS)
         if not parts:
             return self
-        return replace(self, left=remainder(np.concatenate(parts), np.sqrt(1.0 / sum(map(len, parts))), reasons[0]))
+        return replace(
+            self, not_followed=remainder(np.concatenate(parts), np.sqrt(1.0 / sum(map(len, parts))), reasons[0])
+        )
 
 
 @dataclass(frozen=True)
 class TurnOf(Response):
     """Component of the small rotation vector o of something that stands on the body.
 
-    `sense` -1: it looks at the world from the body, x -> R(o) F x (an instrument); +1: it is carried, x -> R(o) x with F = 1 (a
-    network of stations). `of`: keys of o; `frame`: F.
+    `sense` -1: the thing is an instrument, which sees points from its body, x -> R(o) F x. `sense` +1: the body carries it,
+    x -> R(o) x with F = 1, as a network of stations. `of`: keys of o; `frame`: F.
     """
 
     of: tuple[Key, ...] = ()
@@ -159,14 +161,16 @@ _FORMS: dict[str, type[Response]] = {
 def to_plain(response: Response) -> dict[str, Any]:
     """The response as plain numbers, texts and lists, for files."""
     how = next(name for name, form in _FORMS.items() if type(response) is form)
-    return {"how": how, **asdict(response)}
+    plain = asdict(response)
+    plain["left"] = plain.pop("not_followed")  # its name in files
+    return {"how": how, **plain}
 
 
 def from_plain(plain: dict[str, Any]) -> Response:
     """The response from what `to_plain` gave, read back from a file (KeyError for an unknown form)."""
-    fields = {key: _tuples(value) for key, value in plain.items() if key != "how"}
-    left = plain.get("left")
-    fields["left"] = None if left is None else Remainder(_tuples(left["rows"]), left["reason"])
+    fields = {key: _tuples(value) for key, value in plain.items() if key not in ("how", "left")}
+    kept = plain.get("left")
+    fields["not_followed"] = None if kept is None else Remainder(_tuples(kept["rows"]), kept["reason"])
     return _FORMS[plain["how"]](**fields)
 
 

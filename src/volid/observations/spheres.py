@@ -1,4 +1,4 @@
-"""Spheres (or nests) on the workpiece: where a set says that they stand, and what their places leave undetermined."""
+"""Spheres (or nests) on the workpiece: where a set says that they stand, and what such places do not determine."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SAME_SPHERE = 2.0  # mm: nominal points closer than this belong to one sphere; s
 
 
 def place_advice(machine: Machine, places: np.ndarray) -> list[str]:
-    """Places (n, 3) [mm] that are all one, or on the axis of the table."""
+    """Advice for places (n, 3) [mm] that all coincide, or that all lie on the axis of the table."""
     reasons = []
     if np.linalg.norm(places - places[0], axis=1).max() < 2.0 * SAME_SPHERE:
         reasons.append("one sphere place only; use three that do not lie on one line")

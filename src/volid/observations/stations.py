@@ -1,4 +1,4 @@
-"""What kinds whose instrument stands on a station share: its place as unknowns, and what it sees nominally."""
+"""What the kinds with an instrument on a station have in common: the station's place as unknowns, and what it sees nominally."""
 
 from __future__ import annotations
 
@@ -35,24 +35,24 @@ def station_slots(
             f"station {station.name} {c}",
             start=start[i],
             prior_u=prior_u,
-            response=PlaceOf(station.body, seen.left, keys, i, tool=seen.tool, u=seen.u),
+            response=PlaceOf(station.body, seen.not_followed, keys, i, tool=seen.tool, u=seen.u),
         )
         for i, c in enumerate("XYZ")
     ]
 
 
 class Seen:
-    """How readings from a body answer a constant rotation h of the tool vectors: by one shift R (h × tool) of all, or not.
+    """How readings from a body answer a constant rotation h of the tool vectors: whether one shift R (h × tool) follows it.
 
-    `tool`: (3, 3), what comes off a place on that body; `left`: what no place can follow, where tool vectors or rotary axes
-    between change; `u`: of the readings, their median.
+    `tool`: shape (3, 3), what is subtracted from a place on that body. `not_followed`: the part that no place can follow, because
+    tool vectors or rotary axes between the two bodies change. `u`: median of the readings' u.
     """
 
     def __init__(
         self, observations: ObservationSet, campaign: Campaign, rows: np.ndarray, body: str, seen: str
     ) -> None:
         self.tool: Rows = ((0.0,) * 3,) * 3
-        self.left: Remainder | None = None
+        self.not_followed: Remainder | None = None
         self.u = float(np.median(observations.u[rows, 0])) if len(rows) else 1.0
         if seen == TOOL and len(rows):
             self._turn(observations, campaign.machine, rows, body)
@@ -64,7 +64,7 @@ class Seen:
             turn = nominal_rotation(machine, observations.positions[rows[:1]], start, stop)[0]
             self.tool = as_rows(-turn @ cross_rows(middle[None])[0])
             tools = tools - middle
-        self.left = tool_remainder(tools, self.u)
+        self.not_followed = tool_remainder(tools, self.u)
 
 
 def rotary_motion(machine: Machine, positions: np.ndarray, start: int, stop: int) -> bool:
@@ -79,7 +79,7 @@ def cross_rows(vectors: np.ndarray) -> np.ndarray:
 
 
 def tool_remainder(tools: np.ndarray, u: float) -> Remainder | None:
-    """What is left of h × tool for the rows of T (m, 3) [mm]: its mean square is hᵀ (tr M - M) h, M = TᵀT/m."""
+    """What remains of h × tool for the rows of T (m, 3) [mm]: its mean square is hᵀ (tr M - M) h, M = TᵀT/m."""
     moments = tools.T @ tools / len(tools)
     if np.abs(moments).max() < 1e-12:
         return None

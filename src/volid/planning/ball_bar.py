@@ -1,7 +1,7 @@
-"""Cone-frustum path for a ball bar: all five axes at once, the bar square to the tool axis.
+"""Cone-frustum path for a ball bar: all five axes move at once, and the bar is perpendicular to the tool axis.
 
-The tool axis goes round a cone whose axis is inclined to the table; the ball in the spindle runs on a circle about the cone axis,
-the other ball stands on the cone axis. After the cone-frustum workpiece of NAS 979 and ISO 10791-7.
+The tool axis describes a cone whose axis is inclined to the table. The ball in the spindle runs on a circle about the cone axis,
+and the other ball stands on the cone axis. The path follows the cone-frustum workpiece of NAS 979 and ISO 10791-7.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def cone_frustum(
     u: float = 0.0005,
     calibrated_u: float = 0.0005,
 ) -> Campaign:
-    """Plan of a ball-bar test on a cone frustum: readings round one turn, all five axes moving, the bar square to the tool axis.
+    """Plan of a ball-bar test on a cone frustum: one turn with all five axes moving and the bar perpendicular to the tool axis.
 
     The ball in the spindle runs on a circle of radius length·cos(half_angle); the ball on the workpiece stands
     length·sin(half_angle) above the centre of the circle, on the axis of the cone. Positions outside a travel are left out and
@@ -41,11 +41,11 @@ def cone_frustum(
 
     Args:
         machine: A machine with X, Y, Z and two rotary axes.
-        centre: Of the circle, (x, y, z) in the workpiece frame with all axes at 0 [mm]; None: one that the travels reach.
+        centre: Centre of the circle, (x, y, z) in the workpiece frame with all axes at 0 [mm]; None: one within the travels.
         tool: Vector to the ball in the spindle, (x, y, z) [mm].
-        length: Of the bar between the centres of its balls [mm].
-        half_angle: Of the cone [degrees].
-        inclination: Of the axis of the cone, about Y [degrees].
+        length: Length of the bar between the centres of its balls [mm].
+        half_angle: Half angle of the cone [degrees].
+        inclination: Inclination of the axis of the cone, about Y [degrees].
         n: Number of readings, both ends of the turn included.
         u: Standard uncertainty of a reading [mm].
         calibrated_u: Standard uncertainty of the calibrated length [mm].

@@ -1,6 +1,7 @@
 """Linear axes that follow the rotary ones, so that the nominal functional point stays where it should; limits of travel.
 
-The nominal functional point is linear in the linear axes: p(q) = p(rotary, 0) + Σ q_i d_i(rotary), one solution, exact.
+The nominal functional point is linear in the positions of the linear axes, p(q) = p(rotary, 0) + Σ q_i d_i(rotary). The equations
+therefore have one solution, and it is exact.
 """
 
 from __future__ import annotations
@@ -99,7 +100,9 @@ def within_travel(machine: Machine, positions: np.ndarray, what: str) -> Followe
     )
     if not len(rows):
         raise InputError(f"{what}: no position lies within the travels: {found}; choose another place or tool vector")
-    left = len(positions) - len(rows)
+    removed = len(positions) - len(rows)
     return Followed(
-        positions[rows], rows, (f"{what}: {left} of {len(positions)} positions left out: {found}",) if left else ()
+        positions[rows],
+        rows,
+        (f"{what}: {removed} of {len(positions)} positions left out: {found}",) if removed else (),
     )

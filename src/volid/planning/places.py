@@ -1,7 +1,8 @@
-"""Where a sphere may stand and which tool vector sees it, when a plan does not say: as far apart as the travels let.
+"""Where spheres stand and which tool vectors see them, when a plan does not state it: as far apart as the travels allow.
 
 Linear axes that follow a place c + r·k of the workpiece need positions that are linear in c and r: q = a + A (c + r k). The
-largest r, then the place nearest to the one preferred, is a linear program (Boyd, Vandenberghe, Convex Optimization, 4.3).
+largest r, and then the place nearest to the preferred one, are the solution of a linear program (Boyd, Vandenberghe, Convex
+Optimization, 4.3).
 """
 
 from __future__ import annotations
@@ -39,10 +40,10 @@ def spheres_and_tools(
     tools: Vector | Sequence[Vector] | None,
     n: int = 3,
 ) -> Places:
-    """What was given, and for what was not (None), places and vectors with which the linear axes can follow `positions`.
+    """The given spheres and tool vectors; those not given (None) are chosen so that the linear axes can follow `positions`.
 
-    `n` runs: under a head as many tool vectors that lie on no line, `n` spheres around the axis of a table, one sphere where
-    the table does not turn. Where the travels are too short for all `positions` (m, n_axes), they are for most.
+    For `n` runs a head gets as many tool vectors that do not lie on one line, and a table gets `n` spheres around its axis, or
+    one sphere where it does not turn. Where the travels are too short for all `positions` (m, n_axes), the choice suits most.
     """
     vectors: list[Vector] | None = None
     if tools is not None:
@@ -52,15 +53,15 @@ def spheres_and_tools(
     tables = [axis for axis in rotary_axes(machine) if axis.primed]
     n = n if vectors is None or len(vectors) == 1 else len(vectors)
     for length in LENGTHS:
-        own = vectors or _tools(machine, length, n)
-        runs = max(len(own), n if tables else 1)
+        chosen = vectors or _tools(machine, length, n)
+        runs = max(len(chosen), n if tables else 1)
         spread = _around(tables[0].unit_vector, runs) if tables else np.zeros((runs, 3))
-        where = _preferred(machine, own[0])
-        found = reach(machine, positions, [own[i % len(own)] for i in range(runs)], spread, where)
+        where = _preferred(machine, chosen[0])
+        found = reach(machine, positions, [chosen[i % len(chosen)] for i in range(runs)], spread, where)
         if found.beyond == 0.0 or vectors:
             break
     centres = np.round(found.centre + found.radius * spread[: runs if tables else 1])
-    return Places({f"P{i + 1}": tuple(c.tolist()) for i, c in enumerate(centres)}, own)
+    return Places({f"P{i + 1}": tuple(c.tolist()) for i, c in enumerate(centres)}, chosen)
 
 
 def _tools(machine: Machine, length: float, n: int) -> list[Vector]:
@@ -89,13 +90,13 @@ def _preferred(machine: Machine, tool: Vector) -> np.ndarray:
 
 
 def reachable(machine: Machine, positions: np.ndarray, tool: Vector, offset: np.ndarray) -> Vector:
-    """A place c, whole mm, such that the linear axes reach c + offset (m, 3) at rotary `positions`, or most of it."""
+    """A place c in full mm such that the linear axes reach c + offset (m, 3) at all rotary `positions`, or at most of them."""
     found = reach(machine, positions, [tool], np.zeros((1, 3)), _preferred(machine, tool), offset)
     return tuple(np.round(found.centre).tolist())
 
 
 class Reach(NamedTuple):
-    """Middle of the places (3,) and their distance from it [mm]; `beyond`: sum of what the travels lack [mm]."""
+    """Middle of the places (3,) and their distance from it [mm]; `beyond`: sum of the lengths that the travels lack [mm]."""
 
     centre: np.ndarray
     radius: float
@@ -113,7 +114,7 @@ def reach(
     """Middle c and radius r with which the linear axes reach c + r·spread[k] + offset with tool k, at rotary `positions`.
 
     `spread`: (k, 3), zeros for r = 0. `offset`: (m, 3) [mm], moves the target at every position. r lies within `RADIUS`.
-    When no place does for all positions, the sum of what the travels lack is the least.
+    When no place suits all positions, the sum of the lengths by which the travels are too short is the least.
     """
     offset = np.zeros((len(positions), 3)) if offset is None else offset
     columns = [machine.index(a) for a in LINEAR_AXES]

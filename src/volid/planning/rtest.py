@@ -34,9 +34,9 @@ def rtest_static_grid(
 ) -> Campaign:
     """Plan of an R-test at all pairs of positions of two rotary axes, or at the positions of one.
 
-    Positions stand evenly over the travel, or over one turn of a longer travel, ends included; every other line is run backwards.
-    The linear axes follow: without errors every displacement is 0. Positions outside a travel are left out and named in
-    `warnings`. Collisions are not considered.
+    Positions are spaced evenly over the travel, or over one turn of a longer travel, ends included. Every second line is run
+    backwards. The linear axes follow, so that without errors every displacement is 0. Positions outside a travel are left out and
+    named in `warnings`. Collisions are not considered.
 
     Args:
         machine: A machine with X, Y, Z and one or two rotary axes.

@@ -1,4 +1,4 @@
-"""A plan that determines the whole rigid model of a three-axis machine: six stations, three tool vectors, spread points."""
+"""A plan that determines the complete rigid model of a three-axis machine: six stations, three tool vectors, spread points."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ U = {"constant": 0.0003, "proportional": 3.0e-7}  # mm, mm/mm: a tracking interf
 def standard_plan(machine: Machine, n_per_station: int = 400, seed: int = 0) -> Campaign:
     """Plan of distances from six stations on the workpiece, each seeing all three tool vectors one after the other.
 
-    It determines the whole rigid model of a machine with three linear axes. Positions are a low-discrepancy sequence that covers
-    the end planes, different for every station. Collisions and lines of sight are not considered.
+    It determines the complete rigid model of a machine with three linear axes. The positions are a low-discrepancy sequence that
+    includes the end planes and differs from station to station. Collisions and lines of sight are not considered.
 
     Args:
         machine: The machine to measure.
         n_per_station: Number of distances of every station.
-        seed: Of the sequence, a whole number from 0.
+        seed: Seed of the sequence, an integer from 0.
 
     Returns:
         A campaign with one `distance` set without readings; u as of a tracking interferometer, 0.3 µm + 0.3 µm/m.

@@ -1,4 +1,4 @@
-"""What a campaign says about itself before any fit: what cannot be right, what looks odd, how well readings repeat."""
+"""Checks of a campaign before any fit: what cannot be right, what looks odd, and how well readings repeat."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ def _outside_travel(readings: ObservationSet, machine: Machine) -> Iterable[str]
 def _duplicates(readings: ObservationSet, machine: Machine) -> Iterable[str]:
     """Rows that repeat an earlier one in everything, the reading and the time included.
 
-    Raises `InputError` when they are more than coarse digits explain; otherwise they are a warning. A reading of
+    Raises `InputError` when there are more of them than coarse digits explain; otherwise a warning names them. A reading of
     exactly 0 repeats whenever an instrument is zeroed.
     """
     columns = [*readings.positions.T, *readings.directions.T, *readings.tool.T, *readings.readings.T]
@@ -184,7 +184,7 @@ def closures(campaign: Campaign) -> tuple[Closure, ...]:
 
 
 def _centres_as_readings(readings: ObservationSet, machine: Machine) -> ObservationSet:
-    """Sphere centres as what was found at rotary positions: their places as readings, linear positions 0; else as it is."""
+    """A set of sphere centres with their nominal places as readings and linear positions 0; any other set as it is."""
     places = None if readings.readings.any() else KINDS[readings.kind].places(readings, machine)
     if places is None:
         return readings

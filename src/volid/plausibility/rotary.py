@@ -1,9 +1,9 @@
 """What cannot be right around rotary axes: positions in radians, an axis that counts the other way, no rotary motion.
 
-R-test readings say where the sphere stands: every row gives its place on the workpiece through the nominal chain, and these
-places differ only by the machine's errors. Distances say how far the target is from a station whose place is roughly known. When
-they disagree by millimetres, something nominal is wrong; trials tell what. Centres from a control that knows the rotary positions
-itself agree whatever they are taken for: there, radians are recognised by being whole degrees.
+R-test readings show where the sphere stands: every row gives its place on the workpiece through the nominal chain, and these
+places differ only by the machine's errors. Distances show how far the target is from a station whose place is roughly known. When
+they disagree by millimetres, something nominal is wrong, and trials find out what. Centres from a control that itself uses the
+rotary positions agree in either unit; there, radians are recognised because they are integer numbers of degrees.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _TURN = 2.0 * np.pi * (1.0 + 1e-6)  # rad
 _LEAST_TRAVEL = 30.0  # degrees: an axis that travels less may well stay within ±2π degrees
 _SUSPECT = 1.0  # mm of scatter, below which radians are not suspected
 _SUSPECT_LENGTHS = 0.3  # mm, the same for absolute distances: a ball bar swings about its pivot whatever the angles
-_WHOLE = 0.006  # degrees: radians with four decimals of a whole number of degrees lie within
+_INTEGER = 0.006  # degrees: radians with four decimals of a whole number of degrees lie within
 _ENOUGH = 3  # different whole degrees, which by chance all numbers are once in a million
 
 
@@ -50,9 +50,9 @@ def check_radians(readings: ObservationSet, campaign: Campaign) -> None:
             what = f"the {places}'s places scatter" if places else "distances differ from nominal"
             said = f"{what} by {before:.3g} mm, but by {after[best]:.2g} mm when they are taken for radians"
             _say_radians(readings, machine, list(best), said)
-    whole = [i for i in small if _whole_degrees(q[:, i])]
-    if whole:
-        _say_radians(readings, machine, whole, "they are whole degrees when taken for radians")
+    integers = [i for i in small if _integer_degrees(q[:, i])]
+    if integers:
+        _say_radians(readings, machine, integers, "they are whole degrees when taken for radians")
 
 
 def _say_radians(readings: ObservationSet, machine: Machine, columns: list[int], why: str) -> None:
@@ -62,11 +62,11 @@ def _say_radians(readings: ObservationSet, machine: Machine, columns: list[int],
     )
 
 
-def _whole_degrees(q: np.ndarray) -> bool:
-    """Whether positions are whole degrees as radians, and not as degrees; enough different ones, so that it is no chance."""
+def _integer_degrees(q: np.ndarray) -> bool:
+    """Whether positions are integer degrees when taken for radians, but not as they stand; enough of them to exclude chance."""
     different = np.unique(q[q != 0.0])
     turned = np.rad2deg(different)
-    return len(different) >= _ENOUGH and bool(np.all(np.abs(turned - np.round(turned)) < _WHOLE))
+    return len(different) >= _ENOUGH and bool(np.all(np.abs(turned - np.round(turned)) < _INTEGER))
 
 
 def _misfit(readings: ObservationSet, campaign: Campaign, positions: np.ndarray) -> float | None:

@@ -1,10 +1,10 @@
 """Tool vectors and approximate stations in metres among positions in mm, recognised by where the readings put the stations.
 
 A station is located from its distances to the nominal functional points, without its approximate position. Then
-- tool vectors below 2 mm are tried a thousand times longer: when only so one position per station fits all its readings, or
-  when all stations are found displaced from where they are said to be by just that tool vector, they were in metres;
-- stations found a thousand times farther from the machine's origin than they are said to be were given in metres, and
-  stations found nearer by a constant factor say that everything else is not in mm.
+- tool vectors below 2 mm are tried a thousand times longer. They were in metres when only then one position per station fits all
+  its readings, or when all stations are found displaced from their stated positions by just that tool vector;
+- stations found a thousand times farther from the machine's origin than stated were given in metres, and stations found nearer
+  by a constant factor show that everything else is not in mm.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def _fits_only_longer(readings: ObservationSet, campaign: Campaign) -> bool:
 
 
 def _displaced(readings: ObservationSet, campaign: Campaign) -> bool:
-    """All stations are found displaced by the same tool vector, the given one in metres: found - said = -(1000 - 1) tool."""
+    """All stations are found displaced by the same tool vector, the given one in metres: found - stated = -(1000 - 1) tool."""
     expected = -(_METRE - 1.0) * np.median(readings.tool, axis=0)
     shifts = [found - np.array(beam.station.position) for beam, found in _located(readings, campaign)]
     if len(shifts) < _LEAST_STATIONS:
@@ -100,7 +100,7 @@ def check_stations(readings: ObservationSet, campaign: Campaign) -> None:
 
 
 def _any_disagrees(readings: ObservationSet, campaign: Campaign) -> bool:
-    """Some station is not where it is said to be: located at once, without a search."""
+    """Whether at least one station is not at its stated position: each is located directly, without a search."""
     return any(b.misfit > _AGREES * b.extent for b in beams(readings, campaign) if b.station.position is not None)
 
 

@@ -1,7 +1,7 @@
-"""Axis positions against the travels, and stated uncertainties against the digits: what no reading of the campaign can mend.
+"""Axis positions against the travels, and stated uncertainties against the digits: errors that the readings cannot reveal.
 
-A campaign whose positions, tool vectors and readings are all in metres agrees with itself; only the travels tell.
-- Positions that are far off the travels as a whole: the travel is in metres, or the positions in micrometres.
+A campaign whose positions, tool vectors and readings are all in metres agrees with itself; only the travels show the error.
+- Positions that are all far outside the travels: the travel is in metres, or the positions are in micrometres.
 - Positions that all lie within a thousandth of the travels, and fill them when taken for metres. A short campaign in one
   corner passes: 1000 times its positions lie outside the travels. So does one along a single axis, and one in which rotary
   axes turn, because the linear ones may then follow a sphere near the rotary axis by tenths of a millimetre.

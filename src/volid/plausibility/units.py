@@ -1,4 +1,4 @@
-"""Units of lengths: readings in metres, micrometres or inches where mm belong, recognised by their scale against the machine.
+"""Units of lengths: readings in metres, micrometres or inches instead of mm, recognised by their scale against the machine.
 
 A distance reading is d = k·|target - station| + dead path with k = 1 when all is in mm, 0.001 for readings in metres,
 1000 for readings in micrometres or positions in metres, and so on. k is looked for in three ways, for each station:

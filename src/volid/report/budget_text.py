@@ -13,25 +13,25 @@ NEGLIGIBLE = 5e-4  # of the variance: 0.0 % in print
 
 
 def format_budget(lines: Iterable[Line], lack_of_fit: LackOfFit) -> str:
-    """Every output once: a function of position as its RMS over the travel. `lack_of_fit`: stated below."""
+    """The text of a budget. A function of position appears once, as its RMS over the travel; `lack_of_fit` is stated below."""
     outputs: dict[str, list[Line]] = {}
     for line in lines:
         outputs.setdefault(line.output, []).append(line)
     width = max((len(name) for name in outputs), default=0) + 2
     text = ["standard uncertainty u, k = 1, and what it is made of (share of u²); functions: RMS over the travel", ""]
-    for name, own in outputs.items():
-        text += _entry(name, own, width)
+    for name, lines_of_output in outputs.items():
+        text += _entry(name, lines_of_output, width)
     text += ["", *paragraph(str(lack_of_fit), "lack of fit", 13)]
     return "\n".join(text)
 
 
-def _entry(name: str, own: list[Line], width: int) -> list[str]:
-    places = len({line.position for line in own if not math.isnan(line.position)}) or 1
+def _entry(name: str, lines: list[Line], width: int) -> list[str]:
+    places = len({line.position for line in lines if not math.isnan(line.position)}) or 1
     squares: dict[str, float] = {}
-    for line in own:
+    for line in lines:
         squares[line.source] = squares.get(line.source, 0.0) + line.contribution**2 / places
     total = sum(squares.values())
-    unit, parts = own[0].unit, []
+    unit, parts = lines[0].unit, []
     for source, square in sorted(squares.items(), key=lambda item: -item[1]):
         share = square / total if total > 0.0 else 0.0
         if share >= NEGLIGIBLE:

@@ -56,9 +56,9 @@ def _function_panel(panel: Any, solution: Solution, name: str, truth: Mapping[st
     x = np.linspace(*solution.machine.axis(error.axis).travel, 201)
     rows, scale = solution.motion(name, x), 1e6 if error.is_rotation else 1e3
     for direction, colour in zip((0, 1, -1), COLUMNS, strict=True):
-        own = [r for r in rows if r.direction == direction]
-        if own:
-            value, u = (scale * np.array([getattr(r, key) for r in own]) for key in ("value", "u"))
+        in_direction = [r for r in rows if r.direction == direction]
+        if in_direction:
+            value, u = (scale * np.array([getattr(r, key) for r in in_direction]) for key in ("value", "u"))
             label = {0: None, 1: "approached in +", -1: "approached in -"}[direction]
             panel.fill_between(x, value - K * u, value + K * u, color=colour, alpha=0.25, lw=0)
             panel.plot(x, value, color=colour, lw=1.4, label=label)
@@ -71,9 +71,9 @@ def _function_panel(panel: Any, solution: Solution, name: str, truth: Mapping[st
 
 
 def location_errors(solution: Solution, truth: Mapping[str, float] | None = None) -> Figure:
-    """Location errors of the rotary axes with bars of ± U (k = 2), positions and orientations apart; `truth`: by symbol.
+    """Location errors of the rotary axes with bars of ± U (k = 2), positions and orientations in separate panels.
 
-    Below each the identified value minus `truth`, in units that show the bars.
+    `truth`: true values by symbol. With it, panels below show the identified value minus `truth`, at a scale that shows the bars.
     """
     rows = [solution.location(n) for n in solution.model.names if parse(n).location and parse(n).axis in ROTARY_AXES]
     figure, panels = _subplots(2 if truth else 1, 2, figsize=(10, 5.6 if truth else 3.2), squeeze=False)
@@ -154,8 +154,8 @@ def rotary_grid(grid: RotaryGrid) -> Figure:
 def volume_sections(solution: Solution, tool: tuple[float, float, float], scale: float | None = None) -> Figure:
     """Deviation of the functional point on three sections through the middle of the volume.
 
-    Grey the commanded grid, dark the actual one with deviations in the plane enlarged `scale` times (default: the largest
-    spans most of a mesh), colour the 3-D length of the deviation [µm].
+    The commanded grid is grey. The actual one is dark, with the deviations in the plane enlarged `scale` times (default: the
+    largest spans most of a mesh). The colour is the 3-D length of the deviation [µm].
     """
     letters = [a for a in "XYZ" if a in solution.machine.letters]
     pairs = [(a, b) for i, a in enumerate(letters) for b in letters[i + 1 :]]

@@ -36,20 +36,22 @@ def budget_bars(lines: Iterable[Line]) -> Figure:
     places: dict[str, set[float]] = {}
     units: dict[str, str] = {}
     for line in lines:
-        own = outputs.setdefault(line.output, {})
-        own[line.source] = own.get(line.source, 0.0) + line.contribution**2
+        by_source = outputs.setdefault(line.output, {})
+        by_source[line.source] = by_source.get(line.source, 0.0) + line.contribution**2
         places.setdefault(line.output, set()).add(line.position if np.isfinite(line.position) else 0.0)
         units[line.output] = line.unit
-    sources = list(dict.fromkeys(s for own in outputs.values() for s in own))
+    sources = list(dict.fromkeys(s for by_source in outputs.values() for s in by_source))
     figure, panel = _subplots(figsize=(9, 0.26 * len(outputs) + 1.2))
     y = np.arange(len(outputs))
-    left = np.zeros(len(outputs))
+    ends = np.zeros(len(outputs))
     for i, source in enumerate(sources):
-        share = np.array([own.get(source, 0.0) / max(sum(own.values()), 1e-300) for own in outputs.values()])
-        panel.barh(y, 100.0 * share, left=left, color=COLOURS[i % len(COLOURS)], label=source, height=0.8)
-        left += 100.0 * share
-    for k, (name, own) in enumerate(outputs.items()):
-        u = np.sqrt(sum(own.values()) / len(places[name]))
+        share = np.array(
+            [by_source.get(source, 0.0) / max(sum(by_source.values()), 1e-300) for by_source in outputs.values()]
+        )
+        panel.barh(y, 100.0 * share, left=ends, color=COLOURS[i % len(COLOURS)], label=source, height=0.8)
+        ends += 100.0 * share
+    for k, (name, by_source) in enumerate(outputs.items()):
+        u = np.sqrt(sum(by_source.values()) / len(places[name]))
         panel.text(101.0, k, _said(float(u), units[name]), va="center", fontsize=8)
     panel.set_yticks(y, list(outputs), fontsize=8)
     panel.set_ylim(len(outputs) - 0.5, -0.5)

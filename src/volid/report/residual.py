@@ -1,5 +1,7 @@
-"""The forecast of compensation types as text, as plain data, as a table for files, and as a figure. Lengths µm, rotations
-µrad."""
+"""The forecast of compensation types as text, as plain data, as a table for files, and as a figure.
+
+The text and the figure have lengths in µm and rotations in µrad.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,7 @@ def _number(value: float, scale: float) -> str:
 
 
 def forecast_text(found: Forecast, machine: Machine, feeds: np.ndarray) -> list[str]:
-    """One table side by side, from "none" to the last; by tool vector when there are several; what is asked of the axes."""
+    """The lists of types side by side in one table per tool vector, "none" first; then what is asked of the axes."""
     lines = []
     for i, tool in enumerate(found.tools):
         lines += [f"remaining deviation over the working volume, tool {vector(tool.tolist())} mm"]

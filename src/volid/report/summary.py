@@ -1,4 +1,4 @@
-"""A solution in one screenful: the verdict first, then what was measured, the numbers people ask for, and what is missing.
+"""A solution on one screen: the verdict first, then what was measured, the numbers most asked for, and what is missing.
 
 `summary_data` holds the numbers in mm and rad, ready for JSON (None: not determined); `summary_text` prints them.
 Expanded uncertainties have k = 2; ranges are largest minus smallest value over the travel.
@@ -124,9 +124,9 @@ def _axes(solution: Solution) -> list[dict[str, Any]]:
 
 
 def _set_rows(solution: Solution, i: int) -> Iterator[dict[str, Any]]:
-    readings, left = solution.campaign.sets[i], solution.readings
+    readings, results = solution.campaign.sets[i], solution.readings
     for kind, unit, rows in KINDS[readings.kind].parts(readings):
-        used = ~left.outliers[i][rows]
+        used = ~results.outliers[i][rows]
         to_rad = np.pi / 180.0 if unit == DEGREES else 1.0
         yield {
             "set": readings.name,
@@ -134,7 +134,7 @@ def _set_rows(solution: Solution, i: int) -> Iterator[dict[str, Any]]:
             "n_readings": int(used.size),
             "n_outliers": int(used.size - used.sum()),
             "u_rms": to_rad * _rms(readings.u[rows][used]),
-            "residual_rms": to_rad * _rms(left.residuals[i][rows][used]),
+            "residual_rms": to_rad * _rms(results.residuals[i][rows][used]),
             "unit": "rad" if unit == DEGREES else unit,
         }
 
@@ -222,7 +222,7 @@ def _function(solution: Solution, name: str, rows: list[FunctionValue]) -> dict[
 
 
 def _weakest(rows: Iterable[FunctionValue]) -> dict[str, Any] | None:
-    """Where the wholly determined functions and constants have their largest u, 1 µm weighing as much as 1 µrad."""
+    """Where the functions and constants that are completely determined have their largest u, 1 µm counting as 1 µrad."""
     rows = list(rows)
     partly = {row.name for row in rows if not math.isfinite(row.u)}
     known = [row for row in rows if row.name not in partly]
@@ -245,18 +245,18 @@ def _reading(reading: SuspectReading) -> dict[str, Any]:
 
 def _held_out(solution: Solution) -> list[dict[str, Any]]:
     """Residuals of every set with rotary motion, within the fit and held out, all together (axis "") and by angle."""
-    left, found = solution.readings, []
-    poses = solution.campaign.rotary_poses() if left.held_out else []
-    for i, readings in enumerate(solution.campaign.sets if left.held_out else ()):
+    results, found = solution.readings, []
+    poses = solution.campaign.rotary_poses() if results.held_out else []
+    for i, readings in enumerate(solution.campaign.sets if results.held_out else ()):
         units = [part.unit for part in KINDS[readings.kind].parts(readings)]
-        held, residual = left.held_out[i], left.residuals[i]
-        known = np.isfinite(held).all(axis=1)
-        used = known & ~left.outliers[i].any(axis=1)
+        held_out, residual = results.held_out[i], results.residuals[i]
+        known = np.isfinite(held_out).all(axis=1)
+        used = known & ~results.outliers[i].any(axis=1)
         if len(units) > 1 or not used.any():
             continue
-        bins = by_angle(solution.machine, readings, poses[i], residual, held, used)
-        whole = [total(readings.name, poses[i], residual, held, used)] if bins else []
-        found += [asdict(b) | {"unit": units[0], "alone": int((~known).sum())} for b in (*whole, *bins)]
+        bins = by_angle(solution.machine, readings, poses[i], residual, held_out, used)
+        overall = [total(readings.name, poses[i], residual, held_out, used)] if bins else []
+        found += [asdict(b) | {"unit": units[0], "alone": int((~known).sum())} for b in (*overall, *bins)]
     return found
 
 

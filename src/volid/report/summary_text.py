@@ -134,11 +134,11 @@ def _angles(b: dict[str, Any]) -> str:
 
 
 def _missing_lines(data: dict[str, Any]) -> list[str]:
-    held = data["held_tool_frame"]
+    fixed = data["held_tool_frame"]
     texts = list(data["not_determined"])
-    if held:
+    if fixed:
         texts.append(
-            f"{', '.join(held)}: tool-frame constants held at 0 and not stated; what is stated is relative to them."
+            f"{', '.join(fixed)}: tool-frame constants held at 0 and not stated; what is stated is relative to them."
         )
     return bullets("NOT DETERMINED by the data", texts)
 

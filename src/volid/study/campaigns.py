@@ -1,4 +1,4 @@
-"""Studies: many campaigns (machines × designs × noise × seeds), each simulated, fitted and held against its truth."""
+"""Studies: many campaigns (machines × designs × noise × seeds), each simulated, fitted and compared with its truth."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ class Design:
 
 
 class Truths(NamedTuple):
-    """The virtual machines: `scale` and `waviness` of `random_truth`; `seed`: one truth for all, None: each campaign's own."""
+    """The virtual machines: `scale` and `waviness` of `random_truth`; `seed`: one truth for all, None: one per campaign seed."""
 
     scale: float = 1.0
     waviness: float = 1.0
@@ -108,9 +108,9 @@ class Task(NamedTuple):
 class Study:
     """Which campaigns: every machine with every design, noise and seed.
 
-    `machines`: by name. `noise`: factors on the u of all readings, in the simulation and as stated to the fit; u of systematic
-    effects stays. `robust`: of the fit. `segments`: of splines, in place of each machine's `[model] segments`; functions with
-    segments of their own keep them.
+    `machines`: by name. `noise`: factors on the u of all readings, in the simulation and as stated to the fit; the u of
+    systematic effects is not multiplied. `robust`: option of the fit. `segments`: segments of the splines, in place of `[model]
+    segments` of each machine; functions with their own segments keep them.
     """
 
     machines: Mapping[str, Machine]
@@ -176,7 +176,7 @@ def run_campaign(study: Study, task: Task) -> Record:
 
 
 def _record(task: Task, error: str = "") -> Record:
-    """Nothing known yet but what was to be done, or why it failed."""
+    """A record that contains only the task, and the reason when it failed."""
     empty = {name: _EMPTY[kind] for name, (kind, _) in COLUMNS.items()}
     return empty | task._asdict() | {"error": error, "differences": {}, "u_of": {}}
 

@@ -29,24 +29,24 @@ SUMMARY: dict[str, tuple[type, str]] = {
 
 
 def mean_of(values: Any) -> float:
-    """Mean of what is not NaN; NaN when nothing is left."""
+    """Mean of the values that are not NaN; NaN when there is none."""
     kept = np.asarray(values, dtype=float)
     kept = kept[np.isfinite(kept)]
     return float(kept.mean()) if kept.size else float("nan")
 
 
 def rms_of(values: Any) -> float:
-    """Root mean square of what is not NaN."""
+    """Root mean square of the values that are not NaN."""
     return float(np.sqrt(mean_of(np.square(np.asarray(values, dtype=float)))))
 
 
 def summary(records: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """`SUMMARY` of every machine, design and noise, for the deviation field and every function ("quantity").
 
-    Over the N campaigns that did not fail, with d the difference of solution and truth at a place: bias = RMS over places of
-    mean(d), itself uncertain by spread/sqrt(N); spread = RMS over places of the standard deviation of d; rms and u = RMS of d and
-    of the stated u; coverage = share with |d| ≤ 1.96 u. The field's are 3-D lengths. The truth differs from seed to seed
-    unless the study fixes it.
+    All numbers are over the N campaigns that did not fail, with d the difference of solution and truth at a place. bias = RMS
+    over places of mean(d), itself uncertain by spread/sqrt(N); spread = RMS over places of the standard deviation of d; rms and u
+    = RMS of d and of the stated u; coverage = share with |d| ≤ 1.96 u. Those of the deviation field are 3-D lengths. The truth
+    differs from seed to seed unless the study fixes it.
     """
     groups: dict[tuple[str, str, float], list[dict[str, Any]]] = {}
     for record in records:

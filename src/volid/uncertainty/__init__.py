@@ -1,1 +1,1 @@
-"""How sure: propagation, Monte Carlo refits, coverage intervals, budgets, studies of many campaigns."""
+"""Uncertainty: propagation, Monte Carlo refits, coverage intervals and budgets."""

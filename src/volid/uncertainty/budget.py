@@ -2,10 +2,10 @@
 
 With H = Σ_s J_sᵀ J_s over the sources s (whitened readings of a set, pseudo-readings of an effect, a calibrated length, an
 earlier solution), the estimate is x = C Σ_s J_sᵀ l_s, C = H⁻¹, so that C = Σ_s C J_sᵀ J_s C: the contributions of independent
-sources to u² of any output add up to the whole. GUM 5.1.2, written for a least-squares adjustment.
+sources to u² of any output add up to u². GUM 5.1.2, written for a least-squares adjustment.
 
-Sensitivity of an output to a source whose members all have one u (the scales of all stations, say): c = contribution / u, the
-root sum of squares of the members' own sensitivities.
+A source may have several members with the same u, such as the scales of all stations. The sensitivity of an output to it is then
+c = contribution / u, the root sum of squares of the sensitivities to its members.
 """
 
 from __future__ import annotations
@@ -116,11 +116,13 @@ def budget_lines(found: Budget, rows: Rows) -> Iterator[Line]:
     total = np.sqrt(np.sum(values**2, axis=0))
     for q, (name, position, unit) in enumerate(zip(rows.names, rows.positions.tolist(), rows.units, strict=True)):
         for s in np.argsort(-values[:, q], kind="stable").tolist():
-            own, stated = float(values[s, q]), float(found.u[s])
-            share = float((own / total[q]) ** 2) if total[q] > 0.0 else 0.0
-            sensitivity = own / stated if stated > 0.0 else np.nan
+            contribution, stated = float(values[s, q]), float(found.u[s])
+            share = float((contribution / total[q]) ** 2) if total[q] > 0.0 else 0.0
+            sensitivity = contribution / stated if stated > 0.0 else np.nan
             source, source_unit = found.sources[s], found.units[s]
-            yield Line(name, position, unit, float(total[q]), source, stated, source_unit, sensitivity, own, share)
+            yield Line(
+                name, position, unit, float(total[q]), source, stated, source_unit, sensitivity, contribution, share
+            )
 
 
 def budget(solution: Solution) -> Budget:
@@ -164,9 +166,9 @@ def _prior_sources(solution: Solution, refitter: Refitter) -> list[tuple[str, np
     rows = np.asarray(refitter.frozen.prior)
     result = []
     for name in dict.fromkeys(names):
-        own = [i for i, m in enumerate(names) if m == name]
-        u = _one_u(np.array([entries[i].prior_u for i in own]), [entries[i].unit for i in own])
-        result.append((name, rows[own], u))
+        rows_of_kind = [i for i, m in enumerate(names) if m == name]
+        u = _one_u(np.array([entries[i].prior_u for i in rows_of_kind]), [entries[i].unit for i in rows_of_kind])
+        result.append((name, rows[rows_of_kind], u))
     if len(rows) > len(names):
         result.append(("earlier solution", rows[len(names) :], (float("nan"), "")))
     return result

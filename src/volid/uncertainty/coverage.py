@@ -22,8 +22,8 @@ class Intervals(NamedTuple):
 def coverage_intervals(samples: np.ndarray, probability: float = PROBABILITY) -> Intervals:
     """Coverage intervals of the columns of `samples`, shape (m, q), for one coverage `probability`. JCGM 101 7.7.
 
-    With q = pM, taken to the next whole number, and r = (M - q)/2: [y(r), y(r + q)] is symmetric in probability; the shortest is
-    the one of all [y(r), y(r + q)] with the least length. Raises `ValueError` for less than 1/(1 - p) samples.
+    With q = pM, rounded up to an integer, and r = (M - q)/2, the interval [y(r), y(r + q)] is symmetric in probability. The
+    shortest interval is that of all [y(r), y(r + q)] with the least length. Raises `ValueError` for less than 1/(1 - p) samples.
     """
     m = len(samples)
     if m < 1.0 / (1.0 - probability):
@@ -41,7 +41,7 @@ def coverage_intervals(samples: np.ndarray, probability: float = PROBABILITY) ->
 
 
 def numerical_tolerance(u: np.ndarray, digits: int) -> np.ndarray:
-    """δ = 10^l / 2 with u = c · 10^l and c a whole number of `digits` decimal digits; 0 where u is 0. JCGM 101 7.9.2."""
+    """δ = 10^l / 2 with u = c · 10^l and c an integer of `digits` decimal digits; 0 where u is 0. JCGM 101 7.9.2."""
     u = np.asarray(u, dtype=float)
     safe = np.where(u > 0.0, u, 1.0)
     exponent = np.floor(np.log10(safe)) - (digits - 1)

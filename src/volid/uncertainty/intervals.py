@@ -1,7 +1,8 @@
 """Coverage intervals of tables from Monte Carlo samples: error functions, location errors, deviations at given places.
 
-Deviations are taken linear in the parameters around the solution, e = e0 + G (x - x0); what that leaves out is of second order in
-the uncertainties (rotations uncertain by 5 µrad over 1 m: 0.03 nm). Tables of any length go through memory piece by piece.
+Deviations are taken as linear in the parameters around the solution, e = e0 + G (x - x0). What this neglects is of second order
+in the uncertainties (rotations uncertain by 5 µrad over 1 m: 0.03 nm). Long tables are evaluated piece by piece, so that memory
+stays bounded.
 """
 
 from __future__ import annotations
@@ -35,11 +36,11 @@ def function_rows(solution: Solution, rows: Sequence[FunctionValue]) -> np.ndarr
     """Rows a of tabulated functions and location errors with value = a·θ, shape (q, n)."""
     found = np.zeros((len(rows), solution.model.n_parameters))
     for name, direction in dict.fromkeys((r.name, r.direction) for r in rows):
-        own = [i for i, r in enumerate(rows) if (r.name, r.direction) == (name, direction)]
+        numbers = [i for i, r in enumerate(rows) if (r.name, r.direction) == (name, direction)]
         if (name, "location") in solution.model.by_name:
-            found[own, solution.model.by_name[name, "location"].parameters.start] = 1.0
+            found[numbers, solution.model.by_name[name, "location"].parameters.start] = 1.0
         else:
-            found[own] = solution.motion_rows(name, np.array([rows[i].position for i in own]), direction)
+            found[numbers] = solution.motion_rows(name, np.array([rows[i].position for i in numbers]), direction)
     return found
 
 
@@ -51,8 +52,8 @@ def function_intervals(solution: Solution, rows: Sequence[FunctionValue], probab
     samples = _samples(solution)
     matrix = np.pad(function_rows(solution, rows), ((0, 0), (0, len(solution.nuisance_table))))
     parts = [coverage_intervals(values, probability) for _, values in samples.linear(matrix)]
-    unknown = np.array([not np.isfinite(r.value) for r in rows])
-    return Intervals(*(np.where(unknown, np.nan, np.concatenate(column)) for column in zip(*parts, strict=True)))
+    not_determined = np.array([not np.isfinite(r.value) for r in rows])
+    return Intervals(*(np.where(not_determined, np.nan, np.concatenate(column)) for column in zip(*parts, strict=True)))
 
 
 def deviation_intervals(

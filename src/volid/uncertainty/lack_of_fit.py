@@ -1,11 +1,12 @@
-"""Unmodelled error: how much larger than stated u is where the model does not follow the machine. Never applied silently.
+"""Unmodelled error: how much larger than stated u is where the model does not follow the machine. It is never applied silently.
 
-Two measures, each with the chance that it exceeds 1 without any lack of fit below 5 %:
+There are two measures. Without any lack of fit, the probability that a measure enlarges u is below 5 %:
   unit weight s = sqrt(Σ(v/u)² / ν), residuals at the readings: instrument, drift, non-rigid behaviour (chi-square test);
-  held-out weight h = sqrt(Q / E Q), Q the sum of squares of readings predicted without them (K-fold), E Q what noise and the
-  parameters' own uncertainty make of it: too few spline segments between the readings, too.
-The larger enlarges every u by one factor; the part due to it, u_lack = u sqrt(factor² - 1), stands beside u. It takes the lack of
-fit as random from reading to reading and as large elsewhere as where there are readings. JCGM GUM-6:2020 11.7.
+  held-out weight h = sqrt(Q / E Q), Q the sum of squares of the prediction errors of readings that are held out (K-fold), E Q its
+  expectation from noise and the parameters' uncertainty: it also shows too few spline segments between the readings.
+
+The larger of the two enlarges every u by one factor; the part due to it, u_lack = u sqrt(factor² - 1), is stated beside u. This
+takes the lack of fit as random from reading to reading, and as large elsewhere as where there are readings. JCGM GUM-6:2020 11.7.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ QUANTILE = 1.645  # of the normal distribution, one-sided 5 %
 
 
 class LackOfFit(NamedTuple):
-    """`unit_weight`, `held_out`: the measures (NaN: not available); `factor`: on every u, 1 when neither exceeds chance."""
+    """`unit_weight`, `held_out`: the measures (NaN: not available). `factor`: multiplies every u; 1 without a lack of fit."""
 
     unit_weight: float
     held_out: float
@@ -45,7 +46,7 @@ class LackOfFit(NamedTuple):
 
 
 def lack_of_fit(solution: Solution) -> LackOfFit:
-    """What residuals and held-out readings say of unmodelled error."""
+    """The unmodelled error that residuals and held-out readings show."""
     adequacy, statistics = solution.adequacy, solution.statistics
     factors = [1.0]
     if adequacy.unit_weight > 1.0 and adequacy.probability < CHANCE:

@@ -1,4 +1,4 @@
-"""What people ask of a solution, as functions of its parameters: location errors, error motions, the working volume."""
+"""The quantities that users ask for, as functions of the parameters: location errors, error motions, the working volume."""
 
 from __future__ import annotations
 
@@ -57,12 +57,12 @@ def headline_outputs(solution: Solution, tool: np.ndarray | None = None) -> Outp
     for name in solution.model.names:
         error = parse(name)
         if error.location:
-            own, at = np.eye(n)[[solution.model.by_name[name, "location"].parameters.start]], np.array([np.nan])
+            motion, at = np.eye(n)[[solution.model.by_name[name, "location"].parameters.start]], np.array([np.nan])
         else:
             at = np.linspace(*solution.machine.axis(error.axis).travel, POSITIONS)
-            own = solution.motion_rows(name, at, 0)
-        kept = ~solution.is_not_determined(own) & (name not in solution.held_tool_rotation)
-        rows += list(own[kept])
+            motion = solution.motion_rows(name, at, 0)
+        kept = ~solution.is_not_determined(motion) & (name not in solution.held_tool_rotation)
+        rows += list(motion[kept])
         names += [name] * int(kept.sum())
         positions += at[kept].tolist()
     matrix = np.pad(np.array(rows).reshape(-1, n), ((0, 0), (0, k)))

@@ -45,8 +45,8 @@ def compare(solution: Solution, truth: Truth) -> Comparison:
     gradient of the field with respect to the parameters. Tool vectors are those of the campaign, in turn.
 
     Args:
-        solution: Of a campaign on the virtual machine, in any datum.
-        truth: Of that machine, as `simulate` returns it.
+        solution: The solution of a campaign on the virtual machine, in any datum.
+        truth: The truth of that machine, as `simulate` returns it.
 
     Example:
         >>> import volid
@@ -76,8 +76,8 @@ def covered(difference: np.ndarray, u: np.ndarray) -> np.ndarray:
 def gauge_basis(solution: Solution, positions: np.ndarray, tool: np.ndarray) -> np.ndarray:
     """Orthonormal basis (3m, r) of what no comparison of fields at m points may contain.
 
-    A rigid motion of the workpiece frame; a constant tool rotation or translation too where its parameters are held or
-    not determined.
+    That is a rigid motion of the workpiece frame, and a constant tool rotation or translation too where its parameters are held
+    at 0 or not determined.
     """
     columns = [rigid_motion_rows(solution.machine, positions, tool)[:, :3]]
     tool_frame = [name for name in solution.model.names if parse(name).location and parse(name).axis == SPINDLE]
@@ -88,8 +88,8 @@ def gauge_basis(solution: Solution, positions: np.ndarray, tool: np.ndarray) -> 
     if any(not error.is_rotation for error in open_ones):
         columns.append(rows[:, 3:])  # R_h itself: a translation that turns with the head
     matrix = np.concatenate(columns, axis=2).reshape(3 * len(positions), -1)
-    left, sizes, _ = np.linalg.svd(matrix / np.maximum(np.linalg.norm(matrix, axis=0), 1e-300), full_matrices=False)
-    return np.asarray(left[:, sizes > 1e-9 * sizes[0]])
+    vectors, sizes, _ = np.linalg.svd(matrix / np.maximum(np.linalg.norm(matrix, axis=0), 1e-300), full_matrices=False)
+    return np.asarray(vectors[:, sizes > 1e-9 * sizes[0]])
 
 
 def _field(solution: Solution, truth: Truth) -> tuple[np.ndarray, np.ndarray]:

@@ -1,7 +1,7 @@
 """Smooth functions of a rotary axis brought into the datum of CONVENTIONS 4: zero mean, no co-rotating part.
 
 A vector that is fixed in the rotor turns in the stator: v cos q + s (d × v) sin q, d the axis direction, s = +1 on the tool
-side, -1 on the workpiece side. Its least-squares component over the travel (one turn of a full-turn axis) is taken away.
+side, -1 on the workpiece side. Its least-squares component over the travel (one turn of a full-turn axis) is subtracted.
 """
 
 from __future__ import annotations

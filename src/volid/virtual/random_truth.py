@@ -1,6 +1,6 @@
 """Random truth: smooth errors of a good machine, sines and a cubic, never splines, in the datum of CONVENTIONS 4.
 
-Linear axes here, rotary axes with what the datum demands of them in `random_rotary`.
+This module draws the errors of linear axes; `random_rotary` brings those of rotary axes into the datum.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def random_truth(
 
     Args:
         machine: The machine.
-        seed: Of the random numbers, a whole number from 0.
+        seed: Seed of the random numbers, an integer from 0.
         scale: Multiplies every error.
         waviness: The shortest wave is 0.45 travels / `waviness`; on a full turn the harmonics are 1 … 3 times `waviness`.
         reversal: Symbols of the error motions that depend on the direction of approach; None: those that the machine file models.
@@ -135,15 +135,15 @@ class _Draw:
         rng, axes = generator(self.seed, name, other), (self._axis(name), self.machine.axis(other))
         waves = [self.wave(rng, axis) for axis in axes]
         places = [np.linspace(*a.travel, n) for a, n in zip(axes, (_points(axes[0]), POINTS_ACROSS), strict=True)]
-        own, across = (f(x) - f(np.array(a.reference)) for f, x, a in zip(waves, places, axes, strict=True))
+        along, across = (f(x) - f(np.array(a.reference)) for f, x, a in zip(waves, places, axes, strict=True))
         if not axes[0].is_linear:
-            own = in_datum(self.machine, (name,), waves[:1])[0](places[0])
+            along = in_datum(self.machine, (name,), waves[:1])[0](places[0])
         size = (5.0, 15.0, MICRORADIAN) if parse(name).is_rotation else (3.0, 8.0, MICROMETRE)
-        values = np.outer(own, across)
+        values = np.outer(along, across)
         return CrossTable(places[0], places[1], values * self._size(rng, *size, values))
 
     def reversal(self, name: str) -> Table:
-        """A constant with a ripple of a fifth; without ripple where the machine file models a constant."""
+        """A constant with a ripple of a fifth of it; without ripple where the machine file models a constant."""
         rng, axis = generator(self.seed, name, "reversal"), self._axis(name)
         q = np.linspace(*axis.travel, POINTS)
         ripple = self.wave(rng, axis)(q)

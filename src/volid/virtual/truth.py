@@ -26,7 +26,7 @@ POINTS_ACROSS = 81  # over the second axis of a cross effect
 class Table:
     """A function f(q) of one axis by interpolation in a table.
 
-    Beyond the ends the last piece goes on.
+    Beyond an end, the polynomial of the last interval is continued.
 
     Attributes:
         positions: Array, shape (n,), increasing [mm or degrees].
@@ -75,15 +75,15 @@ class CrossTable:
 
     @cached_property
     def _splines(self) -> tuple[BSpline, BSpline, np.ndarray]:
-        own = make_interp_spline(self.positions, self.values, k=self.degree)
-        other = make_interp_spline(self.across, own.c.T, k=self.degree)
-        unit = [BSpline(s.t, np.eye(len(s.c)), s.k) for s in (own, other)]
+        along = make_interp_spline(self.positions, self.values, k=self.degree)
+        other = make_interp_spline(self.across, along.c.T, k=self.degree)
+        unit = [BSpline(s.t, np.eye(len(s.c)), s.k) for s in (along, other)]
         return unit[0], unit[1], other.c.T
 
     def __call__(self, q: np.ndarray, other: np.ndarray) -> np.ndarray:
         """Values at own positions `q` and positions `other` of the other axis, each of shape (m,) [mm or degrees]; shape (m,)."""
-        own, across, coefficients = self._splines
-        return np.asarray(np.einsum("mi,ij,mj->m", own(q), coefficients, across(other)))
+        along, across, coefficients = self._splines
+        return np.asarray(np.einsum("mi,ij,mj->m", along(q), coefficients, across(other)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +101,7 @@ class Truth:
         constants: Squareness, location errors and constants of the tool frame by symbol [mm or rad].
         stations: True positions, (x, y, z) on the body of each station [mm].
         instruments: True dead paths, offsets and the like, by the names that they have in a solution.
-        seed: Of the random numbers that the errors came from, if they did.
+        seed: Seed of the random numbers that the errors came from; None when they are not random.
         source: Where the truth comes from, for messages.
 
     Raises:
@@ -246,7 +246,7 @@ class Truth:
 def truth_of_solution(solution: Solution) -> Truth:
     """The identified machine as a virtual one: mean functions, cross effects, reversal and constants of a solution.
 
-    Combinations that are not determined are zero, as in the solution. Stations and dead paths are left open.
+    Combinations that are not determined are zero, as in the solution. Stations and dead paths are not stated.
 
     Example:
         >>> import volid

@@ -1,8 +1,8 @@
 """Spatial grids of any compensation type: what its effects do at every node, with uncertainty (ISO/TR 16907 Tables 2 and 3).
 
-One builder makes every grid, of linear and of rotary axes. L-VOL and R-VOL hold the entire model; all other types restrict it to
-their effects. A FOR grid holds the orientation error alone, zero translations: the control turns rotary axes by it and moves
-nothing else.
+One builder makes every grid, of linear and of rotary axes. L-VOL and R-VOL contain the entire model; all other types restrict it
+to their effects. A FOR grid contains the orientation error alone, with zero translations: the control turns rotary axes by it and
+moves nothing else.
 """
 
 from __future__ import annotations
@@ -46,8 +46,8 @@ def build_grids(solution: Solution, request: GridRequest) -> tuple[AnyGrid, ...]
     if t.is_linear or t.turns:
         grids.append(build_grid(solution, request if t.is_linear else request.for_orientation(), LINEAR))
     if t.is_rotary or t.turns:
-        own = replace(request, zero=None) if t.is_rotary else request.for_orientation()
-        grids += [build_grid(solution, own, side) for side in rotary_sides(solution.machine)]
+        rotary_request = replace(request, zero=None) if t.is_rotary else request.for_orientation()
+        grids += [build_grid(solution, rotary_request, side) for side in rotary_sides(solution.machine)]
     return tuple(grids)
 
 
@@ -74,7 +74,7 @@ def build_grid(solution: Solution, request: GridRequest, side: str) -> AnyGrid:
 def _common(
     solution: Solution, request: GridRequest, lines: tuple[np.ndarray, ...], place: Place, found: Evaluated
 ) -> dict[str, Any]:
-    """What both classes of grids say alike."""
+    """The fields that both classes of grids have in common."""
     return {
         "type": request.type.name,
         "axes": place.axes,

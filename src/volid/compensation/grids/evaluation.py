@@ -1,7 +1,8 @@
-"""Values of a grid at its places, exact or linearised, with or without uncertainty: the values are the same either way.
+"""Values of a grid at its places, exact or linearised. Whether uncertainty is asked for does not change a value.
 
-Exact, the deviation of the kinematic model with the errors of the grid's axes alone; linearised, the influences of the errors
-that the effects of the type leave, at the nominal machine. Which one is said by `GridRequest.evaluation`.
+An exact value is the deviation of the kinematic model with the errors of the grid's axes alone. A linearised value is the sum of
+the influences, at the nominal machine, of the errors that the effects of the type contain. `GridRequest.evaluation` says which
+one is computed.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
 """Spatial grids as objects: error values at the nodes of a regular grid over the axes of one side (ISO/TR 16907 7.5).
 
-`Grid` is of the linear axes (Table 2), `RotaryGrid` of the rotary axes of one side (Table 3). A control interpolates linearly
-between the nodes, holds end values outside them, and carries the rotations to its tool by a lever arm,
+A `Grid` is over the linear axes (Table 2), a `RotaryGrid` over the rotary axes of one side (Table 3). A control interpolates
+linearly between the nodes, keeps the end values outside them, and transfers the rotations to its tool by a lever arm,
 
     e(q, tool) = d(q) + ω(q) × (lever point - reference),
 
 where the lever point is the rotated tool vector (linear axes, head) or the nominal functional point (table), see `lever_points`.
-What is left is of second order: about |ω|·|e| plus |ω|²·lever arm. CONVENTIONS 5.
+What this neglects is of second order: about |ω|·|e| plus |ω|²·lever arm. CONVENTIONS 5.
 """
 
 from __future__ import annotations
@@ -81,9 +81,17 @@ class SpatialGrid(ABC):
         return -self.values
 
     def interpolate(self, positions: Float[np.ndarray, "m k"]) -> Float[np.ndarray, "m 6"]:
-        """Error values by linear interpolation, as a control does it, at positions in `axes` order [mm, rad].
+        """Error values by linear interpolation between the nodes, as a control does it.
 
-        Full turns are counted back into the nodes. Raises `ValueError` for a position outside the nodes.
+        Args:
+            positions: of the grid's axes, in the order of `axes`, shape (m, k) [mm or °]; a position beyond a full turn is moved
+                back into the nodes.
+
+        Returns:
+            Error values, shape (m, 6) [mm, rad].
+
+        Raises:
+            ValueError: a position lies outside the nodes.
         """
         x = np.array(positions, dtype=float).reshape(-1, len(self.axes))
         for k, (nodes, period) in enumerate(zip(self.nodes, self.periods, strict=True)):
@@ -91,8 +99,8 @@ class SpatialGrid(ABC):
         table = self.values.reshape(*(len(n) for n in reversed(self.nodes)), 6)
         return interpolate(tuple(reversed(self.nodes)), table, x[:, ::-1])
 
-    def held(self, positions: Float[np.ndarray, "m k"]) -> Float[np.ndarray, "m 6"]:
-        """As `interpolate`, end values held outside the nodes."""
+    def clamped(self, positions: Float[np.ndarray, "m k"]) -> Float[np.ndarray, "m 6"]:
+        """As `interpolate`, but with the end values of the grid outside its nodes."""
         x = np.array(positions, dtype=float).reshape(-1, len(self.axes))
         for k, (nodes, period) in enumerate(zip(self.nodes, self.periods, strict=True)):
             if not period:
@@ -100,13 +108,19 @@ class SpatialGrid(ABC):
         return self.interpolate(x)
 
     def own_positions(self, machine: Machine, positions: Float[np.ndarray, "m axes"]) -> Float[np.ndarray, "m k"]:
-        """The columns of the grid's own axes."""
+        """The columns of the grid's axes, shape (m, k), of `positions` in machine axis order, shape (m, n_axes) [mm or °]."""
         return positions[:, [machine.index(a) for a in self.axes]]
 
     def lever_arms(
         self, machine: Machine, positions: Float[np.ndarray, "m axes"], tool: Float[np.ndarray, "*m 3"]
     ) -> Float[np.ndarray, "m 3"]:
-        """Lever arms that a control takes at positions of all axes with tool vectors [mm]."""
+        """Lever arms that a control uses, shape (m, 3) [mm].
+
+        Args:
+            machine: whose axes move.
+            positions: of all axes, machine axis order, shape (m, n_axes) [mm or °].
+            tool: tool vectors, shape (m, 3) or (3,) [mm].
+        """
         return np.asarray(lever_points(machine, self.side, positions, tool) - self.reference)
 
     def _table(self, errors: bool) -> tuple[tuple[str, ...], np.ndarray]:
@@ -119,9 +133,9 @@ class SpatialGrid(ABC):
 class Grid(SpatialGrid):
     """Deviations at the nodes of a regular grid over the linear axes.
 
-    With rotary axes the grid holds the errors of the linear axes alone, and `tool` is a *rotated* tool vector: what the rotary
-    axes of the head make of the tool vector; `rotary_grids` hold the rest. A control gets another tool from
-    e(tool) = e(tool0) + rotation × (tool - tool0).
+    On a machine with rotary axes the grid contains the errors of the linear axes alone, and `rotary_grids` contain those of the
+    rotary axes. `tool` is then the *rotated* tool vector, as the rotary axes of the head turn it. For another tool, a control
+    computes e(tool) = e(tool0) + rotation × (tool - tool0).
 
     Args:
         tool: tool vector of the translations [mm].
@@ -212,10 +226,20 @@ class RotaryGrid(SpatialGrid):
         """What a control must take as lever arm, in words."""
         return _LEVER[self.side]
 
-    def at_points(self, positions: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """Error values at functional points: e + ω × (point - reference), and ω; (m, 6) [mm, rad].
+    def at_points(
+        self, positions: Float[np.ndarray, "m k"], points: Float[np.ndarray, "m 3"]
+    ) -> Float[np.ndarray, "m 6"]:
+        """Error values at functional points: e + ω × (point - reference), and ω.
 
-        `positions`: (m, k) [°], `axes` order; `points`: (m, 3) [mm], see `lever_arm`.
+        Args:
+            positions: of the grid's axes, in the order of `axes`, shape (m, k) [°].
+            points: functional points, shape (m, 3) [mm]; `lever_arm` says how they are counted.
+
+        Returns:
+            Error values, shape (m, 6) [mm, rad].
+
+        Raises:
+            ValueError: a position lies outside the nodes.
         """
         values = self.interpolate(positions)
         values[:, :3] += np.cross(values[:, 3:], points - self.reference)

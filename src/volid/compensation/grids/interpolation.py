@@ -21,7 +21,7 @@ def grid_positions(nodes: tuple[np.ndarray, ...]) -> np.ndarray:
 
 
 def into_period(x: np.ndarray, low: float, high: float, period: float) -> np.ndarray:
-    """Positions beyond low … high counted back by whole periods; as they are with `period` 0."""
+    """Positions beyond low … high moved back into the range by full periods; unchanged with `period` 0."""
     if not period:
         return x
     return np.where((x < low) | (x > high), low + np.mod(x - low, period), x)

@@ -34,14 +34,14 @@ def grid_nodes(solution: Solution, request: GridRequest, side: str) -> tuple[np.
         raise InputError(f"grid: points = {request.points}; expected at least 2 per axis")
     axes, sampling = axes_of(solution.machine, side), request.sampling
     reach = {a.letter: a.travel for a in solution.machine.axes} | dict(request.ranges or {})
-    own = {a: np.asarray(n, dtype=float) for a, n in (request.nodes or {}).items()}
+    given = {a: np.asarray(n, dtype=float) for a, n in (request.nodes or {}).items()}
     if sampling.max_error is None:
         count = sampling.max_points or request.points or (POINTS if side == LINEAR else ROTARY_POINTS)
         step = sampling.step
         found = {a: np.linspace(*reach[a], count) if step is None else every_step(*reach[a], step) for a in axes}
     else:
-        found = {a: _fewest_nodes(solution, request, side, a, reach) for a in axes if a not in own}
-    lines = tuple((found | own)[a] for a in axes)
+        found = {a: _fewest_nodes(solution, request, side, a, reach) for a in axes if a not in given}
+    lines = tuple((found | given)[a] for a in axes)
     size = int(np.prod([len(n) for n in lines]))
     if size > LARGEST:
         raise InputError(f"grid: {size} points asked for, more than {LARGEST}; take a larger step")
@@ -87,8 +87,8 @@ def _crossings(reach: Mapping[str, tuple[float, float]], axes: tuple[str, ...], 
 def grid_interpolation(solution: Solution, request: GridRequest, grid: AnyGrid) -> float:
     """Largest deviation of a grid's linear interpolation in X, Y or Z [mm], at the centres of its cells and of their edges.
 
-    There the interpolation of a smooth function is worst: h² |f''| / 8 along each axis, summed over the axes. `request`: what
-    the grid was made from; evaluated in the same words.
+    There the interpolation of a smooth function is worst: h² |f''| / 8 along each axis, summed over the axes. `request`: the
+    request that the grid was made from; the values between the nodes are evaluated in the same way.
     """
     lines = [np.sort(np.concatenate([n, 0.5 * (n[1:] + n[:-1])])) for n in grid.nodes]
     positions = grid_positions(tuple(lines))

@@ -1,4 +1,4 @@
-"""What a grid says about itself beside its numbers, and when there is none because the data do not determine it."""
+"""The notes that go with a grid, and the error when there is no grid because the data do not determine it."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def _type_notes(solution: Solution, request: GridRequest) -> list[str]:
 
 
 def _determination_notes(solution: Solution, request: GridRequest, side: str, found: Evaluated) -> list[str]:
-    """What the data leave open: blank rotations, the frame of the field, a constant rotation of the tool."""
+    """What the data do not determine: blank rotations, the frame of the field, a constant rotation of the tool."""
     notes = []
     blank = _blank(found.determined, slice(3, 6))
     if blank:

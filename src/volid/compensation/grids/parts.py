@@ -1,8 +1,8 @@
 """The errors of one side's axes alone: the model restricted to them, its exact deviations, and what its grids leave out.
 
-The deviation is, to second order, the sum of what each body's errors cause alone. A part is that sum restricted to some axes:
-the columns of the other axes' parameters are set to zero, in the model itself, so that values, uncertainties and the test
-whether the data determine them follow from one place.
+Up to second order, the deviation is the sum of the deviations that the errors of each body cause alone. A part is that sum
+restricted to some axes. The columns of the other axes' parameters are set to zero in the model itself, so that values,
+uncertainties and the test whether the data determine them all follow from one model.
 """
 
 from __future__ import annotations
@@ -41,21 +41,21 @@ def evaluate_part(
     letters: frozenset[str],
     positions: np.ndarray,
     tool: np.ndarray,
-    own: tuple[str, ...],
+    judged: tuple[str, ...],
     *,
     uncertainty: bool = True,
 ) -> Deviations:
-    """Deviations caused by the errors of the axes `letters` alone, others perfect; `outside` by the axes `own` only.
+    """Deviations caused by the errors of the axes `letters` alone, others perfect; `outside` by the axes `judged` only.
 
-    Undetermined combinations that only move the workpiece frame, or cancel between table and head, stay at the 0 that the fit
-    gave them and count as determined: a matter of datum (`split_null_space`). `positions` (m, n_axes), `tool` (m, 3) [mm].
-    `uncertainty`: False leaves out u.
+    Combinations that are not determined but only move the workpiece frame, or cancel between table and head, are a matter of
+    datum (`split_null_space`): they keep the value 0 from the fit and count as determined. `positions` (m, n_axes), `tool` (m, 3)
+    [mm]. `uncertainty`: False leaves out u.
     """
     model = solution.model
     part = part_model(model, letters)
     theta, still = np.asarray(solution.parameters), np.zeros_like(positions)
     null, covariance = np.asarray(solution.null_space), solution.parameter_covariance if uncertainty else None
-    outside = solution.outside(positions, own)
+    outside = solution.outside(positions, judged)
     if part is model:
         values, u, found = known_deviations(model, theta, covariance, null, positions, tool, still)
         return Deviations(values, u, found.known, outside, found.rigid)
@@ -99,15 +99,15 @@ def _cross_effects(solution: Solution, letters: frozenset[str]) -> list[str]:
     for f in solution.model.functions:
         foreign = [a for a in (machine.letters[s.axis] for s in f.splines) if a not in letters]
         if f.part == MEAN and parse(f.name).axis in letters and foreign:
-            own = (machine.axis(a) for a in foreign)
-            at = ", ".join(f"{a.letter} = {a.reference if a.is_linear else 0.0:g}" for a in own)
+            others = (machine.axis(a) for a in foreign)
+            at = ", ".join(f"{a.letter} = {a.reference if a.is_linear else 0.0:g}" for a in others)
             notes.append(f"{f.name} depends on {', '.join(foreign)} too; the grid holds it at {at}")
     return notes
 
 
 def _held_together(solution: Solution, letters: frozenset[str]) -> list[str]:
     """Functions that share a direction with the place of the workpiece or of the other side."""
-    held, _ = split_null_space(solution.model, np.asarray(solution.null_space))
-    least = 1e-6 * np.abs(held).max(initial=1e-9)
-    names = [f.name for f in solution.model.functions if np.any(np.abs(held[f.parameters]) > least)]
+    shared, _ = split_null_space(solution.model, np.asarray(solution.null_space))
+    least = 1e-6 * np.abs(shared).max(initial=1e-9)
+    names = [f.name for f in solution.model.functions if np.any(np.abs(shared[f.parameters]) > least)]
     return [n for n in dict.fromkeys(names) if parse(n).axis in letters]

@@ -1,4 +1,4 @@
-"""Places of a grid before it has values."""
+"""The places at which the values of a grid are evaluated."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ class Place(NamedTuple):
     tool: np.ndarray
     letters: frozenset[str]
 
-    def rows(self, some: slice) -> Place:
-        """Some of the places."""
-        return self._replace(full=self.full[some], tool=self.tool[some])
+    def rows(self, chosen: slice) -> Place:
+        """The chosen rows of the places."""
+        return self._replace(full=self.full[chosen], tool=self.tool[chosen])
 
 
 def place_at(machine: Machine, side: str, positions: np.ndarray, reference: np.ndarray) -> Place:

@@ -1,7 +1,8 @@
 """Spatial error and compensation grids of the rotary axes (ISO/TR 16907 Table 3; type R-VOL).
 
-At every node the six components of the rigid error of a side's rotary axes, stacked ones together, at a reference point; one axis
-on each side makes two grids whose effects add up. The linear grid goes with them, taken at the rotated tool vector.
+Every node has the six components of the rigid error of one side's rotary axes at a reference point. Stacked axes share one grid;
+one axis on each side makes two grids, whose effects add up. They are used together with the linear grid, which is evaluated at
+the rotated tool vector.
 """
 
 from __future__ import annotations
@@ -32,8 +33,8 @@ def rotary_grids(
 ) -> tuple[RotaryGrid, ...]:
     """Spatial grids of the rotary axes over their entire travel: table first, then head, those that the machine has.
 
-    Location errors and error motions of the side's rotary axes are in it; on the head side also the constants of the tool frame.
-    Location errors of the linear axes stay in the linear grid.
+    A grid contains the location errors and error motions of the rotary axes of its side; that of the head also contains the
+    constants of the tool frame. The squareness errors of the linear axes stay in the linear grid.
 
     Args:
         solution: of `fit`.
@@ -71,10 +72,10 @@ def rotary_grids(
 def deviation_from_grids(
     machine: Machine, linear: Grid, rotary: Sequence[RotaryGrid], positions: np.ndarray, tool: np.ndarray
 ) -> np.ndarray:
-    """Deviation that the grids say at positions (m, n_axes) with tool vectors (m, 3) or (3,), shape (m, 6) [mm, rad].
+    """Deviation that the grids give at positions (m, n_axes) with tool vectors (m, 3) or (3,), shape (m, 6) [mm, rad].
 
-    What a control does: the linear grid at the rotated tool vector, plus every rotary grid with its own lever arm. NaN where a
-    grid's rotations are not determined. Raises `ValueError` for a position outside the nodes.
+    As in a control, it is the linear grid at the rotated tool vector plus every rotary grid with its own lever arm. It is NaN
+    where a grid's rotations are not determined. Raises `ValueError` for a position outside the nodes.
     """
     total = np.zeros((len(positions), 6))
     grids: tuple[AnyGrid, ...] = (linear, *rotary)

@@ -1,7 +1,8 @@
 """Sides of a machine, one spatial grid each: the linear axes, the rotary axes of the table, the rotary axes of the head.
 
-Which axes' errors a side's grid holds, and where its lever arms begin and end, by the nominal chain (CONVENTIONS 5). With both
-rotary axes on one side (stacked) one grid holds them, on a split machine there is one for each side, and their effects add up.
+This module says which axes' errors a side's grid contains, and between which points its lever arms are counted, by the nominal
+chain (CONVENTIONS 5). When both rotary axes are on one side (stacked), one grid contains their errors. When there is one on each
+side, there is one grid for each side, and their effects add up.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The deviation field over the working volume, linear in the parameters, what of it is a rigid motion, and its numbers."""
+"""The deviation field over the working volume, linear in the parameters; its rigid motion, and the numbers that describe it."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ QUANTITIES = (*LENGTHS, *ANGLES)
 
 
 class Places(NamedTuple):
-    """Where the working volume is looked at: positions and approach directions, (m, n_axes)."""
+    """Where the deviation in the working volume is evaluated: positions and approach directions, (m, n_axes)."""
 
     positions: np.ndarray
     directions: np.ndarray

@@ -5,10 +5,11 @@ At points over the travel, for every draw of the parameters,
     remaining = e(draw) + what the altered command moves,    the command from tables and grids of the estimate, as a control
     holds them,
 
-so that uncertainty of the solution, interpolation, least increment, wrong tool data, poles and all that a type cannot reach come
-together. Translations are the functional point's less their least-squares rigid motion of the workpiece frame; the orientation
-less its rotation. Draws are the Monte Carlo samples of the solution when it has them, else normal ones from its covariance.
-Not included: repeatability and thermal change of the machine, which bound what can be reached.
+so that the result includes the uncertainty of the solution, interpolation, least increment, wrong tool data, poles, and all
+errors that a type does not correct. The least-squares rigid motion of the workpiece frame is subtracted from the translations of
+the functional point, and its rotation from the orientation. The draws are the Monte Carlo samples of the solution when it has
+them, else normal draws from its covariance. Not included: repeatability and thermal change of the machine, which limit what can
+be reached.
 """
 
 from __future__ import annotations
@@ -56,8 +57,8 @@ class Prediction(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Column:
-    """Predictions of one list of types: one per tool vector; `motion`: what it asks of the axes; `unintended`: largest motion
-    of the functional point by turned rotary axes [mm], corrected unless FOR stands alone."""
+    """Predictions for one list of types, one per tool vector. `motion`: what the compensation asks of the axes. `unintended`:
+    largest motion of the functional point by turned rotary axes [mm], which is corrected unless FOR stands alone."""
 
     name: str
     predictions: tuple[Prediction, ...]
@@ -113,10 +114,10 @@ def forecast(
         lists: lists of types of ISO/TR 16907, such as [["L-VOL"], ["L-POS", "L-STR"]].
         base: on what they are based, see `volid.compensation_base`.
         tools: tool vectors, shape (k, 3) [mm], default the base tool.
-        places: where the working volume is looked at, default 512 places over the travels.
+        places: where the deviation is evaluated, default 512 places over the travels.
         tables, grids, points, form, rule, ranges: as in `compensate`.
         control: options of `Control`: increment, clamped, poles, correct_motion.
-        tool_error: what the control believes less the true tool vector, (3,) [mm].
+        tool_error: tool vector that the control uses minus the true one, (3,) [mm].
         seed: of the draws.
 
     Raises `InputError`, and `NotDeterminedError` when the data do not determine the deviation of the functional point over the
@@ -181,11 +182,11 @@ def _column(
 ) -> tuple[tuple[Prediction, ...], Motion, float]:
     """Predictions for each tool vector, the motions asked for with the first one, and the largest unintended motion."""
     found, unintended = [], 0.0
-    for own in fields:
-        q, acting = own.places.positions, made.control(machine, **_believing(options, own.tool, tool_error))
-        altered = acting.command(q, own.tool, own.places.directions)
-        found.append(_prediction(own, moved_by(machine, q, altered, own.tool), draws))
-        unintended = max(unintended, float(np.linalg.norm(acting.unintended_motion(q, own.tool), axis=1).max()))
+    for of_tool in fields:
+        q, acting = of_tool.places.positions, made.control(machine, **_believing(options, of_tool.tool, tool_error))
+        altered = acting.command(q, of_tool.tool, of_tool.places.directions)
+        found.append(_prediction(of_tool, moved_by(machine, q, altered, of_tool.tool), draws))
+        unintended = max(unintended, float(np.linalg.norm(acting.unintended_motion(q, of_tool.tool), axis=1).max()))
     first = fields[0]
     # without the steps of the least increment, which have no speed
     smooth = {k: v for k, v in _believing(options, first.tool, tool_error).items() if k != "increment"}
@@ -198,14 +199,14 @@ def _believing(options: Mapping[str, Any], tool: np.ndarray, tool_error: np.ndar
     return {**options, "tool": tuple(tool + tool_error)} if tool_error.any() else dict(options)
 
 
-def _prediction(own: Field, moved: np.ndarray, draws: np.ndarray) -> Prediction:
-    centre = (own.estimate + moved)[None]
-    exact = quantities(own.without_rigid_motion(centre), own.tool_axis)[0]
-    spread = (draws @ own.gradient.reshape(-1, draws.shape[1]).T).reshape(len(draws), -1, 6)
-    values = quantities(own.without_rigid_motion(centre + spread), own.tool_axis)
+def _prediction(field: Field, moved: np.ndarray, draws: np.ndarray) -> Prediction:
+    centre = (field.estimate + moved)[None]
+    exact = quantities(field.without_rigid_motion(centre), field.tool_axis)[0]
+    spread = (draws @ field.gradient.reshape(-1, draws.shape[1]).T).reshape(len(draws), -1, 6)
+    values = quantities(field.without_rigid_motion(centre + spread), field.tool_axis)
     bounds = coverage_intervals(values)
     result = [values.mean(axis=0), bounds.low, bounds.high, exact]
-    if not own.angles_known:
+    if not field.angles_known:
         for numbers in result:
             numbers[len(LENGTHS) :] = np.nan
     return Prediction(*result)

@@ -35,9 +35,9 @@ class VolumeSummary(NamedTuple):
 class ResidualPrediction(NamedTuple):
     """Deviation (3-D length, [mm]) expected to remain after a grid is active, a rigid motion of the workpiece removed.
 
-    From the uncertainty of the solution (`SAMPLES` draws), the grid's linear interpolation and the half of the reversal that it
-    leaves: `rms` and `maximum` are means over the draws, `interval` the central 95 % interval of the maximum,
-    `interpolation` the largest interpolation deviation alone.
+    It comes from the uncertainty of the solution (`SAMPLES` draws), the grid's linear interpolation, and the half of the reversal
+    that a grid leaves. `rms` and `maximum` are means over the draws, `interval` is the central 95 % interval of the maximum, and
+    `interpolation` is the largest interpolation deviation alone.
     """
 
     rms: float
@@ -74,10 +74,11 @@ def volumetric_summary(solution: Solution, tool: tuple[float, float, float]) -> 
 def predict_residual(
     solution: Solution, grid: Grid, seed: int = 0, *, rotary: Sequence[RotaryGrid] = ()
 ) -> ResidualPrediction:
-    """What should remain of the deviation when a control applies `grid`: uncertainty and interpolation together.
+    """The deviation that is expected to remain when a control applies `grid`, from uncertainty and interpolation together.
 
     e_after = e_true - e_interpolated, with e_true drawn from the solution's covariance, for the tool vector of `grid` and random
-    approach directions, whose reversal a grid leaves. Least increment, repeatability and temperature are not included.
+    approach directions, because a grid does not compensate reversal. Least increment, repeatability and temperature are not
+    included.
 
     Args:
         solution: of `fit`.
@@ -90,15 +91,17 @@ def predict_residual(
     >>> import volid
     >>> solution = volid.fit(volid.load_campaign("datasets/five_axis_rtest/campaign.toml"))
     >>> grid = volid.linear_grid(solution, points=2, tool=(0.0, 0.0, -150.0))
-    >>> left = volid.predict_residual(solution, grid, rotary=volid.rotary_grids(solution, points=25))
-    >>> 0.0 < left.rms < left.interval[0] < left.maximum < left.interval[1] < 0.1
+    >>> found = volid.predict_residual(solution, grid, rotary=volid.rotary_grids(solution, points=25))
+    >>> 0.0 < found.rms < found.interval[0] < found.maximum < found.interval[1] < 0.1
     True
     """
     machine, (positions, ways) = solution.machine, volume_places(solution.machine, POINTS, seed)
     tool = np.broadcast_to(np.asarray(grid.tool), (POINTS, 3))
     theta, still = np.asarray(solution.parameters), np.zeros_like(positions)
-    held = deviation_from_grids(machine, grid, rotary, positions, tool)[:, :3]
-    mean, exact = (deviation_values(solution.model, theta, positions, tool, d)[:, :3] - held for d in (still, ways))
+    compensated = deviation_from_grids(machine, grid, rotary, positions, tool)[:, :3]
+    mean, exact = (
+        deviation_values(solution.model, theta, positions, tool, d)[:, :3] - compensated for d in (still, ways)
+    )
     without = WorkpieceMotion(machine, positions, tool).removed_from
     gradient = gradient_matrix(solution.model, theta, positions, tool, ways)
     root = covariance_root(solution.parameter_covariance)

@@ -1,4 +1,4 @@
-"""What a table of one axis rests on: positions of other axes, the pieces of its functions, and its longest lever arm."""
+"""What a table of one axis depends on: positions of other axes, the pieces of its functions, and its longest lever arm."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from volid.model.machine import Axis, Machine
 
 
 def judged_axes(solution: Solution, axis: Axis) -> tuple[str, ...]:
-    """Axes whose positions a table of `axis` rests on: its own, those of cross effects, for a linear one the line's."""
+    """Axes whose positions a table of `axis` depends on: itself, those of cross effects, for a linear axis those of the line."""
     crossed = [
         solution.machine.letters[s.axis]
         for f in solution.model.functions
@@ -23,7 +23,7 @@ def judged_axes(solution: Solution, axis: Axis) -> tuple[str, ...]:
     return tuple(dict.fromkeys([axis.letter, *line, *crossed]))
 
 
-def polygon_knots(solution: Solution, axis: Axis, own: tuple[float, float]) -> np.ndarray | None:
+def polygon_knots(solution: Solution, axis: Axis, ends: tuple[float, float]) -> np.ndarray | None:
     """Ends of the straight pieces, when the axis's functions are polygons of one spacing: a table of these is exact."""
     splines = {
         (f.splines[0].segments, f.splines[0].degree)
@@ -34,7 +34,7 @@ def polygon_knots(solution: Solution, axis: Axis, own: tuple[float, float]) -> n
     if len(splines) != 1 or next(iter(splines))[1] != 1 or axis.is_full_turn or not degrees:
         return None
     knots = np.linspace(*axis.travel, next(iter(splines))[0] + 1)
-    return np.array([own[0], *knots[(knots > own[0]) & (knots < own[1])], own[1]])
+    return np.array([ends[0], *knots[(knots > ends[0]) & (knots < ends[1])], ends[1]])
 
 
 def reach(machine: Machine, axis: Axis, base: Base) -> float:

@@ -1,8 +1,9 @@
 """Error and compensation tables, one per function (ISO/TR 16907 Table 1), for controls that know single-axis functions.
 
-A table holds the error value of one function over one axis, absolute, for both approach directions. A control adds the
-compensation value, minus it, by linear interpolation: translations move X, Y, Z; the rotations of L-ANG, L-VOL, R-ANG, R-VOL
-go through its kinematic model (lever arms of the current tool); R-POS moves the rotary axis itself.
+A table holds the absolute error value of one function over one axis, for both approach directions. A control interpolates it
+linearly and adds the compensation value, which is minus the error value. Translations move X, Y, Z. The rotations of L-ANG,
+L-VOL, R-ANG and R-VOL act through the kinematic model of the control, with the lever arms of the current tool. R-POS moves the
+rotary axis itself.
 """
 
 from __future__ import annotations
@@ -80,13 +81,13 @@ def error_tables(
     request = TableRequest(types, base, Sampling() if sampling is None else sampling, zero or {}, ranges or {})
     tables: list[ErrorTable] = []
     for axis in solution.machine.axes:
-        chosen = _own(axis, types)
+        chosen = _types_of(axis, types)
         if chosen:
             tables += _AxisTables(solution, axis, chosen, request).tables()
     return tuple(tables + _tool_frame(solution, request))
 
 
-def _own(axis: Axis, types: Sequence[CompensationType]) -> list[CompensationType]:
+def _types_of(axis: Axis, types: Sequence[CompensationType]) -> list[CompensationType]:
     group = LINEAR_EFFECTS if axis.is_linear else ROTARY_EFFECTS
     return [t for t in types if set(t.effects) & set(group)]
 
@@ -98,14 +99,14 @@ class _AxisTables:
         self, solution: Solution, axis: Axis, chosen: Sequence[CompensationType], request: TableRequest
     ) -> None:
         self.solution, self.axis, self.chosen, self.request = solution, axis, chosen, request
-        own = request.ranges.get(axis.letter, axis.travel)
-        self.knots = polygon_knots(solution, axis, own)
-        dense = np.linspace(*own, DENSE)
+        ends = request.ranges.get(axis.letter, axis.travel)
+        self.knots = polygon_knots(solution, axis, ends)
+        dense = np.linspace(*ends, DENSE)
         self.dense = dense if self.knots is None else np.union1d(dense, self.knots)
         self._known: dict[tuple[str, bytes, float], np.ndarray] = {}
 
     def tables(self) -> list[ErrorTable]:
-        """One table for each function that some type moves; R-POS, which the axis itself corrects, has its own."""
+        """One table for each function that at least one type moves; R-POS, which the axis itself corrects, has its own."""
         small, plain = condensed(self.solution, self.request.base)
         ways = [self._values(small, plain, w) for w in (1.0, -1.0)]  # (types, m, 6) each
         offset = self.request.sampling.offset
@@ -116,9 +117,11 @@ class _AxisTables:
             for component in range(ROWS):
                 scale = arm if component >= 3 else 1.0
                 curves = np.stack([way[:, :, component] for way in ways])  # (ways, types, m)
-                held = [k for k in group if np.abs(scale * curves[:, k]).max() > NEGLIGIBLE]
-                if held:
-                    table = self._table([self.chosen[k] for k in held], component, curves[:, held].sum(axis=1).T, scale)
+                active = [k for k in group if np.abs(scale * curves[:, k]).max() > NEGLIGIBLE]
+                if active:
+                    table = self._table(
+                        [self.chosen[k] for k in active], component, curves[:, active].sum(axis=1).T, scale
+                    )
                     tables.append(replace(table, applied=ITSELF if itself else MODEL))
         return tables
 
@@ -212,7 +215,7 @@ def _tool_frame(solution: Solution, request: TableRequest) -> list[ErrorTable]:
     ]  # (6, n) of each type
     tables = []
     for component, direction in enumerate(DIRECTIONS):
-        used = {name: own[component] for name, own in rows if np.any(own[component])}
+        used = {name: errors[component] for name, errors in rows if np.any(errors[component])}
         if not used:
             continue
         total, function = np.sum(list(used.values()), axis=0)[None], f"E{direction}0{SPINDLE}"

@@ -76,7 +76,17 @@ class ErrorTable:
         return parse(self.function).unit
 
     def at(self, positions: Float[np.ndarray, " m"], direction: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
-        """Error value by linear interpolation, (m,): end values held outside; direction 0 or unknown: mean of both."""
+        """Error values by linear interpolation, as a control finds them.
+
+        Outside its positions a table keeps its end values.
+
+        Args:
+            positions: of the axis, shape (m,) [mm or °].
+            direction: of approach, shape (m,): +1, -1, or 0 when unknown, for the mean of both.
+
+        Returns:
+            Error values, shape (m,) [mm or rad].
+        """
         x = into_period(np.asarray(positions, dtype=float), self.positions[0], self.positions[-1], self.period)
         up, down = (np.interp(x, self.positions, v) for v in (self.forward, self.reverse))
         return np.asarray(0.5 * (up + down) + 0.5 * np.sign(direction) * (up - down))
@@ -110,6 +120,6 @@ class ErrorTable:
 
 
 def with_one_reversal(table: ErrorTable) -> ErrorTable:
-    """The table of a control that has one reversal value for the whole axis."""
+    """The table of a control that has one reversal value for the entire axis."""
     mean, half = 0.5 * (table.forward + table.reverse), 0.5 * table.reversal_value
     return replace(table, forward=mean + half, reverse=mean - half)

@@ -1,7 +1,7 @@
-"""Where a table has its points: a fixed step, at most so many points, or the fewest that keep linear interpolation good enough.
+"""Where a table has its points: a fixed step, at most so many points, or the fewest that keep the interpolation error in bounds.
 
 A control interpolates linearly; between nodes a smooth function f is then off by up to h² max|f''| / 8. Here the largest
-difference is looked up on a dense sampling of the function itself, reversal included, so that any function is served.
+difference is found on a dense sampling of the function itself, reversal included, so that it holds for any function.
 """
 
 from __future__ import annotations
@@ -24,9 +24,10 @@ EQUAL, FREE = "equal", "free"
 class Sampling:
     """How tables are sampled.
 
-    `step` [mm or °], `max_points`, `max_error`: stated bound on the linear interpolation [mm]. `spacing`: "equal" (most controls)
-    or "free". `offset`: distance at which rotations are weighed against `max_error` [mm]: tool offset, reach of the machine;
-    None: each axis's own reach. Raises `InputError` for numbers that make no table.
+    `step` [mm or °]: distance of the points. `max_points`: largest number of points. `max_error`: largest error of the linear
+    interpolation [mm]. `spacing`: "equal" (most controls) or "free". `offset`: distance at which rotations are compared with
+    `max_error` [mm], such as a tool offset or the reach of the machine; None: the reach of each axis. Raises `InputError` for
+    numbers that make no table.
     """
 
     step: float | None = None
@@ -58,8 +59,8 @@ def stepped(travel: tuple[float, float], step: float) -> np.ndarray:
 
 def interpolation_error(dense: np.ndarray, values: np.ndarray, nodes: np.ndarray) -> np.ndarray:
     """Largest difference of each column (m, c) from linear interpolation between `nodes`, (c,)."""
-    held = np.stack([np.interp(dense, nodes, np.interp(nodes, dense, v)) for v in values.T], axis=1)
-    return np.asarray(np.abs(values - held).max(axis=0))
+    interpolated = np.stack([np.interp(dense, nodes, np.interp(nodes, dense, v)) for v in values.T], axis=1)
+    return np.asarray(np.abs(values - interpolated).max(axis=0))
 
 
 def choose_nodes(

@@ -1,7 +1,7 @@
-"""Is the model adequate? Chi-square overall and by group, and the normalised residual test.
+"""Adequacy of the model: chi-square overall and by group, and the normalised residual test.
 
 When the model is wrong (cross effects, drift, outliers, too few segments, instruments worse than stated), the residuals
-say so; the verdict is part of every solution and stands before any table is written. ISO/TR 16907 11.3.
+show it. The verdict is part of every solution and is given before any table is written. ISO/TR 16907 11.3.
 """
 
 from __future__ import annotations
@@ -80,8 +80,8 @@ def _groupings(
         yield f"direction {name}", np.tile(np.arange(len(columns)) == k, (m, 1))
     tools = np.unique(np.round(like.tool, 6), axis=0)
     for tool in tools if 1 < len(tools) <= 12 else ():
-        own = np.all(np.round(observations.tool, 6) == tool, axis=1)
-        yield f"tool vector ({tool[0]:g}, {tool[1]:g}, {tool[2]:g}) mm", own
+        with_tool = np.all(np.round(observations.tool, 6) == tool, axis=1)
+        yield f"tool vector ({tool[0]:g}, {tool[1]:g}, {tool[2]:g}) mm", with_tool
     yield from _position_groups(campaign, observations, like)
     for i, axis in enumerate(campaign.machine.axes):
         for sign in (1, -1):
@@ -222,7 +222,7 @@ def _verdict(rejected: bool, weight: float, probability: float, groups: Any, sus
 
 
 def _worst(groups: tuple[GroupTest, ...]) -> list[GroupTest]:
-    """The least probable groups, one of each sort: region, linear positions, angles, direction, station, … Whole sets last."""
+    """The least probable groups, one of each sort: region, linear positions, angles, direction, station, …; entire sets last."""
     found: dict[str, GroupTest] = {}
     for group in sorted(groups, key=lambda g: g.what.startswith("set ")):
         first = group.what.split()[0]

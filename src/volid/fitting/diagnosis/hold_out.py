@@ -4,7 +4,7 @@ With whitened residuals r = y - ŷ and H = J C Jᵀ, the prediction of a group g
     e_g = (I - H_gg)⁻¹ r_g,
 exact for a model that is linear in its unknowns (Cook and Weisberg 1982, 2.2; Hastie, Tibshirani and Friedman, 7.10), and to
 second order of the errors here. A group is everything that was read at one combination of rotary positions, from any station, at
-any sphere, repeats included: a model that only retells its readings looks good in residuals, not in these.
+any sphere, repeats included. A model that only reproduces its readings has small residuals, but not small held-out residuals.
 """
 
 from __future__ import annotations
@@ -47,11 +47,11 @@ def _projected(system: System, z: Any, factor: Any) -> list[Any]:
 def held_out_residuals(
     problem: Problem, campaign: Campaign, z: np.ndarray, root: np.ndarray, whitened: list[np.ndarray]
 ) -> tuple[np.ndarray, ...]:
-    """Whitened residuals with the reading's whole rotary position held out, (m, k) per set.
+    """Whitened residuals with all readings of the same rotary position held out, (m, k) per set.
 
     `problem`: with the weights of the fit (0 for outliers, whose residuals are held out already). `root`: L with covariance
-    of z = L Lᵀ. `whitened`: residuals of all readings over u. NaN where a rotary position alone carries a combination of the
-    unknowns. Empty when the machine has no rotary axis or the campaign is too large for it.
+    of z = L Lᵀ. `whitened`: residuals of all readings over u. The result is NaN where one rotary position alone determines a
+    combination of the unknowns, and empty when the machine has no rotary axis or the campaign is too large for it.
     """
     rotary = any(not axis.is_linear for axis in campaign.machine.axes)
     if not rotary or sum(r.size for r in whitened) * root.shape[1] > LARGEST:
@@ -61,11 +61,11 @@ def held_out_residuals(
     poses = campaign.rotary_poses()
     group = np.concatenate([np.repeat(p, r.shape[1]) for p, r in zip(poses, whitened, strict=True)])
     residual = np.concatenate([r.ravel() for r in whitened])
-    held = np.empty_like(residual)
+    predicted = np.empty_like(residual)
     order = np.argsort(group, kind="stable")
     for members in np.split(order, np.flatnonzero(np.diff(group[order])) + 1):
-        held[members] = _without(rows[members], residual[members])
-    parts = np.split(held, np.cumsum([r.size for r in whitened])[:-1])
+        predicted[members] = _without(rows[members], residual[members])
+    parts = np.split(predicted, np.cumsum([r.size for r in whitened])[:-1])
     return tuple(part.reshape(r.shape) for part, r in zip(parts, whitened, strict=True))
 
 
@@ -114,12 +114,12 @@ def by_angle(
     readings: ObservationSet,
     poses: np.ndarray,
     residual: np.ndarray,
-    held: np.ndarray,
+    held_out: np.ndarray,
     used: np.ndarray,
 ) -> list[AngleBin]:
     """Bins of every rotary axis that moves in a set, axis by axis from the workpiece.
 
-    `poses`: (m,) as `Campaign.rotary_poses` gives. `residual`, `held`: (m, k) in the reading's unit. `used`: (m,) bool.
+    `poses`: (m,) as `Campaign.rotary_poses` gives. `residual`, `held_out`: (m, k) in the reading's unit. `used`: (m,) bool.
     """
     result = []
     for i, axis in enumerate(machine.axes):
@@ -127,13 +127,13 @@ def by_angle(
         if axis.is_linear or not used.any() or np.ptp(q[used]) <= SAME_ANGLE:
             continue
         for low, high, rows in _bins(q, used):
-            result.append(_bin(readings.name, axis.letter, (low, high), poses[rows], residual[rows], held[rows]))
+            result.append(_bin(readings.name, axis.letter, (low, high), poses[rows], residual[rows], held_out[rows]))
     return result
 
 
-def total(name: str, poses: np.ndarray, residual: np.ndarray, held: np.ndarray, used: np.ndarray) -> AngleBin:
+def total(name: str, poses: np.ndarray, residual: np.ndarray, held_out: np.ndarray, used: np.ndarray) -> AngleBin:
     """All used rows of a set as one bin."""
-    return _bin(name, "", (np.nan, np.nan), poses[used], residual[used], held[used])
+    return _bin(name, "", (np.nan, np.nan), poses[used], residual[used], held_out[used])
 
 
 def _bins(q: np.ndarray, used: np.ndarray) -> list[tuple[float, float, np.ndarray]]:
@@ -148,7 +148,7 @@ def _bins(q: np.ndarray, used: np.ndarray) -> list[tuple[float, float, np.ndarra
 
 
 def _bin(
-    name: str, axis: str, ends: tuple[float, float], poses: np.ndarray, residual: np.ndarray, held: np.ndarray
+    name: str, axis: str, ends: tuple[float, float], poses: np.ndarray, residual: np.ndarray, predicted: np.ndarray
 ) -> AngleBin:
     return AngleBin(
         set=name,
@@ -158,7 +158,7 @@ def _bin(
         n=len(poses),
         poses=len(np.unique(poses)),
         residual=_length(residual),
-        held_out=_length(held),
+        held_out=_length(predicted),
         mean=tuple(residual.mean(axis=0).tolist()),
     )
 

@@ -1,7 +1,7 @@
 """What the data determine: a scaled rank decision, and its null space in words.
 
-The decision is taken on the Jacobian at the nominal machine, where the model is linear in its errors and undetermined
-combinations are exact. Machine parameters are measured in 0.1 mm and 0.1 mrad: a combination counts as determined when its
+The decision is made on the Jacobian at the nominal machine, where the model is linear in its errors and the combinations that are
+not determined are exact. Machine parameters are measured in 0.1 mm and 0.1 mrad: a combination counts as determined when its
 standard uncertainty stays below ten such units (1 mm, 1 mrad) and its singular value above 1e-9 of the largest. Nuisance
 parameters are eliminated first (QR with their columns in front), so the null space is one of the machine alone.
 """
@@ -26,8 +26,8 @@ UNIT = 0.1  # mm; the rotations' unit follows by dividing by 1 m
 ROTATION_UNIT = 1e-4  # rad
 WEAKEST = 0.1  # singular value in these units: standard uncertainty of 1 mm or 1 mrad
 RELATIVE = 1e-9
-# An almost undetermined combination (tools 0.1 mm beside the spindle axis) has small components in functions that are well
-# determined. They mean nothing: setting such a combination to 0 changes those by less than their uncertainty.
+# A combination that is hardly determined (tools 0.1 mm beside the spindle axis) has small components in functions that are well
+# determined. They mean nothing: setting such a combination to 0 changes those functions by less than their uncertainty.
 HELD = 0.1  # cosine to the null space from which a tool rotation is part of it
 NAMED = 1e-4  # squared component from which a function is part of it
 
@@ -37,9 +37,10 @@ class Identifiability:
     """Result of the rank decision.
 
     `basis`: columns span the determined directions of the problem's free parameters, shape (n_free, rank).
-    `null_space`: undetermined combinations of the model's θ, shape (n_parameters, k), in θ's own units.
-    `tool_rotation`: undetermined directions of the constant tool rotation, held at 0, shape (3, r).
-    `statements`: the undetermined combinations in words. `nuisance_defect`: undetermined nuisance combinations.
+    `null_space`: combinations of the model's θ that are not determined, shape (n_parameters, k), in θ's units.
+    `tool_rotation`: directions of the constant tool rotation that are not determined and held at 0, shape (3, r).
+    `statements`: the combinations that are not determined, in words. `nuisance_defect`: number of combinations of nuisance
+    parameters that are not determined.
     """
 
     basis: np.ndarray
@@ -64,7 +65,7 @@ def parameter_units(model: ErrorModel) -> np.ndarray:
 
 
 def undetermined_directions(null_space: np.ndarray, units: np.ndarray) -> np.ndarray:
-    """Undetermined combinations (n, d) of θ as orthonormal directions of θ / `units`, shape (n, d)."""
+    """Combinations (n, d) of θ that are not determined, as orthonormal directions of θ / `units`, shape (n, d)."""
     return np.asarray(np.linalg.qr(np.asarray(null_space) / units[:, None])[0])
 
 
@@ -75,8 +76,8 @@ def _spindle_columns(model: ErrorModel) -> np.ndarray:
 def _clear_cut(matrix: np.ndarray, n: int, units: np.ndarray) -> np.ndarray | None:
     """Square root of the machine's Schur complement, when JᵀJ alone decides every direction with a wide gap; else None.
 
-    JᵀJ knows singular values only down to 1e-8 of the largest. That is enough when all directions lie far above that or
-    at its noise; anything between is left to the QR factorisation.
+    JᵀJ shows singular values only down to 1e-8 of the largest. That is enough when all directions lie far above that or at its
+    noise. Otherwise the QR factorisation decides.
     """
     scaled = matrix * np.outer(*[np.concatenate([units, np.ones(matrix.shape[0] - n)])] * 2)
     nuisance = np.diagonal(scaled)[n:]
@@ -126,14 +127,14 @@ def _by_triangle(problem: Problem, units: np.ndarray) -> tuple[np.ndarray, np.nd
     m = triangle.shape[1] - problem.model.n_parameters
     norms = np.linalg.norm(triangle[:, :m], axis=0)
     jacobi = 1.0 / np.where(norms > 0, norms, 1.0)
-    kept, lost = _split(triangle[:m, :m] * jacobi, 0.0)
+    kept, deficient = _split(triangle[:m, :m] * jacobi, 0.0)
     machine = triangle[:, m:] * units
-    if lost.size:  # part of the machine's signal may sit where the nuisance columns are deficient
+    if deficient.size:  # part of the machine's signal may sit where the nuisance columns are deficient
         q, _ = np.linalg.qr(triangle[:, :m] * jacobi @ kept)
         machine = machine - q @ (q.T @ machine)
     else:
         machine = machine[m:]
-    return machine, jacobi, kept, lost
+    return machine, jacobi, kept, deficient
 
 
 def analyse(problem: Problem, campaign: Campaign) -> Identifiability:
@@ -144,27 +145,27 @@ def analyse(problem: Problem, campaign: Campaign) -> Identifiability:
     matrix = problem.free.T @ np.asarray(normal_equations(problem.system, problem.start).matrix) @ problem.free
     m = n_free - n
     machine = _clear_cut(matrix, n, units)
-    jacobi, kept, lost = np.ones(m), np.eye(m), np.zeros((m, 0))
+    jacobi, kept, deficient = np.ones(m), np.eye(m), np.zeros((m, 0))
     if machine is None:
-        machine, jacobi, kept, lost = _by_triangle(problem, units)
-    tool, held = _hold_tool_rotation(machine, _spindle_columns(model))
-    determined, null = _split(machine @ held, WEAKEST)
+        machine, jacobi, kept, deficient = _by_triangle(problem, units)
+    tool, free = _hold_tool_rotation(machine, _spindle_columns(model))
+    determined, null = _split(machine @ free, WEAKEST)
     basis = np.zeros((n_free, determined.shape[1] + kept.shape[1]))
-    basis[:n, : determined.shape[1]] = units[:, None] * (held @ determined)
+    basis[:n, : determined.shape[1]] = units[:, None] * (free @ determined)
     basis[n:, determined.shape[1] :] = jacobi[:, None] * kept
-    scaled_null = held @ null
+    scaled_null = free @ null
     return Identifiability(
         basis=basis,
         null_space=units[:, None] * scaled_null,
         tool_rotation=tool,
         statements=explain(model, scaled_null, campaign, tool.shape[1] > 0),
-        nuisance_defect=lost.shape[1],
+        nuisance_defect=deficient.shape[1],
         undetermined=involvement(model, scaled_null),
     )
 
 
 def _hold_tool_rotation(machine: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Undetermined directions of the tool rotation (r columns), and a basis of the parameters with these held at 0."""
+    """Directions of the tool rotation that are not determined (r columns), and a basis of the parameters with these at 0."""
     n = machine.shape[1]
     _, null = _split(machine, WEAKEST)
     share = null[columns] if null.size else np.zeros((len(columns), 0))
@@ -172,17 +173,17 @@ def _hold_tool_rotation(machine: np.ndarray, columns: np.ndarray) -> tuple[np.nd
         return np.zeros((len(columns), 0)), np.eye(n)
     u, values, _ = np.linalg.svd(share, full_matrices=True)
     rank = int(np.sum(values > HELD))
-    held = np.eye(n)
+    identity = np.eye(n)
     others = np.setdiff1d(np.arange(n), columns)
-    left = np.zeros((n, len(columns) - rank))
-    left[columns] = u[:, rank:]
-    return u[:, :rank], np.concatenate([held[:, others], left], axis=1)
+    free = np.zeros((n, len(columns) - rank))
+    free[columns] = u[:, rank:]
+    return u[:, :rank], np.concatenate([identity[:, others], free], axis=1)
 
 
 def involvement(model: ErrorModel, null: np.ndarray) -> dict[str, float]:
-    """Number of undetermined directions inside each function (or coupled group), by name and part.
+    """Number of directions that are not determined inside each function (or coupled group), by name and part.
 
-    The trace of the null projector's block; `null` has orthonormal columns in physical units.
+    It is the trace of the null projector's block; `null` has orthonormal columns in physical units.
     """
     shares = {}
     for names, part, parameters in model.groups:
@@ -192,41 +193,41 @@ def involvement(model: ErrorModel, null: np.ndarray) -> dict[str, float]:
     return shares
 
 
-def explain(model: ErrorModel, null: np.ndarray, campaign: Campaign, held: bool = False) -> tuple[str, ...]:
-    """The null space in words: wholly undetermined functions first, then combinations of functions, each with a reason.
+def explain(model: ErrorModel, null: np.ndarray, campaign: Campaign, tool_fixed: bool = False) -> tuple[str, ...]:
+    """The null space in words: first functions that are not determined at all, then combinations, each with a reason.
 
-    `held`: constants of the tool frame are held at 0 besides.
+    `tool_fixed`: constants of the tool frame are held at 0 besides.
     """
     if not null.size:
         return ()
-    whole, partly, count = [], [], null.shape[1]
+    wholly, partly, count = [], [], null.shape[1]
     for names, part, parameters in model.groups:
         size = parameters.stop - parameters.start
         name = ", ".join(names) + (" reversal" if part == "reversal" else "")
         share = float(np.sum(null[parameters] ** 2))
         if share > size - NAMED:
-            whole.append(name if part == LOCATION else f"{name} (all {size} coefficients)")
+            wholly.append(name if part == LOCATION else f"{name} (all {size} coefficients)")
             count -= size
         elif share > NAMED:
             partly.append(name)
-    lost = [f.name for f in model.functions if f.part != LOCATION and np.sum(null[f.parameters] ** 2) > NAMED]
-    reasons = [*_segment_reasons(model, campaign, lost), *likely_reasons(campaign)]
+    concerned = [f.name for f in model.functions if f.part != LOCATION and np.sum(null[f.parameters] ** 2) > NAMED]
+    reasons = [*_segment_reasons(model, campaign, concerned), *likely_reasons(campaign)]
     reason = "; ".join(reasons) or "the readings do not separate them"
     lines = []
-    place = [n for n in whole if _is_place_of_workpiece(campaign, n)]
+    place = [n for n in wholly if _is_place_of_workpiece(campaign, n)]
     if place:
-        whole = [n for n in whole if n not in place]
+        wholly = [n for n in wholly if n not in place]
         lines.append(
             f"{', '.join(place)}: same as the unknown place of the {_standing(campaign)} on the workpiece. No reading tells them "
             f"apart, and no compensation needs them; set {place[0]} = false and the like."
         )
-    if whole:
-        first = whole[0].split(" (")[0].split(",")[0]
+    if wholly:
+        first = wholly[0].split(" (")[0].split(",")[0]
         setting = f"{first.split()[0]} = {{ reversal = false }}" if "reversal" in first else f"{first} = false"
-        lines.append(f"{', '.join(whole)}: {reason}. Measure what is missing, or set {setting} and the like.")
+        lines.append(f"{', '.join(wholly)}: {reason}. Measure what is missing, or set {setting} and the like.")
     if partly and count:
         lines.append(f"{count} combination{'s' if count > 1 else ''} among {', '.join(partly)}: {reason}.")
-    if held and place and len(lines) == 1:
+    if tool_fixed and place and len(lines) == 1:
         lines.append(f"Constants of the tool frame, held at 0: {reason}.")
     return tuple(lines)
 
@@ -263,7 +264,7 @@ def _segment_reasons(model: ErrorModel, campaign: Campaign, names: list[str]) ->
 
 
 def likely_reasons(campaign: Campaign) -> list[str]:
-    """Facts of a campaign that usually leave functions undetermined: tool vectors, stations, positions."""
+    """Facts about a campaign because of which functions are often not determined: tool vectors, stations, positions."""
     reasons = []
     for kind, sets in sets_by_kind(campaign).items():
         reasons += kind.advice(sets, campaign)

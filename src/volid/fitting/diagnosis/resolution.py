@@ -1,9 +1,9 @@
-"""Spline resolution by held-out prediction: how many segments each error function needs, and the data can carry.
+"""Spline resolution by held-out prediction: how many segments each error function needs and the data can support.
 
-All candidate resolutions of a function are subspaces of one fine spline (knot insertion). So the normal equations of the
-fine model, one set per fold, hold everything: for each candidate the fold's readings are predicted from the other folds
-by small dense algebra, without another pass over the readings. Folds are made of whole machine positions, so a held-out
-point was never seen from any station. K-fold cross-validation: Hastie, Tibshirani and Friedman, 7.10.
+All candidate resolutions of a function are subspaces of one fine spline (knot insertion). Therefore the normal equations of the
+fine model, one set per fold, contain all that is needed: for each candidate the fold's readings are predicted from the other
+folds by small dense algebra, without another pass over the readings. All readings of one machine position are in the same fold,
+so that a held-out point was not seen from any station. K-fold cross-validation: Hastie, Tibshirani and Friedman, 7.10.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ FIRST = 8  # segments at which the search starts, and that a function keeps with
 NEAR = 3.0  # standard errors of the paired difference that count as evidence
 
 Segments = dict[str, tuple[int, ...]]
-_REST = "rest"  # the part of what is no error motion
+_OTHERS = "rest"  # the part of what is no error motion
 
 
 @dataclass(frozen=True)
@@ -53,10 +53,10 @@ class Resolution:
 
 
 def _finest(machine: Machine, name: str, letter: str, n_positions: int) -> int:
-    """Finest resolution that the positions carry: no more coefficients than positions.
+    """Finest resolution that the positions support: no more coefficients than positions.
 
-    Two fewer along a rotary axis of partial travel: indexed at a few positions it would otherwise be interpolated, and readings
-    held out at the same positions of that axis do not show the waves between them.
+    Along a rotary axis of partial travel it is two fewer. Such an axis is often indexed at a few positions, which the spline
+    would otherwise interpolate, and readings held out at the same positions do not show the waves between them.
     """
     degree, axis = settings_for(machine, name).degree or 3, machine.axis(letter)
     spare = 0 if axis.is_linear or axis.length >= FULL_TURN else 2
@@ -159,7 +159,7 @@ class _Search:
 
     For one function, all other unknowns are eliminated once per fold (Schur complement); every candidate then costs only
     a solve of its own few coefficients. Unknowns are scaled to their physical units, with a ridge of 1 mm or 1 mrad that
-    keeps undetermined ones from disturbing the others.
+    keeps those that are not determined from disturbing the others.
     """
 
     def __init__(
@@ -178,11 +178,11 @@ class _Search:
         self.equations = Projected(
             np.stack([*(f.matrix for f in folds), prior]), np.stack([*(f.vector for f in folds), prior @ mean])
         )
-        self.equations.put(_REST, Part(slice(None), self._rest(problem)))
+        self.equations.put(_OTHERS, Part(slice(None), self._others(problem)))
         for name in self.groups:
             self.equations.put(name, self._part(name))
 
-    def _rest(self, problem: Problem) -> np.ndarray:
+    def _others(self, problem: Problem) -> np.ndarray:
         """Free columns of what is no error motion: location errors and nuisance parameters, scaled."""
         model = problem.model
         places = [f.parameters.start for f in model.functions if f.part == LOCATION]
@@ -224,11 +224,11 @@ class _Search:
         return changed
 
     def best(self, name: str) -> tuple[int, ...]:
-        """Resolution of one function with all others held: the one that predicts best, or a finer one of up to `FIRST`
+        """Resolution of one function, those of all others kept: the one that predicts best, or a finer one of up to `FIRST`
         intervals that does not predict clearly worse.
 
-        Too coarse a spline costs more than too fine a one: its bias is not part of the stated uncertainty. With the best
-        alone the deviations of three machines lay 1.1 to 1.2 standard uncertainties off, with this rule 1.03 to 1.05.
+        Too coarse a spline is worse than too fine a one, because its bias is not part of the stated uncertainty. With the best
+        alone the deviations of three machines were 1.1 to 1.2 standard uncertainties off, with this rule 1.03 to 1.05.
         """
         options = candidates(self.carrier[name])
         scores = self.scores(name, options)
@@ -243,24 +243,24 @@ class _Search:
         *matrices, known = self.equations.both
         known = known + WEAKEST**2 * np.eye(len(known))
         total = 0.0
-        for fold, own in zip(self.folds, matrices, strict=True):
-            training = cho_factor(sum(matrices) - own + known)
-            total += fold.n_readings + float(np.trace(cho_solve(training, own)))
+        for fold, matrix in zip(self.folds, matrices, strict=True):
+            training = cho_factor(sum(matrices) - matrix + known)
+            total += fold.n_readings + float(np.trace(cho_solve(training, matrix)))
         return total
 
     def scores(self, name: str, options: list[tuple[int, ...]]) -> np.ndarray:
         """Held-out chi-square, shape (options, folds), with `name` at each resolution in turn."""
-        equations, own = self.equations, self.columns[name]
-        left, both, right = equations.without(name, own)
-        corner = equations.matrices[:, own[:, None], own]
-        *reduced, prior = map(Reduced, both, left, corner, right, equations.vectors[:, own])
+        equations, columns = self.equations, self.columns[name]
+        left, both, right = equations.without(name, columns)
+        corner = equations.matrices[:, columns[:, None], columns]
+        *reduced, prior = map(Reduced, both, left, corner, right, equations.vectors[:, columns])
         total = Reduced(*(prior[i] + sum(r[i] for r in reduced) for i in range(5)))
         total.oo.flat[:: len(total.oo) + 1] += WEAKEST**2
         blocks = [self.block(name, option) for option in options]
         result = np.empty((len(options), len(self.folds)))
-        for k, (fold, held) in enumerate(zip(self.folds, reduced, strict=True)):
-            training = Reduced(*(t - h for t, h in zip(total, held, strict=True)))
-            result[:, k] = held_out_chi_square(training, held, fold.square, blocks)
+        for k, (fold, held_out) in enumerate(zip(self.folds, reduced, strict=True)):
+            training = Reduced(*(t - h for t, h in zip(total, held_out, strict=True)))
+            result[:, k] = held_out_chi_square(training, held_out, fold.square, blocks)
         return result
 
 

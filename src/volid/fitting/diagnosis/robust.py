@@ -1,8 +1,8 @@
-"""Gross outliers: Huber's loss by reweighting finds them, normalised residuals name them, the rest is fitted again.
+"""Gross outliers: Huber's loss by reweighting finds them, normalised residuals name them, the other readings are fitted again.
 
-First iteratively reweighted least squares with Huber weights (Huber and Ronchetti, Robust Statistics, 7.8), then readings
-whose normalised residual w = r / (u sqrt(1 - h)) exceeds the critical value are set aside one generation at a time and
-may come back (Baarda 1968, data snooping; Teunissen, Testing Theory, 4).
+The first step is iteratively reweighted least squares with Huber weights (Huber and Ronchetti, Robust Statistics, 7.8). Then the
+readings whose normalised residual w = r / (u sqrt(1 - h)) exceeds the critical value are set aside in rounds, and may be taken
+back in a later one (Baarda 1968, data snooping; Teunissen, Testing Theory, 4).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Outputs appear whole or not at all: written under a temporary name beside their place, then renamed."""
+"""Outputs appear completely or not at all: they are written under a temporary name in the same folder, then renamed."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def atomic_folder(path: str | Path, overwrite: bool = False) -> Iterator[Path]:
 
 @contextmanager
 def atomic_with_companions(path: str | Path, companions: Sequence[str], overwrite: bool = False) -> Iterator[Path]:
-    """A temporary folder, to be filled with a file named as `path` and its `companions`; all move beside `path`, it last.
+    """A temporary folder for a file named as `path` and its `companions`; all are moved to the folder of `path`, that file last.
 
     Raises `OutputError` when one of them exists (unless `overwrite`), is a folder, or cannot be written.
     """
@@ -94,16 +94,16 @@ def _move(temporary: Path, path: Path) -> None:
 
 
 def _temporary(path: Path) -> Path:
-    """A name of this process beside `path`; what killed processes of this machine left there is removed."""
+    """A temporary name beside `path` for this process; files that killed processes of this machine left there are removed."""
     path = path.absolute()
-    for left in path.parent.glob(f".{glob.escape(path.name)}.*.part"):
-        host, _, process = left.name[len(path.name) + 2 : -len(".part")].rpartition(".")[0].rpartition(".")
+    for leftover in path.parent.glob(f".{glob.escape(path.name)}.*.part"):
+        host, _, process = leftover.name[len(path.name) + 2 : -len(".part")].rpartition(".")[0].rpartition(".")
         if host == HOST and process.isdigit() and not _runs(int(process)):
-            if left.is_dir():
-                shutil.rmtree(left, ignore_errors=True)
+            if leftover.is_dir():
+                shutil.rmtree(leftover, ignore_errors=True)
             else:
                 with suppress(OSError):
-                    left.unlink()
+                    leftover.unlink()
     return path.with_name(f".{path.name}.{HOST}.{os.getpid()}.{uuid.uuid4().hex[:8]}.part")
 
 

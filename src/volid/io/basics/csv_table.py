@@ -1,7 +1,7 @@
-"""A CSV file as named columns of text, numbers on request; messages name file, line and column.
+"""A CSV file as named columns of text, converted to numbers on request; messages name file, line and column.
 
-Header row, comma separated, UTF-8; lines that begin with `#` are comments, empty lines are skipped. Numbers are
-converted a whole column at a time; only when that fails is the offending line looked for.
+The file has a header row, commas between the cells, and UTF-8 text. Lines that begin with `#` are comments, and empty lines are
+skipped. Numbers are converted column by column; only when that fails, the wrong line is looked for.
 """
 
 from __future__ import annotations
@@ -46,13 +46,13 @@ class CsvTable:
                     f"{where}: {key} names '{name}', which is no column of {self.source}{hint} its columns: "
                     f"{', '.join(self.columns)}"
                 )
-        own = {found: name for name, found in columns.items()}
+        known = {found: name for name, found in columns.items()}
         result: dict[str, tuple[str, ...]] = {}
         for found, cells in self.columns.items():
-            name = own.get(found, found)
+            name = known.get(found, found)
             if found in ignored:
                 continue
-            if name in result or (name != found and name in self.columns and name not in (*own, *ignored)):
+            if name in result or (name != found and name in self.columns and name not in (*known, *ignored)):
                 raise InputError(f"{where}: columns would give {self.source} two columns '{name}'; ignore one of them")
             result[name] = cells
         return replace(self, columns=result)
@@ -121,7 +121,7 @@ def _acceptable(cell: str, gaps: bool) -> bool:
 
 
 def read_csv(path: str | Path) -> CsvTable:
-    """Read a CSV file. Raises `InputError` for a missing, empty or ragged file, or a column name that stands twice."""
+    """Read a CSV file. Raises `InputError` when it is missing or empty, rows differ in length, or a column name stands twice."""
     lines = read_text(Path(path)).split("\n")
     kept = [i for i, line in enumerate(lines) if line.strip() and not line.lstrip().startswith("#")]
     if not kept:

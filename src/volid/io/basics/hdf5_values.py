@@ -1,4 +1,4 @@
-"""How texts, numbers and format tags stand in volid's HDF5 files, campaign and solution alike."""
+"""How texts, numbers and format tags are stored in the HDF5 files of volid."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _COMPRESSION = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
 
 
 def is_hdf5(path: str | Path) -> bool:
-    """True when the file begins like an HDF5 file, whole or not. Raises `InputError` when it cannot be read."""
+    """True when the file begins like an HDF5 file, even if it is incomplete. Raises `InputError` when it cannot be read."""
     try:
         with open(path, "rb") as file:
             return file.read(len(_SIGNATURE)) == _SIGNATURE

@@ -1,4 +1,4 @@
-"""TOML read strictly and written plainly: every key is asked for by name and type, messages name file and key."""
+"""TOML read strictly and written in a plain form: every key is read by name and type, and messages name file and key."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ from volid.exceptions import InputError
 from volid.io.basics.hdf5_values import is_hdf5
 from volid.io.campaign.hdf5 import read_campaign
 from volid.io.campaign.manifest import MANIFEST, read_manifest
-from volid.io.campaign.rules import check_unique, check_whole
+from volid.io.campaign.rules import check_consistent, check_unique
 from volid.model.machine import Machine
 
 
@@ -58,7 +58,7 @@ def _merge(campaigns: list[Campaign]) -> Campaign:
             )
     where = ", ".join(c.source for c in campaigns)
     check_unique((s.name for c in campaigns for s in c.sets), "set", where)
-    return check_whole(
+    return check_consistent(
         Campaign(
             machine=first.machine,
             stations=_merge_stations(campaigns),

@@ -24,7 +24,7 @@ from volid.campaign import Campaign, Effect, ObservationSet, Station
 from volid.exceptions import InputError
 from volid.io.basics.atomic import atomic_output
 from volid.io.basics.hdf5_values import check_format, read_text, reading, to_json, write_array, write_text
-from volid.io.campaign.rules import FORMAT, check_whole, find_kind
+from volid.io.campaign.rules import FORMAT, check_consistent, find_kind
 from volid.io.machines import format_machine, parse_machine
 from volid.model.machine import Machine
 from volid.observations import KINDS
@@ -111,7 +111,7 @@ def read_campaign(path: str | Path) -> Campaign:
 def read_campaign_group(group: h5py.Group, source: str) -> Campaign:
     """The campaign in an open group; `source` names the file in messages. Raises `InputError` when it is wrong."""
     check_format(group, source, FORMAT)
-    return check_whole(_read(group, source))
+    return check_consistent(_read(group, source))
 
 
 def _read(file: h5py.Group, path: str) -> Campaign:

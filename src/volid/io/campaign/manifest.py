@@ -13,7 +13,7 @@ from volid.campaign import Campaign, ObservationSet, Station, standard_uncertain
 from volid.exceptions import InputError, OutputError
 from volid.io.basics.atomic import atomic_folder, atomic_with_companions
 from volid.io.basics.toml_table import Table, check_format, format_lines, parse_toml, read_text
-from volid.io.campaign.rules import FORMAT, STATION_FRAMES, check_whole
+from volid.io.campaign.rules import FORMAT, STATION_FRAMES, check_consistent
 from volid.io.campaign.sets import read_set, uncertainty_key_of
 from volid.io.machines import format_machine, read_machine
 from volid.model.machine import Machine
@@ -37,7 +37,7 @@ def read_manifest(path: str | Path, *, plan: bool = False) -> Campaign:
     sets = top.tables("set")
     if not sets:
         raise InputError(f"{path}: there is no [[set]]; add one for each file of readings")
-    return check_whole(
+    return check_consistent(
         Campaign(
             machine=machine,
             stations=tuple(_station(table, machine) for table in top.tables("station")),

@@ -1,9 +1,9 @@
 """Sphere centres found by a touch probe, as readings of kind `displacement`: d = 0 at the axis positions of the centre.
 
-Two forms. Columns of the linear axes: the axis positions at which the probe's tip is in the centre. Or columns x, y, z: the
-tool-tip coordinates that a control shows with its tool-centre-point function (TCP, TRAORI) on; the axis positions follow by
-nominal inverse kinematics, p_nominal(q, tool) = (x, y, z) + origin, exact, one solution. Not modelled: a control whose nominal
-kinematics differ from the machine file's.
+Centres can be given in two forms. Columns of the linear axes hold the axis positions at which the probe's tip is in the centre.
+Columns x, y, z hold the tool-tip coordinates that a control shows with its tool-centre-point function (TCP, TRAORI) on; the axis
+positions then follow by nominal inverse kinematics, p_nominal(q, tool) = (x, y, z) + origin, which has one exact solution. Not
+modelled: a control whose nominal kinematics differ from those of the machine file.
 """
 
 from __future__ import annotations

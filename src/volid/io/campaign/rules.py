@@ -1,4 +1,4 @@
-"""What holds for every campaign, whichever file it came from: stations, bodies and names agree with each other."""
+"""Rules that every campaign obeys, whichever file it came from: stations, bodies and names agree with each other."""
 
 from __future__ import annotations
 
@@ -98,15 +98,15 @@ def check_target(readings: ObservationSet, campaign: Campaign) -> None:
             f"of {', '.join(known)}"
         )
     for name in dict.fromkeys(readings.labels.get("station", np.zeros(0)).tolist()):
-        own = campaign.station(name).body
-        if campaign.machine.body_index(own) == campaign.machine.body_index(body):
+        body_of_station = campaign.station(name).body
+        if campaign.machine.body_index(body_of_station) == campaign.machine.body_index(body):
             raise InputError(
-                f"{campaign.source}, set '{readings.name}': station '{name}' and its target stand on the same body ({own}), so "
-                "their distance never changes; expected two bodies that move against each other"
+                f"{campaign.source}, set '{readings.name}': station '{name}' and its target stand on the same body "
+                f"({body_of_station}), so their distance never changes; expected two bodies that move against each other"
             )
 
 
-def check_whole(campaign: Campaign) -> Campaign:
+def check_consistent(campaign: Campaign) -> Campaign:
     """The campaign itself when names are unique and every station that a reading names exists, else `InputError`."""
     check_unique((s.name for s in campaign.stations), "station", campaign.source)
     check_unique((s.name for s in campaign.sets), "set", campaign.source)

@@ -1,4 +1,4 @@
-"""One `[[set]]` of a campaign manifest with its CSV file, for every observation kind alike."""
+"""One `[[set]]` of a campaign manifest with its CSV file, in the same way for every observation kind."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ _RECORDED = {"time": "s", "temperature": "°C"}
 def read_set(table: Table, folder: Path, machine: Machine, *, plan: bool) -> ObservationSet:
     """Readings of one set: keys from `table`, rows from the CSV file that it names in `folder`.
 
-    With `plan`, the columns of the readings may all be absent; the readings are then NaN, and the key of a proportional
-    uncertainty stays in `options`, evaluated once there are readings. `columns` renames columns of the file, `ignore` leaves
-    some out; with `centres = true` a displacement set reads sphere centres (`probe_centres`). Raises `InputError` naming file,
-    row or key.
+    With `plan`, the columns of the readings may all be absent. The readings are then NaN, and the key of a proportional
+    uncertainty stays in `options`, to be evaluated once there are readings. The key `columns` renames columns of the file, and
+    `ignore` leaves columns out. With `centres = true` a displacement set reads sphere centres (`probe_centres`). Raises
+    `InputError` naming file, row or key.
     """
     csv = _csv(table, folder)
     kind = _form(find_kind(table.text("kind"), table.where), table, csv)
@@ -77,7 +77,7 @@ def _form(kind: Kind, table: Table, csv: CsvTable) -> Kind:
 
 
 class _Content(NamedTuple):
-    """What the rows say: positions (m, n_axes), tool (m, 3), readings (m, k), labels, and options that follow from them."""
+    """The contents of the rows: positions (m, n_axes), tool (m, 3), readings (m, k), labels, and options that they imply."""
 
     positions: np.ndarray
     tool: np.ndarray
@@ -132,7 +132,7 @@ def uncertainty_keys(readings: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def uncertainty_key_of(readings: tuple[str, ...], i: int) -> tuple[str, ...]:
-    """Keys and columns that can hold the u of reading number `i`, the one that wins first."""
+    """Keys and columns that can hold the u of reading number `i`; an earlier one takes precedence."""
     return ("u",) if len(readings) == 1 else (f"u_{readings[i]}", "u")
 
 
@@ -201,17 +201,17 @@ def _uncertainty(table: Table, csv: CsvTable, kind: Kind, readings: np.ndarray) 
     """Standard uncertainties, shape (m, k), and the keys to be evaluated later because there is no reading yet."""
     columns, pending = [], {}
     for i in range(len(kind.readings)):
-        own = uncertainty_key_of(kind.readings, i)
-        column = next((key for key in own if key in csv), None)
-        key = next((key for key in own if key in table.data), None)
+        keys = uncertainty_key_of(kind.readings, i)
+        column = next((key for key in keys if key in csv), None)
+        key = next((key for key in keys if key in table.data), None)
         if column is not None:
             columns.append(_positive(csv.numbers(column, kind.unit_of(i), "every row needs one"), csv, column))
             continue
         if key is None:
-            name = own[0] if kind.units else "u"
+            name = keys[0] if kind.units else "u"
             raise InputError(
                 f"{table.where}: there is no standard uncertainty; add {name} = … ({kind.unit_of(i)}) or "
-                f"{name} = {{ constant = …, proportional = … }} here, or a column {own[0]} in {csv.source}"
+                f"{name} = {{ constant = …, proportional = … }} here, or a column {keys[0]} in {csv.source}"
             )
         spec = _specification(table, key)
         if key == "u" and kind.unit == "mm":

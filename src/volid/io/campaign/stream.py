@@ -13,7 +13,7 @@ from volid.campaign import ROW_ARRAYS, Campaign, ObservationSet
 from volid.exceptions import InputError
 from volid.io.basics.hdf5_values import is_hdf5, reading
 from volid.io.campaign.hdf5 import read_outline, read_set, set_groups
-from volid.io.campaign.rules import FORMAT, check_whole
+from volid.io.campaign.rules import FORMAT, check_consistent
 
 PART = 2**17  # rows read at once
 EACH = 25  # rows that a sample has at least of every combination of labels: station and segment, sphere, …
@@ -52,26 +52,36 @@ class CampaignStream:
             self.n_readings = sum(int(np.prod(g["readings"].shape)) for g in groups)
 
     def parts(self, rows: int = PART) -> Iterator[Campaign]:
-        """Campaigns of one set with at most `rows` rows each, in the order of the file."""
+        """The campaign in parts: campaigns of one set with at most `rows` rows each, in the order of the file.
+
+        Raises:
+            InputError: a row lacks a finite reading, position, tool vector or u; the text names file and row.
+        """
         with reading(self.path, "campaign", FORMAT) as file:
             outline = read_outline(file, str(self.path))
             for group in set_groups(file):
                 for start in range(0, len(group["positions"]), rows):
-                    own = read_set(group, outline.machine, f"{self.path}, {group.name}", slice(start, start + rows))
-                    yield check_whole(replace(outline, sets=(_finite(own),)))
+                    readings = read_set(
+                        group, outline.machine, f"{self.path}, {group.name}", slice(start, start + rows)
+                    )
+                    yield check_consistent(replace(outline, sets=(_finite(readings),)))
 
     def sample(self, rows: int) -> Campaign:
-        """About `rows` rows spread evenly over the campaign, and some of every station, segment and other label."""
+        """A campaign of about `rows` rows spread evenly over the file, with at least 25 rows of every combination of labels.
+
+        Raises:
+            InputError: no set has a row.
+        """
         step = max(1, -(-self.rows // rows))
         found: dict[str, list[ObservationSet]] = {}
         seen: dict[tuple[str, ...], int] = {}
         outline = None
         for part in self.parts():
-            (own,) = part.sets
-            wanted = np.zeros(len(own), dtype=bool)
+            (readings,) = part.sets
+            wanted = np.zeros(len(readings), dtype=bool)
             wanted[::step] = True
-            _want_all_labels(own, wanted, seen)
-            found.setdefault(own.name, []).append(own.rows_of(np.flatnonzero(wanted)))
+            _want_all_labels(readings, wanted, seen)
+            found.setdefault(readings.name, []).append(readings.rows_of(np.flatnonzero(wanted)))
             outline = part
         if outline is None:
             raise InputError(f"{self.path}: no set has a row; expected readings")
@@ -99,11 +109,11 @@ def _want_all_labels(readings: ObservationSet, wanted: np.ndarray, seen: dict[tu
     index = np.asarray(index).ravel()
     for i, combination in enumerate(combinations):
         key = (readings.name, *(str(names[c]) for (names, _), c in zip(columns, combination, strict=True)))
-        own = np.flatnonzero(index == i)
-        missing, left = EACH - seen.get(key, 0) - int(wanted[own].sum()), own[~wanted[own]]
-        if missing > 0 and left.size:
-            wanted[left[np.linspace(0, len(left) - 1, min(missing, len(left))).astype(int)]] = True
-        seen[key] = seen.get(key, 0) + int(wanted[own].sum())
+        rows = np.flatnonzero(index == i)
+        missing, unmarked = EACH - seen.get(key, 0) - int(wanted[rows].sum()), rows[~wanted[rows]]
+        if missing > 0 and unmarked.size:
+            wanted[unmarked[np.linspace(0, len(unmarked) - 1, min(missing, len(unmarked))).astype(int)]] = True
+        seen[key] = seen.get(key, 0) + int(wanted[rows].sum())
 
 
 def _joined(parts: list[ObservationSet]) -> ObservationSet:
