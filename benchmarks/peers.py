@@ -13,7 +13,7 @@ import optimistix as optx
 from scipy.optimize import least_squares
 
 from benchmarks.cases import Case
-from volid.effects.base import predict_readings
+from volid.effects.prediction import predict_readings
 from volid.fitting.equations.compiled import Compiled
 from volid.fitting.equations.programs import jacobian, predictions
 from volid.fitting.equations.system import System

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from exact_chain import gauge_free
 from scipy.stats import chi2
+from support.places import DATASETS
 
 from volid.campaign import Campaign
 from volid.fitting.fit import fit
@@ -17,7 +18,6 @@ from volid.fitting.prediction.deviations import gradient_matrix
 from volid.io import load_campaign
 from volid.plausibility.checks import check_campaign, closures
 
-DATASETS = Path(__file__).parents[1] / "datasets"
 NAMES = sorted(path.parent.name for path in DATASETS.glob("*/campaign.toml"))
 MULTILATERATION = DATASETS / "vertical_multilateration"
 RTEST = DATASETS / "five_axis_rtest"

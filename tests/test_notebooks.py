@@ -1,12 +1,11 @@
 """Notebooks run from their percent scripts, and the stored ones are those scripts with outputs."""
 
-from pathlib import Path
-
 import jupytext
 import nbclient
 import pytest
+from support.places import ROOT
 
-SCRIPTS = sorted((Path(__file__).parent.parent / "notebooks").glob("*.py"))
+SCRIPTS = sorted((ROOT / "notebooks").glob("*.py"))
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda p: p.stem)

@@ -5,11 +5,10 @@ import re
 import shlex
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
+from support.places import ROOT
 
-ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
@@ -91,6 +90,15 @@ def test_ci_calls_the_readmes_test_command():
 def test_map_names_what_is_there():
     for path in re.findall(r"`((?:src|models|datasets|notebooks|tests)/[\w/.]*)`", README):
         assert (ROOT / path).exists(), path
+
+
+def test_map_names_every_room():
+    (table,) = re.findall(r"Rooms of `src/volid`.*?\n\n(.*?)\n\n", README, re.S)
+    named = [cell for row in table.splitlines() for cell in re.findall(r"`([\w./]+)`", row.split("|")[1])]
+    package = ROOT / "src" / "volid"
+    rooms = [p.name + "/" for p in package.iterdir() if (p / "__init__.py").exists()]
+    modules = [p.name for p in package.glob("*.py") if not p.name.startswith("__")]
+    assert sorted(named) == sorted(rooms + modules)
 
 
 def test_every_verb_is_listed():

@@ -1,6 +1,6 @@
 """Makes this SYNTHETIC campaign and its truth again, byte for byte: python make.py [FOLDER].
 
-Needs NumPy and SciPy only: the machine is the exact chain of 4x4 matrices in tests/exact_chain.py, which shares no code
+Needs NumPy and SciPy only: the machine is the exact chain of 4x4 matrices in tests/exact_chain/, which shares no code
 with volid. Error functions are sines and a cubic, not splines. README.md says what is in which file.
 """
 

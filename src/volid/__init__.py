@@ -1,6 +1,9 @@
 """volid: identification of machine-tool geometry from tracker, ball-bar, R-test and direct measurements.
 
-The public names, in the order of the work. They are imported on first use, so that `import volid` stays light.
+Why it is as it is: importing JAX takes as long as a fit of some thousand readings, so `import volid` and such a fit do without,
+and `volid --help` does without NumPy too. Three plain things see to that. A public name is imported from its module when it is
+first asked for (`__getattr__` below; `__init__.pyi` says the same to type checkers). Modules take JAX from `volid.backend.lazy`,
+which imports it at first use. Classes that JAX sees as trees of arrays wait in `volid.backend.pytrees` until JAX is there.
 
 >>> import volid
 >>> machine = volid.load_machine("models/wYXbZt_vertical.toml")
@@ -11,8 +14,6 @@ The public names, in the order of the work. They are imported on first use, so t
 import os as _os
 import sys as _sys
 from importlib import import_module as _import_module
-from types import ModuleType as _ModuleType
-from typing import TYPE_CHECKING
 from typing import Any as _Any
 
 # 64 bit throughout: 32 bit cannot hold 0.1 µm in 8 m. Set without importing JAX, so that `volid --help` stays fast.
@@ -21,134 +22,64 @@ if "jax" in _sys.modules:
     _sys.modules["jax"].config.update("jax_enable_x64", True)
 _import_module("volid.backend.threads")  # before NumPy, which reads the number of threads as it is loaded
 
-if TYPE_CHECKING:
-    from volid.campaign import Campaign, ObservationSet, Station
-    from volid.compensation.base import base_of as compensation_base
-    from volid.compensation.control import Control
-    from volid.compensation.grids.linear import Grid, linear_grid
-    from volid.compensation.grids.rotary import RotaryGrid, rotary_grids
-    from volid.compensation.package import Compensation, compensate
-    from volid.compensation.residual.forecast import Forecast, forecast
-    from volid.compensation.residual.volume import predict_residual, volumetric_summary
-    from volid.compensation.rigid import best_rigid
-    from volid.compensation.tables.by_function import error_tables
-    from volid.compensation.tables.error_table import ErrorTable
-    from volid.compensation.types import TYPES as COMPENSATION_TYPES
-    from volid.exceptions import InputError, NotDeterminedError, OutputError, VolidError
-    from volid.fitting.datum import parse_datum
-    from volid.fitting.fit import fit
-    from volid.fitting.location_errors import LocationError, location_errors
-    from volid.fitting.solution import Solution
-    from volid.fitting.streamed import fit_streamed
-    from volid.io import load_campaign
-    from volid.io import read_machine as load_machine
-    from volid.io import write_campaign as save_campaign
-    from volid.io.campaign.stream import CampaignStream
-    from volid.io.compensations import load_control, save_compensation
-    from volid.io.grids import read_grid as load_grid
-    from volid.io.grids import save_grid
-    from volid.io.solutions import read_solution as load_solution
-    from volid.io.solutions import write_solution as save_solution
-    from volid.io.table_reader import read_table as load_table
-    from volid.model.machine import Datum, Machine
-    from volid.planning.standard import standard_plan
-    from volid.plausibility.checks import check_campaign, closures
-    from volid.report.summary import summary
-    from volid.virtual.random_truth import random_truth
-    from volid.virtual.simulate import simulate
-    from volid.virtual.truth import Truth
-
-__all__ = [  # in the order of the work  # noqa: RUF022
+_PUBLIC = {  # public name: where it comes from, in the order of the work
     # machine and campaign
-    "load_machine",
-    "Machine",
-    "Datum",
-    "load_campaign",
-    "save_campaign",
-    "Campaign",
-    "Station",
-    "ObservationSet",
-    "check_campaign",
-    "closures",
+    "load_machine": "volid.io:read_machine",
+    "Machine": "volid.model.machine:Machine",
+    "Datum": "volid.model.machine:Datum",
+    "load_campaign": "volid.io:load_campaign",
+    "save_campaign": "volid.io:write_campaign",
+    "Campaign": "volid.campaign:Campaign",
+    "Station": "volid.campaign:Station",
+    "ObservationSet": "volid.campaign:ObservationSet",
+    "check_campaign": "volid.plausibility.checks:check_campaign",
+    "closures": "volid.plausibility.checks:closures",
     # a virtual machine instead of a real one
-    "standard_plan",
-    "random_truth",
-    "Truth",
-    "simulate",
+    "standard_plan": "volid.planning.standard:standard_plan",
+    "random_truth": "volid.virtual.random_truth:random_truth",
+    "Truth": "volid.virtual.truth:Truth",
+    "simulate": "volid.virtual.simulate:simulate",
     # identification
-    "fit",
-    "CampaignStream",
-    "fit_streamed",
-    "parse_datum",
-    "Solution",
-    "save_solution",
-    "load_solution",
-    "summary",
-    "location_errors",
-    "LocationError",
+    "fit": "volid.fitting.fit:fit",
+    "CampaignStream": "volid.io.campaign.stream:CampaignStream",
+    "fit_streamed": "volid.fitting.streamed:fit_streamed",
+    "parse_datum": "volid.fitting.datum:parse_datum",
+    "Solution": "volid.fitting.solution:Solution",
+    "save_solution": "volid.io.solutions:write_solution",
+    "load_solution": "volid.io.solutions:read_solution",
+    "summary": "volid.report.summary:summary",
+    "location_errors": "volid.fitting.location_errors:location_errors",
+    "LocationError": "volid.fitting.location_errors:LocationError",
+    "monte_carlo": "volid.uncertainty.trials.monte_carlo:monte_carlo",
     # compensation
-    "linear_grid",
-    "Grid",
-    "rotary_grids",
-    "RotaryGrid",
-    "save_grid",
-    "load_grid",
-    "COMPENSATION_TYPES",
-    "compensation_base",
-    "compensate",
-    "Compensation",
-    "error_tables",
-    "ErrorTable",
-    "load_table",
-    "save_compensation",
-    "load_control",
-    "Control",
-    "best_rigid",
-    "volumetric_summary",
-    "predict_residual",
-    "forecast",
-    "Forecast",
+    "linear_grid": "volid.compensation.grids.linear:linear_grid",
+    "Grid": "volid.compensation.grids.grid:Grid",
+    "rotary_grids": "volid.compensation.grids.rotary:rotary_grids",
+    "RotaryGrid": "volid.compensation.grids.grid:RotaryGrid",
+    "save_grid": "volid.io.grids:save_grid",
+    "load_grid": "volid.io.grid_reader:read_grid",
+    "COMPENSATION_TYPES": "volid.compensation.types:TYPES",
+    "compensation_base": "volid.compensation.base:base_of",
+    "compensate": "volid.compensation.package:compensate",
+    "Compensation": "volid.compensation.package:Compensation",
+    "error_tables": "volid.compensation.tables.by_function:error_tables",
+    "ErrorTable": "volid.compensation.tables.error_table:ErrorTable",
+    "load_table": "volid.io.table_reader:read_table",
+    "save_compensation": "volid.io.compensations:save_compensation",
+    "load_control": "volid.io.compensations:load_control",
+    "Control": "volid.compensation.control:Control",
+    "best_rigid": "volid.compensation.rigid:best_rigid",
+    "volumetric_summary": "volid.compensation.residual.volume:volumetric_summary",
+    "predict_residual": "volid.compensation.residual.volume:predict_residual",
+    "forecast": "volid.compensation.residual.forecast:forecast",
+    "Forecast": "volid.compensation.residual.forecast:Forecast",
     # what can go wrong
-    "VolidError",
-    "InputError",
-    "OutputError",
-    "NotDeterminedError",
-]
-_PLACES = {
-    "volid.campaign": ("Campaign", "ObservationSet", "Station"),
-    "volid.plausibility.checks": ("check_campaign", "closures"),
-    "volid.compensation.control": ("Control",),
-    "volid.compensation.base": ("base_of as compensation_base",),
-    "volid.compensation.grids.linear": ("Grid", "linear_grid"),
-    "volid.compensation.package": ("Compensation", "compensate"),
-    "volid.compensation.residual.forecast": ("Forecast", "forecast"),
-    "volid.compensation.rigid": ("best_rigid",),
-    "volid.compensation.grids.rotary": ("RotaryGrid", "rotary_grids"),
-    "volid.compensation.tables.error_table": ("ErrorTable",),
-    "volid.compensation.tables.by_function": ("error_tables",),
-    "volid.compensation.types": ("TYPES as COMPENSATION_TYPES",),
-    "volid.compensation.residual.volume": ("predict_residual", "volumetric_summary"),
-    "volid.exceptions": ("VolidError", "InputError", "OutputError", "NotDeterminedError"),
-    "volid.fitting.datum": ("parse_datum",),
-    "volid.fitting.fit": ("fit",),
-    "volid.fitting.location_errors": ("location_errors", "LocationError"),
-    "volid.fitting.solution": ("Solution",),
-    "volid.fitting.streamed": ("fit_streamed",),
-    "volid.io": ("load_campaign", "read_machine as load_machine", "write_campaign as save_campaign"),
-    "volid.io.campaign.stream": ("CampaignStream",),
-    "volid.io.compensations": ("load_control", "save_compensation"),
-    "volid.io.grids": ("read_grid as load_grid", "save_grid"),
-    "volid.io.solutions": ("read_solution as load_solution", "write_solution as save_solution"),
-    "volid.io.table_reader": ("read_table as load_table",),
-    "volid.model.machine": ("Datum", "Machine"),
-    "volid.virtual.random_truth": ("random_truth",),
-    "volid.report.summary": ("summary",),
-    "volid.virtual.simulate": ("simulate",),
-    "volid.planning.standard": ("standard_plan",),
-    "volid.virtual.truth": ("Truth",),
+    "VolidError": "volid.exceptions:VolidError",
+    "InputError": "volid.exceptions:InputError",
+    "OutputError": "volid.exceptions:OutputError",
+    "NotDeterminedError": "volid.exceptions:NotDeterminedError",
 }
-# public name: (module, name there)
-_SOURCES = {n.split(" as ")[-1]: (module, n.split(" as ")[0]) for module, names in _PLACES.items() for n in names}
+__all__ = list(_PUBLIC)
 
 
 def __getattr__(name: str) -> _Any:
@@ -156,33 +87,12 @@ def __getattr__(name: str) -> _Any:
         from importlib.metadata import version
 
         return version("volid")
-    if name not in _SOURCES:
+    if name not in _PUBLIC:
         raise AttributeError(f"module 'volid' has no attribute '{name}'")
-    module, original = _SOURCES[name]
+    module, _, original = _PUBLIC[name].partition(":")
     value = globals()[name] = getattr(_import_module(module), original)
-    _complete_solution()
     return value
 
 
 def __dir__() -> list[str]:
     return [*__all__, "__version__"]
-
-
-def _complete_solution() -> None:
-    """Give `Solution` the methods whose work is done in layers above it: `save`, `grid` and `monte_carlo`."""
-    loaded = _sys.modules.get("volid.fitting.solution")
-    if loaded is not None and not hasattr(loaded.Solution, "save"):
-        loaded.Solution.save = _import_module("volid.io.solutions").write_solution
-        loaded.Solution.monte_carlo = _import_module("volid.uncertainty.trials.monte_carlo").monte_carlo
-        loaded.Solution.grid = _import_module("volid.compensation.grids.linear").linear_grid
-
-
-class _Package(_ModuleType):
-    """`volid.simulate` is the function, also after something has imported the module of that name."""
-
-    def __setattr__(self, name: str, value: _Any) -> None:
-        if not (name in _SOURCES and isinstance(value, _ModuleType)):
-            super().__setattr__(name, value)
-
-
-_sys.modules[__name__].__class__ = _Package

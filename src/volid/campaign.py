@@ -1,33 +1,42 @@
-"""A campaign: what was read on which machine, from where, and under which conditions. NumPy only, immutable."""
+"""A campaign: what was read on which machine, from where, and under which conditions. NumPy only, immutable.
+
+Facts that follow from the readings' places alone (measured ranges, tool vectors, distinct positions) are methods of `Campaign`.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from volid.model.machine import WORKPIECE, Machine
+from volid.model.machine import TOOL, WORKPIECE, Machine
 
-ROW_ARRAYS = (
-    "positions",
-    "directions",
-    "tool",
-    "readings",
-    "u",
-    "time",
-    "temperature",
-    "rows",
-)  # of a set, one entry a row
+if TYPE_CHECKING:
+    from jaxtyping import Float, Int
+
+ROW_ARRAYS = ("positions", "directions", "tool", "readings", "u", "time", "temperature", "rows")  # one entry a row
+SAME_PLACE = 1e-4  # of the travel: commanded positions of an axis nearer than this are one
+SAME_TOOL = 6  # decimal places of a tool vector's components [mm] that count
+SAME_ANGLE = 1e-3  # degrees: rotary positions nearer than this are one
 
 
 @dataclass(frozen=True)
 class Station:
     """Where an instrument (or a ball-bar socket) stands.
 
-    `body`: the body it stands on. `position`: shape (3,) [mm] in that body's frame; None when nothing is known of it.
-    `known`: the position is exact, in the stations' common frame; with `frame` = "machine" in the machine's.
+    Args:
+        name: as the readings name it.
+        body: the body it stands on: "workpiece", "bed", "tool" or the letter of the axis that moves it.
+        position: (x, y, z) in that body's frame, all axes at 0 [mm]; None when nothing is known of it.
+        known: the position is exact, in the stations' common frame; with `frame` = "machine" in the machine's.
+        frame: "stations" or "machine".
+
+    Source: CONVENTIONS 6.
+
+    >>> Station("S1", position=(-300.0, 100.0, 250.0)).body
+    'workpiece'
     """
 
     name: str
@@ -36,10 +45,23 @@ class Station:
     known: bool = False
     frame: str = "stations"
 
+    @property
+    def is_placed(self) -> bool:
+        """Whether the position is known in a frame that all such stations share and whose place in the machine is unknown."""
+        return self.known and self.frame != "machine"
+
 
 @dataclass(frozen=True, eq=False)
 class Effect:
-    """A systematic effect on the readings of a set: name, type, standard uncertainty `u`, scope `per`, free options."""
+    """A systematic effect on the readings of a set.
+
+    Args:
+        name: by which sets share it.
+        type: one of the types of `volid.effects`.
+        u: standard uncertainty, in the unit of the type.
+        per: its scope, such as "campaign", "set" or "station".
+        options: what else the type knows, such as the distribution.
+    """
 
     name: str
     type: str
@@ -50,31 +72,58 @@ class Effect:
 
 @dataclass(frozen=True, eq=False)
 class ObservationSet:
-    """Readings of one kind taken with one instrument.
+    """Readings of one kind taken with one instrument: m rows of k readings.
 
-    `positions`: (m, n_axes), machine axis order [mm or degrees]. `directions`: (m, n_axes), +1, -1 or 0 (unknown).
-    `tool`: (m, 3) [mm]. `readings`: (m, k), NaN in a plan. `u`: (m, k), standard uncertainty of each reading.
-    `labels`: text columns of the kind, each (m,). `time` [s], `temperature` [°C]: (m,), NaN where not recorded.
-    `options`: the set's other keys, as the kind defines them. `source`: file; `rows`: (m,) line numbers in it.
+    Args:
+        name: by which messages and tables call the set.
+        kind: of `volid.observations`, such as "distance".
+        positions: commanded axis positions, shape (m, n_axes), machine axis order [mm or degrees].
+        directions: approach directions, shape (m, n_axes): +1, -1 or 0 (unknown).
+        tool: tool vectors, shape (m, 3) [mm].
+        readings: shape (m, k), in the unit of the kind; NaN in a plan.
+        u: standard uncertainty of each reading, shape (m, k).
+        labels: text columns of the kind, such as "station", each of shape (m,).
+        time: shape (m,) [s], NaN where not recorded; None when no row has one.
+        temperature: shape (m,) [°C], likewise.
+        options: the set's other keys, as the kind defines them.
+        effects: systematic effects on the readings.
+        source: file that the set was read from.
+        rows: line numbers in it, shape (m,).
+
+    Source: CONVENTIONS 6.
+
+    >>> import numpy as np
+    >>> still, tool = np.zeros((2, 3)), np.tile([0.0, 0.0, -150.0], (2, 1))
+    >>> labels = {"station": np.array(["S1", "S1"]), "segment": np.array(["1", "1"])}
+    >>> readings = np.array([[812.4321], [790.1234]])
+    >>> places = np.array([[0.0, 0.0, 0.0], [100.0, 0.0, 0.0]])
+    >>> s = ObservationSet("tracker", "distance", places, still, tool, readings, 0.0 * readings + 5e-4, labels)
+    >>> len(s), s.where(1)
+    (2, 'tracker, row 2')
     """
 
     name: str
     kind: str
-    positions: np.ndarray
-    directions: np.ndarray
-    tool: np.ndarray
-    readings: np.ndarray
-    u: np.ndarray
+    positions: Float[np.ndarray, "rows axes"]
+    directions: Float[np.ndarray, "rows axes"]
+    tool: Float[np.ndarray, "rows 3"]
+    readings: Float[np.ndarray, "rows columns"]
+    u: Float[np.ndarray, "rows columns"]
     labels: Mapping[str, np.ndarray] = field(default_factory=dict)
-    time: np.ndarray | None = None
-    temperature: np.ndarray | None = None
+    time: Float[np.ndarray, " rows"] | None = None
+    temperature: Float[np.ndarray, " rows"] | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
     effects: tuple[Effect, ...] = ()
     source: str = ""
-    rows: np.ndarray | None = None
+    rows: Int[np.ndarray, " rows"] | None = None
 
     def __len__(self) -> int:
         return len(self.positions)
+
+    @property
+    def sees_tool(self) -> bool:
+        """True unless the set measures to a reflector on another body than the tool (option `target_body`)."""
+        return str(self.options.get("target_body", TOOL)) == TOOL
 
     def rows_of(self, numbers: np.ndarray) -> ObservationSet:
         """The set with some of its rows, in the order of `numbers`."""
@@ -103,7 +152,24 @@ def standard_uncertainty(u: float | Mapping[str, float], readings: np.ndarray) -
 
 @dataclass(frozen=True, eq=False)
 class Campaign:
-    """A measuring campaign, complete in itself: machine, stations, sets, and the record of conditions (ISO/TR 16907 9.1)."""
+    """A measuring campaign, complete in itself: machine, stations, sets of readings, and the record of conditions.
+
+    Args:
+        machine: that was measured, with its datum and the settings of its error model.
+        stations: where the instruments stand.
+        sets: the readings.
+        title: in words.
+        conditions: the record of conditions, as ISO/TR 16907 9.1 asks for it.
+        warnings: what reading or planning it has found odd.
+        source: file that it was read from.
+
+    >>> import volid
+    >>> campaign = volid.load_campaign("datasets/vertical_multilateration/campaign.toml")
+    >>> campaign.n_readings, campaign.distinct_positions()["X"] > 20
+    (2400, True)
+    >>> campaign.machine.letters, campaign.measured_range()[1].tolist()
+    (('Y', 'X', 'Z'), [0.0, 1000.0])
+    """
 
     machine: Machine
     stations: tuple[Station, ...] = ()
@@ -121,3 +187,37 @@ class Campaign:
     def n_readings(self) -> int:
         """Number of scalar readings in all sets."""
         return sum(int(s.readings.size) for s in self.sets)
+
+    @property
+    def positions(self) -> Float[np.ndarray, "rows axes"]:
+        """Commanded positions of all sets [mm or degrees]."""
+        return np.concatenate([s.positions for s in self.sets])
+
+    def measured_range(self) -> Float[np.ndarray, "axes 2"]:
+        """Lowest and highest measured position of every axis [mm or degrees]."""
+        positions = self.positions
+        return np.stack([positions.min(axis=0), positions.max(axis=0)], axis=1)
+
+    def distinct_positions(self) -> dict[str, int]:
+        """Number of distinct commanded positions of every axis, equal within 1e-4 of the travel."""
+        axes, columns = self.machine.axes, self.positions.T
+        steps = (np.round((q - a.travel[0]) / (SAME_PLACE * a.length)) for a, q in zip(axes, columns, strict=True))
+        return {a.letter: len(np.unique(own)) for a, own in zip(axes, steps, strict=True)}
+
+    def rotary_poses(self) -> list[Int[np.ndarray, " rows"]]:
+        """Number of the combination of rotary positions of every row, by set; 0 everywhere without rotary axes."""
+        columns = [i for i, axis in enumerate(self.machine.axes) if not axis.is_linear]
+        angles = np.round(self.positions[:, columns] / SAME_ANGLE)
+        _, pose = np.unique(angles, axis=0, return_inverse=True)
+        return np.split(np.asarray(pose).ravel(), np.cumsum([len(s) for s in self.sets])[:-1])
+
+    def tool_vectors(self) -> Float[np.ndarray, "tools 3"]:
+        """The distinct tool vectors of all sets [mm], in ascending order."""
+        return np.unique(np.round(np.concatenate([s.tool for s in self.sets]), SAME_TOOL), axis=0)
+
+    def most_used_tool(self) -> tuple[float, float, float]:
+        """The tool vector of most rows that see the tool [mm]; of equally frequent ones the first."""
+        tools = np.concatenate([s.tool for s in self.sets if s.sees_tool] or [s.tool for s in self.sets])
+        values, first, counts = np.unique(np.round(tools, SAME_TOOL), axis=0, return_index=True, return_counts=True)
+        x, y, z = (values[np.lexsort((first, -counts))[0]] + 0.0).tolist()
+        return x, y, z

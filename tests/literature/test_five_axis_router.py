@@ -7,20 +7,18 @@ at most, one weight per rotary position; repeatability 11 to 15 µm; rigid model
 
 import re
 import shutil
-from pathlib import Path
 
 import numpy as np
 import pytest
-from reference_data import reference_file
+from support.places import DATASETS, reference_file
 
 from volid.cli import main
-from volid.fitting.diagnosis.hold_out import rotary_poses
 from volid.io import load_campaign
 from volid.io.solutions import read_solution
 from volid.model.kinematics import nominal_point
 from volid.plausibility.checks import closures
 
-FOLDER = Path(__file__).parents[2] / "datasets" / "five_axis_router"
+FOLDER = DATASETS / "five_axis_router"
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +35,7 @@ def test_centres_spread_and_repeat_as_published(folder):
     campaign = load_campaign(folder / "router.toml")
     (readings,) = campaign.sets
     centres = nominal_point(campaign.machine, readings.positions, readings.tool)
-    (pose,) = rotary_poses(campaign)
+    (pose,) = campaign.rotary_poses()
     assert len(readings) == 101 and pose.max() + 1 == 76
     means = np.array([centres[pose == k].mean(axis=0) for k in range(76)])
     spread = np.linalg.norm(means - means.mean(axis=0), axis=1)

@@ -4,15 +4,15 @@ Expected values are the published ones (µm, printed to 0.1), see datasets/publi
 """
 
 import runpy
-from pathlib import Path
 
 import numpy as np
 import pytest
+from support.places import DATASETS
 
 from volid.fitting.fit import fit
 from volid.io import load_campaign
 
-FOLDER = Path(__file__).parents[2] / "datasets/published_positioning"
+FOLDER = DATASETS / "published_positioning"
 MAKE = runpy.run_path(str(FOLDER / "make.py"))  # the tables as printed, and the deviations from them
 TABLES, deviations = MAKE["TABLES"], MAKE["deviations"]
 STEP = 25.0  # mm

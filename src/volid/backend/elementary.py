@@ -42,8 +42,8 @@ def arctan2(y: Any, x: Any) -> Any:
     return space(y if is_plain(x) else x).arctan2(y, x)
 
 
-def whole(x: Any) -> Any:
-    """The nearest whole number, a constant: its derivative is 0."""
+def nearest_integer(x: Any) -> Any:
+    """The integer nearest to `x`, a constant: its derivative is 0."""
     value = x.value if isinstance(x, Recorded) else x
     return space(value).round(value)
 
@@ -82,7 +82,7 @@ def in_rows(parts: Sequence[Any], shape: tuple[int, ...]) -> Any:
     return rows
 
 
-def settled(parts: Any) -> Any:
+def computed_once(parts: Any) -> Any:
     """The parts of a vector; JAX arrays as rows of one array, at which XLA stops computing them anew for every use."""
     if any(is_plain(p) or isinstance(p, Recorded) for p in parts):
         return parts

@@ -1,4 +1,4 @@
-"""Points spread evenly over the unit cube: the Halton sequence, shifted at random (Cranley and Patterson 1976).
+"""Points spread evenly: on a line by a step, over the unit cube by the Halton sequence, shifted at random.
 
 Of NumPy alone: SciPy's sequences take longer to import than most fits last.
 """
@@ -10,8 +10,18 @@ import numpy as np
 PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29)
 
 
+def every_step(low: float, high: float, step: float) -> np.ndarray:
+    """Every `step` > 0 from the lower end on, and the upper end.
+
+    >>> every_step(0.0, 1.0, 0.4).tolist()
+    [0.0, 0.4, 0.8, 1.0]
+    """
+    inner = low + step * np.arange(int(np.floor((high - low) / step + 1e-9)) + 1)
+    return inner if high - inner[-1] < 1e-6 * step else np.append(inner, high)
+
+
 def even_points(n: int, dimension: int, seed: int = 0) -> np.ndarray:
-    """`n` points in [0, 1)^dimension, shape (n, dimension); `dimension` up to 10.
+    """`n` points in [0, 1)^dimension, shape (n, dimension); `dimension` up to 10. Cranley and Patterson 1976.
 
     >>> even_points(4, 2, seed=0).round(3).shape
     (4, 2)

@@ -12,19 +12,22 @@ from importlib import import_module
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
+from volid.backend.pytrees import register_waiting
+
 if TYPE_CHECKING:
     import jax as jax
     import jax.numpy as jnp
 else:
 
     class _OnDemand(ModuleType):
-        """Stands for a module that is imported when something in it is asked for.
+        """Stands for a module that is imported when something in it is asked for; volid's trees are then known to JAX.
 
         The package first: threads that begin with different modules of it would wait for each other.
         """
 
         def __getattr__(self, name: str) -> Any:
             import_module(self.__name__.partition(".")[0])
+            register_waiting()
             value = getattr(import_module(self.__name__), name)
             setattr(self, name, value)  # asked for once
             return value

@@ -1,7 +1,8 @@
 """Tasks in processes of this machine, one per core: the same numbers whatever the number of processes.
 
 Processes are spawned, not forked (JAX does not survive a fork), with one thread each: the number of threads of a matrix
-product changes its last digits. A script that calls this needs `if __name__ == "__main__":`, because every process reads it.
+product changes its last digits. The environment of the process that starts them stays as it is, but for the moment in which one
+starts. A script that calls this needs `if __name__ == "__main__":`, because every process reads it.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import closing, contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from multiprocessing.connection import wait as wait_for
 from typing import Any
 
@@ -24,6 +25,7 @@ ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THRE
 XLA_FLAG = "--xla_cpu_multi_thread_eigen=false"
 RENEW = 64  # tasks of a process before it is replaced: compiled programs of ever new shapes would fill the memory
 _SHARED: Any = None  # of this process
+_lock, _inside, _restore = threading.Lock(), 0, ExitStack()
 
 
 class Died:
@@ -40,6 +42,36 @@ def single_threaded() -> dict[str, str]:
     flags = os.environ.get("XLA_FLAGS", "")
     flags = flags if XLA_FLAG in flags else f"{flags} {XLA_FLAG}".strip()
     return ONE_THREAD | {"XLA_FLAGS": flags, "JAX_PLATFORMS": os.environ.get("JAX_PLATFORMS") or "cpu"}
+
+
+@contextmanager
+def single_threaded_environment() -> Iterator[None]:
+    """`os.environ` with `single_threaded()` meanwhile, as it was before when all threads that entered have left.
+
+    For processes that are started meanwhile, and for NumPy and JAX when they are loaded meanwhile.
+    """
+    global _inside
+    with _lock:
+        if not _inside:
+            _set(single_threaded())
+        _inside += 1
+    try:
+        yield
+    finally:
+        with _lock:
+            _inside -= 1
+            if not _inside:
+                _restore.close()
+
+
+def _set(settings: dict[str, str]) -> None:
+    """Put `settings` into `os.environ`, and how to take them out again into `_restore`."""
+    for key, value in settings.items():
+        if key in os.environ:
+            _restore.callback(os.environ.__setitem__, key, os.environ[key])
+        else:
+            _restore.callback(os.environ.pop, key, None)
+        os.environ[key] = value
 
 
 def in_processes(
@@ -77,32 +109,31 @@ def _results(
         number = left.popleft()
         running[process.submit(function, tasks[number])] = number, process
 
-    with _environment(single_threaded()):
-        processes: list[_Process] = []
-        try:
-            processes.extend(_Process(shared) for _ in range(min(workers, len(numbers))))
-            if check and processes:
-                processes[0].check()
-            for process in processes:
-                begin(process)
-            while running:
-                for future in wait(running, return_when=FIRST_COMPLETED).done:
-                    number, process = running.pop(future)
-                    try:
-                        result = future.result()
-                    except BrokenProcessPool:
-                        result = Died()
-                    yield number, result
-                    if left:
-                        begin(process)
-            for process in processes:
-                process.end()
-        except BaseException:
-            for process in processes:
-                process.end(wait=False)
-            for child in set(multiprocessing.active_children()) - before:
-                child.terminate()
-            raise
+    processes: list[_Process] = []
+    try:
+        processes.extend(_Process(shared) for _ in range(min(workers, len(numbers))))
+        if check and processes:
+            processes[0].check()
+        for process in processes:
+            begin(process)
+        while running:
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                number, process = running.pop(future)
+                try:
+                    result = future.result()
+                except BrokenProcessPool:
+                    result = Died()
+                yield number, result
+                if left:
+                    begin(process)
+        for process in processes:
+            process.end()
+    except BaseException:
+        for process in processes:
+            process.end(wait=False)
+        for child in set(multiprocessing.active_children()) - before:
+            child.terminate()
+        raise
 
 
 class _Process:
@@ -117,8 +148,9 @@ class _Process:
 
     def _new(self) -> ProcessPoolExecutor:
         pool = ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"), initializer=_begin)
-        # the first task, not an argument of the start: that would wait forever for a process that dies before it reads it
-        self._ready = pool.submit(_keep, self._shared)
+        with single_threaded_environment():  # the process starts when it gets its first task
+            # what is shared is that task, not an argument of the start: this would wait forever for a process that dies early
+            self._ready = pool.submit(_keep, self._shared)
         return pool
 
     def check(self) -> None:
@@ -149,21 +181,6 @@ class _Process:
     def end(self, wait: bool = True) -> None:
         """No more tasks."""
         self._pool.shutdown(wait, cancel_futures=True)
-
-
-@contextmanager
-def _environment(settings: dict[str, str]) -> Iterator[None]:
-    """`os.environ` with `settings`, for processes that are started meanwhile."""
-    old = {key: os.environ.get(key) for key in settings}
-    os.environ.update(settings)
-    try:
-        yield
-    finally:
-        for key, value in old.items():
-            if value is None:
-                os.environ.pop(key, None)
-            else:
-                os.environ[key] = value
 
 
 def _begin() -> None:

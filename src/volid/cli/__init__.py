@@ -15,6 +15,7 @@ import re
 import sys
 from collections.abc import Sequence
 
+from volid.cli.common import in_options
 from volid.cli.environment import prepare, version
 from volid.cli.interrupts import INTERRUPTS
 from volid.exceptions import NotDeterminedError, VolidError
@@ -127,7 +128,8 @@ def _run(verb: str, args: argparse.Namespace) -> int:
             sys.stdout.flush()
         return status
     except VolidError as error:
-        print(f"volid {verb}: {str(error).removeprefix(f'{verb}: ')}", file=sys.stderr)
+        message = in_options(str(error).removeprefix(f"{verb}: "), args)
+        print(f"volid {verb}: {message}", file=sys.stderr)
         return 1 if isinstance(error, NotDeterminedError) else 2
     except KeyboardInterrupt:
         print(f"\nvolid {verb}: interrupted", file=sys.stderr)

@@ -81,12 +81,11 @@ def _rows(solution: Solution, args: argparse.Namespace) -> Rows:
     import numpy as np
 
     from volid.io.functions_csv import read_points
-    from volid.report.summary import most_used_tool
     from volid.uncertainty.budget import headline_rows, point_rows
     from volid.uncertainty.outputs import headline_outputs
 
     if args.at:
         points = read_points(args.at, solution.machine)
         return point_rows(solution, points.positions, points.tool, points.directions)
-    tool = most_used_tool(solution.campaign) if args.tool is None else args.tool
+    tool = solution.campaign.most_used_tool() if args.tool is None else args.tool
     return headline_rows(solution, headline_outputs(solution, np.asarray(tool)))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import re
 import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
     from volid.io.functions_csv import Sheet
 
 HDF5 = (".h5", ".hdf5")
+_CALLED = {"overwrite": "force", "ranges": "range", "types": "type"}  # parameter of the library: option of another name
+_PARAMETER = re.compile(r"`(\w+)(?:=([^`]*))?`")
 
 
 def explain(parser: argparse.ArgumentParser, text: str) -> None:
@@ -44,6 +47,23 @@ def tool_vector(text: str) -> tuple[float, float, float]:
             f"'{text}' is no tool vector; expected x,y,z in mm, such as 0,0,-150"
         ) from None
     return x, y, z
+
+
+def in_options(text: str, args: argparse.Namespace) -> str:
+    """A message of the library with its parameters as options of the verb: "`resume=True`" becomes "--resume".
+
+    A value other than True follows its option; what is no option of the verb stays as it is.
+    """
+    known = set(re.findall(r"--[a-z-]+", args.usage.format_usage()))
+
+    def option(match: re.Match[str]) -> str:
+        name, value = match.groups()
+        found = "--" + _CALLED.get(name, name).replace("_", "-")
+        if found not in known:
+            return match.group()
+        return found if value in (None, "True") else f"{found} {value}"
+
+    return _PARAMETER.sub(option, text)
 
 
 class _Stop(Exception):
@@ -112,8 +132,11 @@ def print_json(data: Any) -> None:
     print(json.dumps(plain(data), ensure_ascii=False, indent=1, allow_nan=False))
 
 
-def attention(solution: Solution) -> list[str]:
-    """Why numbers of this solution need attention; empty when all is well."""
+def attention(solution: Solution, named: bool = False) -> list[str]:
+    """Why numbers of this solution need attention; empty when all is well.
+
+    `named`: the verb itself names what is not determined.
+    """
     messages = []
     if solution.adequacy.rejected:
         messages.append(
@@ -121,7 +144,7 @@ def attention(solution: Solution) -> list[str]:
         )
     if not solution.statistics.converged:
         messages.append("the fit has not converged: do not use its numbers")
-    if not solution.fully_determined:
+    if not named and not solution.fully_determined:
         directions = solution.null_space.shape[1]
         messages.append(
             f"the data do not determine {directions} combination(s) of the parameters (volid summary names them)"
@@ -131,7 +154,7 @@ def attention(solution: Solution) -> list[str]:
 
 def tell(args: argparse.Namespace, notes: Sequence[str]) -> None:
     """Notes about a result: on standard output, or on standard error where the result itself stands there."""
-    for note in notes:
+    for note in (in_options(note, args) for note in notes):
         if args.output and not args.json:
             print(f"note: {note}")
         else:
@@ -141,5 +164,5 @@ def tell(args: argparse.Namespace, notes: Sequence[str]) -> None:
 def conclude(args: argparse.Namespace, messages: Sequence[str]) -> int:
     """Name on standard error what needs attention; the exit status, 1 when there is something."""
     for message in messages:
-        print(f"volid {args.verb}: attention: {message}", file=sys.stderr)
+        print(f"volid {args.verb}: attention: {in_options(message, args)}", file=sys.stderr)
     return 1 if messages else 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from volid.cli.common import tool_vector
@@ -156,10 +157,6 @@ def base_from(solution: Solution, args: argparse.Namespace, tool: Sequence[float
 
 def rule_from(text: str | None) -> Any:
     """The Python function that "package.module:function" or "file.py:function" names. Raises `InputError`."""
-    import importlib
-    import importlib.util
-    from pathlib import Path
-
     from volid.exceptions import InputError
 
     if text is None:
@@ -168,17 +165,25 @@ def rule_from(text: str | None) -> Any:
     if not place:
         raise InputError(f"--rule '{text}'; expected module:function or file.py:function")
     try:
-        if place.endswith(".py"):
-            spec = importlib.util.spec_from_file_location(Path(place).stem, place)
-            if spec is None or spec.loader is None:
-                raise ImportError(place)
-            module = importlib.util.module_from_spec(spec)
-            spec.loader.exec_module(module)
-        else:
-            module = importlib.import_module(place)
+        module = _module(place)
     except Exception as error:  # a user's file may fail in any way
         raise InputError(f"--rule {text}: {place} cannot be imported: {type(error).__name__}: {error}") from None
     function = getattr(module, name, None)
     if not callable(function):
         raise InputError(f"--rule {text}: {place} has no function '{name}'")
     return function
+
+
+def _module(place: str) -> ModuleType:
+    """A module by its name, or a Python file that ends in .py."""
+    import importlib.util
+    from pathlib import Path
+
+    if not place.endswith(".py"):
+        return importlib.import_module(place)
+    spec = importlib.util.spec_from_file_location(Path(place).stem, place)
+    if spec is None or spec.loader is None:
+        raise ImportError(place)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module

@@ -39,10 +39,10 @@ def run(args: argparse.Namespace) -> int:
     check_output(args.output, args.force, [args.solution])
     with Progress() as progress:
         progress("reading the solution")
-        from volid.compensation.grids.linear import describe_datum
         from volid.fitting.datum import parse_datum
         from volid.io.basics.provenance import sha256
         from volid.io.solutions import read_solution, write_solution
+        from volid.model.error_functions import describe_datum
 
         solution = read_solution(args.solution)
         progress("changing the datum")
@@ -50,9 +50,9 @@ def run(args: argparse.Namespace) -> int:
         record = {"datum command": " ".join(args.command_line), f"sha256 {args.solution}": sha256(args.solution)}
         moved = replace(moved, provenance=dict(solution.provenance) | record)
         write_solution(moved, args.output, args.force)
+    old, new = (describe_datum(s.machine, s.datum) for s in (solution, moved))
     if args.json:
-        old, new = describe_datum(solution), describe_datum(moved)
         print_json({"output": args.output, "from": old, "to": new, "attention": attention(moved)})
     else:
-        print(f"from: {describe_datum(solution)}\nto:   {describe_datum(moved)}\nwritten: {args.output}")
+        print(f"from: {old}\nto:   {new}\nwritten: {args.output}")
     return conclude(args, attention(moved))

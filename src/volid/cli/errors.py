@@ -3,9 +3,16 @@
 from __future__ import annotations
 
 import argparse
+from typing import TYPE_CHECKING
 
 from volid.cli.common import add_output, add_solution, attention, check_output, conclude, explain, write_sheet
 from volid.cli.progress import Progress
+
+if TYPE_CHECKING:
+    from volid.fitting.results import Deviations
+    from volid.fitting.solution import Solution
+    from volid.io.functions_csv import Points
+    from volid.uncertainty.intervals import Bands
 
 HELP = "deviation of the functional point at given axis positions and tool vectors"
 
@@ -45,21 +52,30 @@ def run(args: argparse.Namespace) -> int:
         points = read_points(args.at, solution.machine)
         progress(f"evaluating {len(points.positions)} points")
         found = solution.evaluate(points.positions, points.tool, points.directions)
-        intervals = None
-        if solution.samples:
-            from volid.uncertainty.intervals import deviation_intervals
-
-            progress("coverage intervals")
-            where = (points.positions, points.tool, points.directions)
-            intervals = deviation_intervals(solution, found.values, *where)
+        intervals = _intervals(solution, points, found, progress)
     write_sheet(deviations_sheet(points, found, solution, args.solution, intervals), args)
-    n, lost, outside = len(points.positions), int((~found.determined).any(axis=1).sum()), int(found.outside.sum())
-    messages = [m for m in attention(solution) if "do not determine" not in m]
-    if lost:
+    if args.output and not args.json:
+        print(f"{len(points.positions)} points written: {args.output}")
+    return conclude(args, attention(solution, named=True) + _messages(solution, found))
+
+
+def _intervals(solution: Solution, points: Points, found: Deviations, progress: Progress) -> Bands | None:
+    """Coverage intervals when the solution has samples."""
+    if not solution.samples:
+        return None
+    from volid.uncertainty.intervals import deviation_intervals
+
+    progress("coverage intervals")
+    return deviation_intervals(solution, found.values, points.positions, points.tool, points.directions)
+
+
+def _messages(solution: Solution, found: Deviations) -> list[str]:
+    """What of the values needs attention."""
+    n, unknown, outside = len(found.values), int((~found.determined).any(axis=1).sum()), int(found.outside.sum())
+    messages = []
+    if unknown:
         reason = " ".join(solution.statements)
-        messages.append(f"{lost} of {n} points have components that the data do not determine, left blank. {reason}")
+        messages.append(f"{unknown} of {n} points have components that the data do not determine, left blank. {reason}")
     if outside:
         messages.append(f"{outside} of {n} points lie outside the measured positions: extrapolated (outside = 1)")
-    if args.output and not args.json:
-        print(f"{n} points written: {args.output}")
-    return conclude(args, messages)
+    return messages

@@ -6,7 +6,7 @@ import argparse
 import sys
 import time
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from volid.cli.common import (
     add_output,
@@ -90,31 +90,33 @@ def _inputs(args: argparse.Namespace) -> list[str]:
 def _solve(args: argparse.Namespace, progress: Progress) -> Solution:
     """Read, fit and write."""
     progress("reading the campaign")
+    from volid.io.solutions import read_solution
+
+    prior = read_solution(args.prior) if args.prior else None
+    solution = (_stream if args.stream else _in_memory)(args, prior, progress)
+    progress("writing the solution")
+    solution.save(args.output, args.force)
+    return solution
+
+
+def _in_memory(args: argparse.Namespace, prior: Solution | None, progress: Progress) -> Solution:
+    """Fit all readings at once. Raises `InputError`."""
     from volid.fitting.datum import parse_datum
     from volid.fitting.fit import fit
     from volid.io import load_campaign
-    from volid.io.basics.provenance import provenance
-    from volid.io.solutions import read_solution, write_solution
 
-    prior = read_solution(args.prior) if args.prior else None
-    if args.stream:
-        found = _stream(args, prior, progress)
-        options = {"stream": True, "datum": args.datum, "prior": args.prior}
-        solution = replace(found, provenance=provenance(input_files(_inputs(args)), args.command_line, options))
-        progress("writing the solution")
-        write_solution(solution, args.output, args.force)
-        return solution
     campaign = load_campaign(*args.campaign)
-    options = {"robust": args.robust, "datum": args.datum, "prior": args.prior, "solver": args.solver}
-    record = provenance(input_files(_inputs(args)), args.command_line, options)
+    record = _record(args, {"robust": args.robust, "solver": args.solver})
     datum = parse_datum(campaign.machine, args.datum) if args.datum else None
-    solution = replace(
-        fit(campaign, robust=args.robust, datum=datum, prior=prior, solver=args.solver, progress=progress),
-        provenance=record,
-    )
-    progress("writing the solution")
-    write_solution(solution, args.output, args.force)
-    return solution
+    found = fit(campaign, robust=args.robust, datum=datum, prior=prior, solver=args.solver, progress=progress)
+    return replace(found, provenance=record)
+
+
+def _record(args: argparse.Namespace, options: dict[str, Any]) -> dict[str, str]:
+    from volid.io.basics.provenance import provenance
+
+    options |= {"datum": args.datum, "prior": args.prior}
+    return provenance(input_files(_inputs(args)), args.command_line, options)
 
 
 def _stream(args: argparse.Namespace, prior: Solution | None, progress: Progress) -> Solution:
@@ -132,10 +134,9 @@ def _stream(args: argparse.Namespace, prior: Solution | None, progress: Progress
             f"--stream and {wrong} exclude each other: that needs all readings at once; leave one of them out"
         )
     stream = CampaignStream(args.campaign[0])
-    datum = None
-    if args.datum:
-        datum = parse_datum(next(stream.parts()).machine, args.datum)
-    return fit_streamed(stream, datum=datum, prior=prior, progress=progress)
+    record = _record(args, {"stream": True})
+    datum = parse_datum(next(stream.parts()).machine, args.datum) if args.datum else None
+    return replace(fit_streamed(stream, datum=datum, prior=prior, progress=progress), provenance=record)
 
 
 def _summarise(args: argparse.Namespace, solution: Solution, progress: Progress) -> None:

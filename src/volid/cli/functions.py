@@ -49,11 +49,11 @@ def run(args: argparse.Namespace) -> int:
 
         intervals = function_intervals(solution, rows)
     write_sheet(functions_sheet(rows, solution, args.solution, intervals), args)
-    messages = [m for m in attention(solution) if "do not determine" not in m]
+    messages = attention(solution, named=True)
     names = list(dict.fromkeys(row.name for row in rows))
-    lost = list(dict.fromkeys(row.name for row in rows if row.value != row.value))
-    if lost:
-        messages.append(f"not determined by the data, wholly or in part, and left blank: {', '.join(lost)}")
+    unknown = list(dict.fromkeys(row.name for row in rows if row.value != row.value))
+    if unknown:
+        messages.append(f"not determined by the data, wholly or in part, and left blank: {', '.join(unknown)}")
     if args.output and not args.json:
         print(f"{len(names)} functions and location errors written: {args.output}")
     return conclude(args, messages)

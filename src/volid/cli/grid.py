@@ -35,8 +35,9 @@ from volid.cli.grid_messages import LINEAR, ROTARY, described, messages_of, reve
 from volid.cli.progress import Progress
 
 if TYPE_CHECKING:
+    from volid.compensation.grids.grid import AnyGrid
+    from volid.compensation.types import CompensationType
     from volid.fitting.solution import Solution
-    from volid.io.grids import AnyGrid
 
 HELP = "spatial grid of compensation (or error) values over the working volume"
 
@@ -110,41 +111,63 @@ def run(args: argparse.Namespace) -> int:
         for grid, path in zip(grids, paths, strict=True):
             print(f"{described(grid, args)} written: {path}")
     messages = [m for grid in grids for m in messages_of(grid, args, several=len(grids) > 1)]
-    return conclude(args, [m for m in attention(solution) if "do not determine" not in m] + messages)
+    return conclude(args, attention(solution, named=True) + messages)
 
 
 def _check_options(args: argparse.Namespace) -> None:
-    from volid.compensation.types import GRID, compensation_type
-    from volid.exceptions import InputError
+    """Before the solution is read. Raises `InputError` for options that contradict each other or the types."""
+    from volid.compensation.types import compensation_type
 
     types = [compensation_type(name) for name in args.type]
-    for t in types:
-        if GRID not in t.forms:
-            raise InputError(
-                f"--type {t.name} has no grid; it is a table of the axis itself: volid tables --type {t.name}"
-            )
-    linear, rotary = any(t.is_linear or t.turns for t in types), any(t.is_rotary or t.turns for t in types)
-    if not linear and args.tool is not None and args.type == [ROTARY]:
+    _check_types(types, args)
+    _check_intervals(args)
+    _check_points(args)
+
+
+def _check_types(types: list[CompensationType], args: argparse.Namespace) -> None:
+    """Raises `InputError` for a type without a grid, or an option that none of the types knows."""
+    from volid.compensation.types import GRID
+    from volid.exceptions import InputError
+
+    without = next((t.name for t in types if GRID not in t.forms), None)
+    if without:
+        raise InputError(
+            f"--type {without} has no grid; it is a table of the axis itself: volid tables --type {without}"
+        )
+    if args.tool is not None and args.type == [ROTARY]:
         raise InputError(
             "--tool is for L-VOL; an R-VOL grid holds for every tool, through the lever arm from its reference point "
             "(--reference-point x,y,z)"
         )
-    if not rotary and args.reference_point is not None:
+    if args.reference_point is not None and not any(t.is_rotary or t.turns for t in types):
         raise InputError("--reference-point is for R-VOL; an L-VOL grid holds for a tool vector (--tool x,y,z)")
-    if args.intervals and (args.align != "axes" or args.rigid or args.add_to or args.rule or args.zero):
-        clash = next(
-            n for n in ("rigid", "add_to", "rule", "zero", "align") if getattr(args, n) not in (None, False, "axes", [])
-        )
-        raise InputError(
-            f"--intervals and --{clash.replace('_', '-')} exclude each other: the samples know nothing of it; leave one out"
-        )
     if args.zero and not any(t.is_linear for t in types):
         raise InputError(
             "--zero is for grids of linear axes: a constant taken out of a rotary grid would displace its axis"
         )
-    if args.points is not None and args.points < 2:
+
+
+def _check_intervals(args: argparse.Namespace) -> None:
+    """Raises `InputError` for --intervals with what the samples know nothing of."""
+    from volid.exceptions import InputError
+
+    asked = {name: getattr(args, name) for name in ("rigid", "add_to", "rule", "zero")}
+    asked["align"] = args.align != "axes"
+    clash = next((name for name, value in asked.items() if value), None)
+    if args.intervals and clash:
+        raise InputError(
+            f"--intervals and --{clash.replace('_', '-')} exclude each other: the samples know nothing of it; leave one out"
+        )
+
+
+def _check_points(args: argparse.Namespace) -> None:
+    from volid.exceptions import InputError
+
+    if args.points is None:
+        return
+    if args.points < 2:
         raise InputError(f"--points {args.points}; expected at least 2 per axis")
-    if args.points is not None and any(v is not None for v in (args.step, args.max_points, args.max_error)):
+    if any(v is not None for v in (args.step, args.max_points, args.max_error)):
         raise InputError("--points stands alone; take it, or --step, or --max-points and --max-error")
 
 
@@ -152,9 +175,8 @@ def _grids(solution: Solution, args: argparse.Namespace) -> tuple[tuple[AnyGrid,
     from volid.compensation.package import compensate
     from volid.compensation.ranges import cut_notes, refuse_extrapolation
     from volid.compensation.rounding import rounded_grid
-    from volid.report.summary import most_used_tool
 
-    tool = most_used_tool(solution.campaign) if args.tool is None else args.tool
+    tool = solution.campaign.most_used_tool() if args.tool is None else args.tool
     solution, notes = prepared(solution, args, [tool])
     base, ranges = base_from(solution, args, tool), ranges_from(solution, args)
     made = compensate(
@@ -185,52 +207,63 @@ def _superimposed(grids: tuple[AnyGrid, ...], args: argparse.Namespace) -> tuple
     """Grids on top of the existing ones of --add-to, matched by side. Raises `InputError` for one that has no partner."""
     from volid.compensation.superposition import add_grid
     from volid.exceptions import InputError
-    from volid.io.grids import read_grid
+    from volid.io.grid_reader import read_grid
 
     found = list(grids)
     for path in args.add_to or []:
         old = read_grid(path)
-        side = getattr(old, "side", "linear")
-        own = [
-            i
-            for i, g in enumerate(found)
-            if getattr(g, "side", "linear") == side and (g.type == "FOR") == (old.type == "FOR")
-        ]
-        if not own:
-            new = ", ".join(f"{g.type} ({getattr(g, 'side', 'linear')})" for g in found)
-            raise InputError(f"--add-to {path}: a {old.type} grid ({side}) has no partner among the new ones: {new}")
-        found[own[0]] = add_grid(found[own[0]], old)
+        partner = next((i for i, new in enumerate(found) if _are_partners(new, old)), None)
+        if partner is None:
+            new = ", ".join(f"{g.type} ({g.side})" for g in found)
+            raise InputError(
+                f"--add-to {path}: a {old.type} grid ({old.side}) has no partner among the new ones: {new}"
+            )
+        found[partner] = add_grid(found[partner], old)
     return tuple(found)
+
+
+def _are_partners(new: AnyGrid, old: AnyGrid) -> bool:
+    return new.side == old.side and (new.type == "FOR") == (old.type == "FOR")
 
 
 def _write(grids: tuple[AnyGrid, ...], solution: Solution, args: argparse.Namespace, notes: list[str]) -> list[Path]:
     """The grids to their files, or one to standard output; the paths. Raises `InputError` for two without a file."""
     from volid.exceptions import InputError
-    from volid.io.grids import COMPENSATION, ERROR, grid_header, grid_paths, grid_sheet, write_grid_hdf5
+    from volid.io.grids import grid_paths, grid_sheet
 
     if len(grids) > 1 and not (args.output or args.json):
-        raise InputError(
-            f"{len(grids)} grids ({', '.join(getattr(g, 'side', 'linear') for g in grids)}); name a file with -o, or take --json"
-        )
+        sides = ", ".join(g.side for g in grids)
+        raise InputError(f"{len(grids)} grids ({sides}); name a file with -o, or take --json")
     paths = grid_paths(grids, args.output) if args.output else []
     for path in paths:
         check_output(path, args.force, [args.solution])
-    values = ERROR if args.errors else COMPENSATION
-    headers = [
-        grid_header(g, values, solution, args.solution, args.command_line)
-        | {f"note {len(g.notes) + i}": note for i, note in enumerate(notes, start=1)}
-        for g in grids
-    ]
-    whole = "grids" if args.type == [ROTARY] or len(grids) > 1 else ""
+    headers = [_header(grid, solution, args, notes) for grid in grids]
+    key = "grids" if args.type == [ROTARY] or len(grids) > 1 else ""
     if args.output and Path(args.output).suffix.lower() in HDF5:
-        for grid, header, path in zip(grids, headers, paths, strict=True):
-            write_grid_hdf5(grid, header, path, args.force)
-        found = [
-            {"header": h, "nodes": dict(zip(g.axes, g.nodes, strict=True))} for g, h in zip(grids, headers, strict=True)
-        ]
-        if args.json:
-            print_json({whole: found} if whole else found[0])
-        return paths
-    sheets = [grid_sheet(grid, header) for grid, header in zip(grids, headers, strict=True)]
-    write_sheets(sheets, paths, args, key=whole)
+        _write_hdf5(grids, headers, paths, args, key)
+    else:
+        write_sheets([grid_sheet(g, h) for g, h in zip(grids, headers, strict=True)], paths, args, key)
     return paths
+
+
+def _header(grid: AnyGrid, solution: Solution, args: argparse.Namespace, notes: list[str]) -> dict[str, str]:
+    from volid.io.grids import grid_header
+    from volid.io.record import COMPENSATION, ERROR
+
+    values = ERROR if args.errors else COMPENSATION
+    header = dict(grid_header(grid, values, solution, args.solution, args.command_line))
+    return header | {f"note {i}": note for i, note in enumerate(notes, start=len(grid.notes) + 1)}
+
+
+def _write_hdf5(
+    grids: tuple[AnyGrid, ...], headers: list[dict[str, str]], paths: list[Path], args: argparse.Namespace, key: str
+) -> None:
+    """One file per grid; with --json their headers and nodes on standard output."""
+    from volid.io.grids import write_grid_hdf5
+
+    found = []
+    for grid, header, path in zip(grids, headers, paths, strict=True):
+        write_grid_hdf5(grid, header, path, args.force)
+        found.append({"header": header, "nodes": dict(zip(grid.axes, grid.nodes, strict=True))})
+    if args.json:
+        print_json({key: found} if key else found[0])

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 from volid.report.text import vector
 
 if TYPE_CHECKING:
+    from volid.compensation.grids.grid import AnyGrid
     from volid.fitting.solution import Solution
-    from volid.io.grids import AnyGrid
 
 LINEAR, ROTARY = "L-VOL", "R-VOL"
 
@@ -19,38 +19,34 @@ def described(grid: AnyGrid, args: argparse.Namespace) -> str:
     counts = " × ".join(str(len(nodes)) for nodes in grid.nodes)
     values = "error" if args.errors else "compensation"
     kind = "" if grid.type in (LINEAR, ROTARY) else f"{grid.type} "
-    if not hasattr(grid, "side"):
-        return f"{counts} nodes of {kind}{values} values for tool vector {vector(getattr(grid, 'tool', ()))} mm"
-    where = vector(getattr(grid, "reference_point", ()))
-    side = getattr(grid, "side", "")
-    return (
-        f"{counts} nodes of {kind}{values} values of {', '.join(grid.axes)} in the {side}, reference point {where} mm,"
-    )
+    what = f"{counts} nodes of {kind}{values} values"
+    if grid.side == "linear":
+        return f"{what} for tool vector {vector(grid.reference.tolist())} mm"
+    where = vector(grid.reference.tolist())
+    return f"{what} of {', '.join(grid.axes)} in the {grid.side}, reference point {where} mm,"
 
 
 def messages_of(grid: AnyGrid, args: argparse.Namespace, several: bool) -> list[str]:
     """What of a grid needs attention."""
     from volid.compensation.grids.parts import LEFT_OUT
 
-    what = f"{getattr(grid, 'side', 'linear')}: " if several else ""
-    messages = [f"{what}{note}" for note in grid.notes if note.startswith(LEFT_OUT)]
-    lost = [f"d{c}" for k, c in enumerate("XYZABC") if (grid.values[:, k] != grid.values[:, k]).any()]
-    if lost:
-        advice = "no lever arm" if hasattr(grid, "side") else "no other tool vector"
-        messages.append(f"{what}{', '.join(lost)} not determined by the data and left blank; use {advice}")
+    messages = [note for note in grid.notes if note.startswith(LEFT_OUT)]
+    unknown = [f"d{c}" for k, c in enumerate("XYZABC") if (grid.values[:, k] != grid.values[:, k]).any()]
+    if unknown:
+        advice = "no other tool vector" if grid.side == "linear" else "no lever arm"
+        messages.append(f"{', '.join(unknown)} not determined by the data and left blank; use {advice}")
     outside = int(grid.outside.sum())
     if outside and not args.extrapolate:
-        n = len(grid.outside)
         messages.append(
-            f"{what}{outside} of {n} nodes lie outside the measured positions: extrapolated (outside = 1). Measure there, or "
-            "accept with --extrapolate"
+            f"{outside} of {len(grid.outside)} nodes lie outside the measured positions: extrapolated (outside = 1). Measure "
+            "there, or accept with --extrapolate"
         )
-    return messages
+    return [f"{grid.side}: {message}" if several else message for message in messages]
 
 
 def reversal_lines(solution: Solution, grids: tuple[AnyGrid, ...]) -> list[str]:
     """What the grids leave of the reversal, one line per side."""
     from volid.compensation.reversal import NONE, reversal_text
 
-    told = {f"reversal, {getattr(g, 'side', 'linear')} grid: {reversal_text(solution, g)}": None for g in grids}
-    return [text for text in told if NONE not in text]
+    lines = dict.fromkeys(f"reversal, {g.side} grid: {reversal_text(solution, g)}" for g in grids)
+    return [line for line in lines if NONE not in line]

@@ -52,10 +52,10 @@ def run(args: argparse.Namespace) -> int:
         )
     rows = location_errors(solution, args.relative_to)
     write_sheet(locations_sheet(rows, solution, args.solution), args)
-    messages = [m for m in attention(solution) if "do not determine" not in m]
-    lost = [row.symbol for row in rows if row.u != row.u]
-    if lost:
-        messages.append(f"not determined by the data, and left blank: {', '.join(lost)}")
+    messages = attention(solution, named=True)
+    unknown = [row.symbol for row in rows if row.u != row.u]
+    if unknown:
+        messages.append(f"not determined by the data, and left blank: {', '.join(unknown)}")
     if args.output and not args.json:
         print(f"{len(rows)} location errors written: {args.output}")
     return conclude(args, messages)

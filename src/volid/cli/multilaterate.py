@@ -90,16 +90,22 @@ def _monte_carlo(solution: NetworkSolution, args: argparse.Namespace) -> tuple[S
     shape, u = solution.coordinates.shape, solution.standard_uncertainty.ravel()
     checked = gum_validity(solution.coordinates.ravel(), u, found, len(samples))
     names = np.array([f"{axis} of {name}" for name in solution.points for axis in "xyz"[: shape[1]]])
-    wrong = (u > 0.0) & ~checked.valid & checked.decided
-    words = [f"Monte Carlo: {len(samples)} adjustments; propagation would have been enough for all coordinates."]
-    if wrong.any():
-        listed = ", ".join(names[wrong][:8].tolist()) + (", ..." if wrong.sum() > 8 else "")
-        words = [
-            f"Monte Carlo: {len(samples)} adjustments; propagation misleads (JCGM 101, 8) for {listed}: take u_mc."
-        ]
-    if lost := int((~trials.converged).sum()):
-        words.append(f"{lost} of {args.trials} trials did not converge and are left out.")
-    return Spread(samples.std(axis=0, ddof=1).reshape(shape), *(f.reshape(shape) for f in found[:2])), words
+    wrong = names[(u > 0.0) & ~checked.valid & checked.decided].tolist()
+    failed = int((~trials.converged).sum())
+    spread = Spread(samples.std(axis=0, ddof=1).reshape(shape), *(f.reshape(shape) for f in found[:2]))
+    return spread, _trial_words(len(samples), wrong, failed)
+
+
+def _trial_words(adjustments: int, wrong: list[str], failed: int) -> list[str]:
+    """What Monte Carlo says of propagation. `wrong`: coordinates for which it misleads; `failed`: trials left out."""
+    verdict = "propagation would have been enough for all coordinates."
+    if wrong:
+        listed = ", ".join(wrong[:8]) + (", ..." if len(wrong) > 8 else "")
+        verdict = f"propagation misleads (JCGM 101, 8) for {listed}: take u_mc."
+    words = [f"Monte Carlo: {adjustments} adjustments; {verdict}"]
+    if failed:
+        words.append(f"{failed} of {adjustments + failed} trials did not converge and are left out.")
+    return words
 
 
 def summary(solution: NetworkSolution) -> list[str]:

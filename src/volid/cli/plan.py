@@ -149,21 +149,16 @@ def _test(machine: Machine, name: str | None) -> str:
 
 
 def _plan(machine: Machine, test: str, args: argparse.Namespace) -> Campaign:
+    """The plan of a test with the options that were given. Raises `InputError`."""
     from volid.exceptions import InputError
-    from volid.planning import cone_frustum, iso10791_path, rtest_static_grid
+    from volid.planning import cone_frustum, iso10791_path
     from volid.planning.standard import standard_plan
 
-    given = _given(test, args)
-    n = args.points
-    if n is not None and len(n) == 2 and test != GRID:
-        raise InputError(f"--points {n[0]},{n[1]}: --test {test} takes one number")
+    given, n = _given(test, args), args.points
     if test == GRID:
-        first, second = (37, 13) if n is None else (n[0], n[-1])
-        spheres = dict(args.sphere) if args.sphere else None
-        if spheres is not None and len(spheres) < len(args.sphere):
-            raise InputError("--sphere: two spheres have one name; give every sphere its own")
-        given.pop("sphere", None)
-        return rtest_static_grid(machine, spheres, given.pop("tool", None), first, second, **given)
+        return _static_grid(machine, given, n or (37, 13))
+    if n is not None and len(n) == 2:
+        raise InputError(f"--points {n[0]},{n[1]}: --test {test} takes one number")
     if n is not None:
         given["n_per_station" if test == STANDARD else "n"] = n[0]
     if test == STANDARD:
@@ -175,6 +170,18 @@ def _plan(machine: Machine, test: str, args: argparse.Namespace) -> Campaign:
     if "sphere" in given:
         given["sphere"] = _only_one(args.sphere, "--sphere", test)[1]
     return iso10791_path(machine, test, **given)
+
+
+def _static_grid(machine: Machine, given: dict[str, Any], n: tuple[int, ...]) -> Campaign:
+    """R-test at all pairs of n[0] and n[-1] positions. Raises `InputError` for two spheres of one name."""
+    from volid.exceptions import InputError
+    from volid.planning import rtest_static_grid
+
+    named = given.pop("sphere", None)
+    spheres = dict(named) if named else None
+    if spheres is not None and len(spheres) < len(named):
+        raise InputError("--sphere: two spheres have one name; give every sphere its own")
+    return rtest_static_grid(machine, spheres, given.pop("tool", None), n[0], n[-1], **given)
 
 
 def _given(test: str, args: argparse.Namespace) -> dict[str, Any]:
@@ -203,10 +210,13 @@ def _only_one(values: list[Any], option: str, test: str) -> Any:
 
 def _summary(plan: Campaign) -> list[str]:
     """What is to be measured, in a few lines."""
+    from volid.observations import KINDS
+
     lines = [f"machine '{plan.machine.name}', {plan.machine.structure}"]
     for readings in plan.sets:
         lines.append(f"set '{readings.name}': {len(readings)} rows of kind {readings.kind}")
-        lines += [f"sphere {n}: {vector(p)} mm" for n, p in dict(readings.options.get("sphere", {})).items()]
+        kind = KINDS[readings.kind]
+        lines += [f"{kind.standing} {n}: {vector(p)} mm" for n, p in kind.standing_at(readings).items()]
         tools = dict.fromkeys(map(tuple, readings.tool.tolist()))
         lines.append(f"tool vectors: {', '.join(vector(t) for t in tools)} mm")
     return [*lines, *(f"station {s.name}: {vector(s.position)} mm" for s in plan.stations if s.position is not None)]

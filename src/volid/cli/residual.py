@@ -66,6 +66,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--tables", action="store_true", help="types as tables of single functions where they have them"
     )
     add_range(parser, "nodes and points")
+    _add_motion(parser)
+    parser.add_argument("--figure", metavar="FILE", help="a figure, .png, .svg or .pdf (needs matplotlib)")
+    parser.add_argument("--seed", metavar="N", type=int, default=0, help="of points and draws")
+    add_output(parser, "OUT.csv", "table of all numbers; the text goes to standard output anyway")
+
+
+def _add_motion(parser: argparse.ArgumentParser) -> None:
+    """What the axes can do, and may be asked for."""
     parser.add_argument(
         "--increment", metavar="X=..", type=assignments, help="least increments of the axes, mm or degrees"
     )
@@ -82,9 +90,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--turn", metavar="F", type=float, default=ROTARY_FEED, help=f"degrees/min; default {ROTARY_FEED:g}"
     )
-    parser.add_argument("--figure", metavar="FILE", help="a figure, .png, .svg or .pdf (needs matplotlib)")
-    parser.add_argument("--seed", metavar="N", type=int, default=0, help="of points and draws")
-    add_output(parser, "OUT.csv", "table of all numbers; the text goes to standard output anyway")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -100,21 +105,26 @@ def run(args: argparse.Namespace) -> int:
         solution = read_solution(args.solution)
         progress("predicting")
         found, notes = _forecast(solution, args)
-        axes = solution.machine.axes
-        feeds = np.array([args.feed if a.is_linear else args.turn for a in axes])
+        feeds = np.array([args.feed if a.is_linear else args.turn for a in solution.machine.axes])
         _check_limits(found, solution, feeds, args)
         if args.figure:
             progress("drawing")
             _draw(found, solution, args)
     _write(found, solution, feeds, notes, args)
-    outside = [a.letter for a, (low, high) in zip(axes, solution.measured_range(), strict=True)
-               if low > a.travel[0] + 0.01 * a.length or high < a.travel[1] - 0.01 * a.length]  # fmt: skip
-    messages = [m for m in attention(solution) if "do not determine" not in m]
-    if outside:
-        messages.append(
-            f"the travel of {', '.join(outside)} was not measured to its ends; the prediction extrapolates there"
-        )
-    return conclude(args, messages)
+    return conclude(args, attention(solution, named=True) + _messages(solution))
+
+
+def _messages(solution: Solution) -> list[str]:
+    """Which axes were not measured over their whole travel."""
+    measured = zip(solution.machine.axes, solution.measured_range(), strict=True)
+    outside = [
+        axis.letter
+        for axis, (low, high) in measured
+        if low > axis.travel[0] + 0.01 * axis.length or high < axis.travel[1] - 0.01 * axis.length
+    ]
+    if not outside:
+        return []
+    return [f"the travel of {', '.join(outside)} was not measured to its ends; the prediction extrapolates there"]
 
 
 def _forecast(solution: Solution, args: argparse.Namespace) -> tuple[Forecast, list[str]]:
@@ -123,12 +133,11 @@ def _forecast(solution: Solution, args: argparse.Namespace) -> tuple[Forecast, l
     from volid.compensation.orientation import PoleRule
     from volid.compensation.residual.forecast import forecast
     from volid.compensation.types import select
-    from volid.report.summary import most_used_tool
 
     lists = [[t.strip() for t in text.split(",")] for text in args.type]
     for names in lists:
         select(names, solution.machine)
-    tool = most_used_tool(solution.campaign) if args.tool is None else args.tool
+    tool = solution.campaign.most_used_tool() if args.tool is None else args.tool
     tools = [tool, *(args.tools or [])]
     solution, notes = prepared(solution, args, tools)
     control: dict[str, Any] = {"poles": PoleRule(args.pole_margin, args.poles), "increment": args.increment or {}}
@@ -142,7 +151,7 @@ def _forecast(solution: Solution, args: argparse.Namespace) -> tuple[Forecast, l
 
 
 def _check_limits(found: Forecast, solution: Solution, feeds: Any, args: argparse.Namespace) -> None:
-    from volid.compensation.control import asked_speed, check_motion
+    from volid.compensation.motion import asked_speed, check_motion
     from volid.exceptions import InputError
 
     for column in found.columns[1:]:

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import argparse
 import shutil
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from volid.cli.common import add_output, check_output, conclude, explain, input_files, print_json
 from volid.cli.progress import Progress
+
+if TYPE_CHECKING:
+    from volid.io.study_results import Places
 
 HELP = "many simulated campaigns, each fitted and held against its truth: bias, spread, coverage"
 NAMED = 10  # failed campaigns named one by one
@@ -49,43 +52,55 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Carry out, write, summarise; 1 when campaigns failed. Raises `InputError`, `OutputError`, `VolidError`."""
-    from volid.io.study_results import CampaignFolder, places, write_results
+    from volid.io.study_results import places
 
     output = places(args.output)
     for path in output[:3]:
         check_output(path, args.force, [args.study])
     with Progress() as progress:
-        progress("reading the study")
-        from volid.io.basics.provenance import provenance
-        from volid.io.studies import read_study, study_files
-        from volid.study.campaigns import run_study
-        from volid.study.summary import summary
-
-        study = read_study(args.study)
-        files, plans = study_files(args.study)
-        record = provenance([*files, *input_files(list(map(str, plans)))], args.command_line)
-        folder = CampaignFolder(output.folder, study, args.resume)
-        done = folder.done() if args.resume else {}
-        records = run_study(
-            study, workers=args.workers, scheduler=args.scheduler, done=done, save=folder.save, progress=progress
-        )
-        found = summary(records)
-        progress("writing the results")
-        write_results(output, records, found, record, args.force)
+        records, found = _carry_out(args, output, progress)
     shutil.rmtree(output.folder, ignore_errors=True)
     failed = [r for r in records if r["error"]]
     if args.json:
-        names = ("machine", "design", "noise", "seed", "error")
-        failures = [{name: r[name] for name in names} for r in failed]
-        written = {
-            "output": str(output.hdf5),
-            "campaigns_csv": str(output.campaigns),
-            "summary_csv": str(output.summary),
-        }
-        print_json({**written, "campaigns": len(records), "failed": failures, "summary": found})
+        print_json({**_as_json(output, failed), "campaigns": len(records), "summary": found})
     else:
         print("\n".join([*_lines(found), f"\nwritten: {', '.join(map(str, output[:3]))}"]))
     return conclude(args, _failures(failed))
+
+
+def _carry_out(
+    args: argparse.Namespace, output: Places, progress: Progress
+) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """All campaigns, written; their records and the summary."""
+    progress("reading the study")
+    from volid.io.basics.provenance import provenance
+    from volid.io.studies import read_study, study_files
+    from volid.io.study_results import CampaignFolder, write_results
+    from volid.study.campaigns import run_study
+    from volid.study.summary import summary
+
+    study = read_study(args.study)
+    files, plans = study_files(args.study)
+    record = provenance([*files, *input_files(list(map(str, plans)))], args.command_line)
+    folder = CampaignFolder(output.folder, study, args.resume)
+    done = folder.done() if args.resume else {}
+    records = run_study(
+        study, workers=args.workers, scheduler=args.scheduler, done=done, save=folder.save, progress=progress
+    )
+    found = summary(records)
+    progress("writing the results")
+    write_results(output, records, found, record, args.force)
+    return records, found
+
+
+def _as_json(output: Places, failed: list[dict[str, Any]]) -> dict[str, Any]:
+    names = ("machine", "design", "noise", "seed", "error")
+    return {
+        "output": str(output.hdf5),
+        "campaigns_csv": str(output.campaigns),
+        "summary_csv": str(output.summary),
+        "failed": [{name: r[name] for name in names} for r in failed],
+    }
 
 
 def _lines(rows: list[dict[str, Any]]) -> list[str]:

@@ -30,6 +30,7 @@ from volid.cli.progress import Progress
 
 if TYPE_CHECKING:
     from volid.compensation.tables.error_table import ErrorTable
+    from volid.compensation.types import CompensationType
     from volid.fitting.solution import Solution
     from volid.io.functions_csv import Sheet
     from volid.io.tables import TableForm
@@ -107,7 +108,7 @@ def run(args: argparse.Namespace) -> int:
     else:
         _print(tables, form, args)
     tell(args, notes)
-    return conclude(args, [m for m in attention(solution) if "do not determine" not in m] + _messages(tables, args))
+    return conclude(args, attention(solution, named=True) + _messages(tables, args))
 
 
 def _refuse_existing(args: argparse.Namespace) -> None:
@@ -128,22 +129,15 @@ def _form(args: argparse.Namespace) -> TableForm:
 
 
 def _tables(solution: Solution, args: argparse.Namespace) -> tuple[tuple[ErrorTable, ...], list[str]]:
+    """The tables, and notes about them. Raises `InputError`, `NotDeterminedError`."""
     from volid.compensation.ranges import cut_notes, refuse_extrapolation
     from volid.compensation.superposition import add_tables
     from volid.compensation.tables.by_function import error_tables
-    from volid.compensation.types import select
     from volid.exceptions import InputError
     from volid.io.table_reader import tables_in
-    from volid.report.summary import most_used_tool
 
-    types = select(args.type, solution.machine)
-    needing = [t.name for t in types if t.name in ("L-ANG", "L-VOL")]
-    if needing and args.tool is None:
-        raise InputError(
-            f"--type {needing[0]} needs the tool vector of its lines, because angular errors act through it; give --tool x,y,z, "
-            "such as --tool 0,0,-150"
-        )
-    tool = most_used_tool(solution.campaign) if args.tool is None else args.tool
+    types = _types(solution, args)
+    tool = solution.campaign.most_used_tool() if args.tool is None else args.tool
     solution, notes = prepared(solution, args, [tool])
     base, ranges = base_from(solution, args, tool), ranges_from(solution, args)
     tables = error_tables(solution, types, base, sampling_of(args, args.spacing), args.zero, ranges)
@@ -153,6 +147,21 @@ def _tables(solution: Solution, args: argparse.Namespace) -> tuple[tuple[ErrorTa
         refuse_extrapolation(solution, tables, base, ranges)
     notes += cut_notes(solution, ranges, [t.axis for t in tables])
     return add_tables(tables, list(tables_in(args.add_to))) if args.add_to else tables, notes
+
+
+def _types(solution: Solution, args: argparse.Namespace) -> tuple[CompensationType, ...]:
+    """The types asked for. Raises `InputError`, also for one that needs a tool vector without it."""
+    from volid.compensation.types import select
+    from volid.exceptions import InputError
+
+    types = select(args.type, solution.machine)
+    needing = next((t.name for t in types if t.name in ("L-ANG", "L-VOL")), None)
+    if needing and args.tool is None:
+        raise InputError(
+            f"--type {needing} needs the tool vector of its lines, because angular errors act through it; give --tool x,y,z, "
+            "such as --tool 0,0,-150"
+        )
+    return types
 
 
 def _sheets(

@@ -21,6 +21,7 @@ from volid.cli.progress import Progress
 
 if TYPE_CHECKING:
     from volid.fitting.solution import Solution
+    from volid.uncertainty.statement import Statement
 
 HELP = "Monte Carlo refits of a solution: coverage intervals beside the propagated uncertainty"
 
@@ -68,37 +69,38 @@ def run(args: argparse.Namespace) -> int:
         progress("evaluating the samples")
         import numpy as np
 
-        from volid.report.summary import most_used_tool
         from volid.uncertainty.statement import as_data, format_statement, statement
 
-        tool = most_used_tool(solution.campaign) if args.tool is None else args.tool
+        tool = solution.campaign.most_used_tool() if args.tool is None else args.tool
         found = statement(solution, np.asarray(tool))
     if args.json:
         print_json({"output": args.output, **as_data(found), "attention": attention(solution)})
     else:
         print(format_statement(found) + (f"\n\nwritten: {args.output}" if args.output else ""))
-    messages = attention(solution)
+    return conclude(args, attention(solution) + _messages(found))
+
+
+def _messages(found: Statement) -> list[str]:
+    """What of the trials needs attention."""
+    messages = []
     if found.failed:
         messages.append(f"{found.failed} of {found.trials} trials did not converge and are left out")
     if found.tolerance > 1.0:
         messages.append(
             f"the wanted digits were not reached: numerical tolerance {found.tolerance:.2f} times the wanted one"
         )
-    return conclude(args, messages)
+    return messages
 
 
 def _sampled(args: argparse.Namespace, progress: Progress) -> Solution:
+    """The solution with samples, written when -o asks for it."""
     progress("reading the solution")
     import shutil
 
-    from volid.io.basics.provenance import provenance
-    from volid.io.solutions import read_solution, write_solution
-    from volid.uncertainty.trials.monte_carlo import monte_carlo
+    from volid.io.solutions import read_solution
 
-    solution = read_solution(args.solution)
     folder = Path(f"{args.output}.trials") if args.output else None
-    solution = monte_carlo(
-        solution,
+    solution = read_solution(args.solution).monte_carlo(
         args.trials,
         digits=args.digits,
         seed=args.seed,
@@ -107,11 +109,18 @@ def _sampled(args: argparse.Namespace, progress: Progress) -> Solution:
         scheduler=args.scheduler,
         progress=progress,
     )
-    if args.output:
-        progress("writing the solution")
-        record = provenance([args.solution], args.command_line, {"seed": args.seed})
-        record = {f"uncertainty {key}": value for key, value in record.items()}
-        write_solution(replace(solution, provenance={**solution.provenance, **record}), args.output, args.force)
-        solution = read_solution(args.output)
-        shutil.rmtree(folder, ignore_errors=True)  # type: ignore[arg-type]
+    if folder is None:
+        return solution
+    progress("writing the solution")
+    _write(solution, args)
+    solution = read_solution(args.output)
+    shutil.rmtree(folder, ignore_errors=True)
     return solution
+
+
+def _write(solution: Solution, args: argparse.Namespace) -> None:
+    from volid.io.basics.provenance import provenance
+
+    record = provenance([args.solution], args.command_line, {"seed": args.seed})
+    record = {f"uncertainty {key}": value for key, value in record.items()}
+    replace(solution, provenance={**solution.provenance, **record}).save(args.output, args.force)

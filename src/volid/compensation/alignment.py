@@ -20,11 +20,11 @@ from dataclasses import replace
 import numpy as np
 
 from volid.compensation.base import Base, model_errors
-from volid.compensation.grids.parts import TABLE, rotary_letters
+from volid.compensation.grids.sides import TABLE, rotary_letters
 from volid.exceptions import InputError, NotDeterminedError
 from volid.fitting.solution import Solution
 from volid.model.iso230 import ROTARY_AXES
-from volid.model.nominal import influence
+from volid.model.jacobian import influence
 
 
 def spindle_turn(solution: Solution) -> np.ndarray:
@@ -37,17 +37,19 @@ def spindle_turn(solution: Solution) -> np.ndarray:
     machine = solution.machine
     names = [n for n in ("EA0S", "EB0S") if n in solution.model.names]
     if len(names) < 2:
-        raise InputError("--align spindle: the model leaves out EA0S or EB0S, the tilt of the spindle against the axes")
+        raise InputError(
+            "alignment to the spindle: the model leaves out EA0S or EB0S, the tilt of the spindle against the axes"
+        )
     at = np.array([[a.reference if a.is_linear else 0.0 for a in machine.axes]])
     table = rotary_letters(machine, TABLE)
     errors = model_errors(solution, at, np.zeros_like(at), lambda e: e.axis not in table)[0]
     rows = np.asarray(influence(machine, at, np.zeros(3))[0, 3:] @ errors)
     rows[2] = 0.0
     held = [n for n in solution.held_tool_rotation if n in names]
-    if held or solution.is_lost(rows[:2]).any():
+    if held or solution.is_not_determined(rows[:2]).any():
         raise NotDeterminedError(
-            f"--align spindle: the data do not determine the tilt of the spindle ({', '.join(held or names)}). "
-            f"{' '.join(solution.statements)} Measure with several tool vectors, or align by axes (--datum primary=Z,secondary=X)"
+            f"alignment to the spindle: the data do not determine the tilt of the spindle ({', '.join(held or names)}). "
+            f"{' '.join(solution.statements)} Measure with several tool vectors, or align by axes, in a datum with primary axis Z"
         )
     return rows
 

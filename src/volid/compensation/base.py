@@ -10,9 +10,12 @@ import numpy as np
 from volid.exceptions import InputError
 from volid.fitting.solution import Solution
 from volid.model.error_functions import reference_of
-from volid.model.error_model import ROWS
 from volid.model.iso230 import LINEAR_AXES, SPINDLE, ErrorName, parse
-from volid.model.splines import Basis, design_matrix
+from volid.model.jacobian import influence
+from volid.model.kinematics import ROWS
+from volid.model.splines import Basis, evaluate
+
+CHUNK = 256  # places at a time
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,21 +41,34 @@ def base_of(
     elevation: float = 0.0,
     functions: Sequence[str] = (),
 ) -> Base:
-    """A base: the lines through `at` (by axis letter; default the datum's origin, rotary axes at 0).
+    """On what a compensation is based: specific lines, tool vector, elevation, functions.
+
+    Args:
+        solution: of `fit`.
+        tool: base tool vector, (3,) [mm].
+        at: position by axis letter where the specific lines cross [mm or °]; default the datum's origin, rotary axes at 0.
+        elevation: of R-RAX and R-ANG above the `point` of a table's axis, along its line [mm].
+        functions: ISO 230-1 symbols that L-SPEC and R-SPEC use.
 
     Raises `InputError` for an axis that the machine does not have, a position outside its travel, a function that the model
-    lacks.
+    lacks. Source: ISO/TR 16907 10.
+
+    >>> import volid
+    >>> solution = volid.fit(volid.load_campaign("datasets/five_axis_rtest/campaign.toml"))
+    >>> base = volid.compensation_base(solution, (0.0, 0.0, -150.0), {"A": 10.0})
+    >>> base.at[solution.machine.index("A")].item(), base.tool.tolist()
+    (10.0, [0.0, 0.0, -150.0])
     """
     machine, origin = solution.machine, dict(solution.datum.reference)
     full = np.array([origin.get(a.letter, a.reference) if a.is_linear else 0.0 for a in machine.axes])
     for letter, value in (at or {}).items():
         low, high = machine.axis(letter).travel
         if not low <= value <= high:
-            raise InputError(f"--at {letter}={value:g} lies outside the travel; expected {low:g} … {high:g}")
+            raise InputError(f"`at={letter}={value:g}` lies outside the travel; expected {low:g} … {high:g}")
         full[machine.index(letter)] = value
     wrong = [f for f in functions if f not in solution.model.names]
     if wrong:
-        raise InputError(f"--functions {', '.join(wrong)}: not in the model; it has {', '.join(solution.model.names)}")
+        raise InputError(f"`functions={', '.join(wrong)}`: not in the model; it has {', '.join(solution.model.names)}")
     return Base(full, np.asarray(tool, dtype=float), float(elevation), tuple(functions))
 
 
@@ -89,12 +105,24 @@ def model_errors(
     for f, term in zip(model.functions, model.layout.terms, strict=True):
         if keep(parse(f.name)):
             if term.basis not in values:
-                values[term.basis] = _basis_values(term.basis, positions, directions)
+                values[term.basis] = evaluate(term.basis, positions.T, directions.T).T
             block = model.parametrisation[f.coefficients, f.parameters]
             out[:, term.row, f.parameters] += term.sign * values[term.basis] @ block
     if turn is not None:
         _turn_frame(solution, out, positions, keep, turn)
     return out
+
+
+def deviation_rows(
+    solution: Solution, positions: np.ndarray, directions: np.ndarray, tool: np.ndarray, turn: np.ndarray | None = None
+) -> np.ndarray:
+    """Deviation of the entire model as linear map of θ at the nominal machine, (m, 6, n); `tool` (m, 3) or (3,) [mm]."""
+    tools, parts = np.broadcast_to(tool, (len(positions), 3)), []
+    for start in range(0, len(positions), CHUNK):
+        rows = slice(start, start + CHUNK)
+        errors = model_errors(solution, positions[rows], directions[rows], lambda _: True, turn)
+        parts.append(influence(solution.machine, positions[rows], tools[rows]) @ errors)
+    return np.concatenate(parts)
 
 
 def _turn_frame(
@@ -127,16 +155,3 @@ def _turn_frame(
             out[:, ROWS * i : ROWS * i + ROWS] += sense * moved
     if not head and keep(ErrorName("A", SPINDLE, True)):
         out[:, -3:] -= turn
-
-
-def _basis_values(basis: Basis, positions: np.ndarray, directions: np.ndarray) -> np.ndarray:
-    """`splines.evaluate` without compilation, (m, size)."""
-    values = np.ones((len(positions), 1))
-    for spline in basis.factors:
-        right = design_matrix(spline, positions[:, spline.axis])
-        values = (values[:, :, None] * right[:, None, :]).reshape(len(positions), -1)
-    if basis.linear is not None:
-        values = values * (positions[:, basis.linear[0]] - basis.linear[1])[:, None]
-    if basis.directed >= 0:
-        values = values * 0.5 * directions[:, basis.directed][:, None]
-    return values

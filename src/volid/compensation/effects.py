@@ -19,7 +19,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from volid.compensation.base import Base, model_errors
-from volid.compensation.grids.parts import HEAD, rotary_letters
+from volid.compensation.grids.sides import HEAD, rotary_letters
 from volid.compensation.types import (
     ANG,
     LINEAR_EFFECTS,
@@ -35,10 +35,10 @@ from volid.compensation.types import (
     STR,
 )
 from volid.fitting.solution import Solution
-from volid.model.error_model import ROWS
 from volid.model.iso230 import LINEAR_AXES, SPINDLE, ErrorName
+from volid.model.jacobian import influence
+from volid.model.kinematics import ROWS
 from volid.model.machine import Axis, Machine
-from volid.model.nominal import influence
 
 # Gauss-Legendre quadrature of the slope of a straightness line, uniform over the travel as the datum's
 PANELS, PANEL_NODES = 60, 3
@@ -55,8 +55,8 @@ def effect_errors(
     linear = {a.letter for a in solution.machine.linear} | ({SPINDLE} if not _has_head(solution.machine) else set())
     wanted = set(effects)
     out = np.zeros((len(positions), ROWS * (len(solution.machine.axes) + 1), solution.model.n_parameters))
-    for own, group, whole in ((True, LINEAR_EFFECTS, LINEAR_SPEC), (False, ROTARY_EFFECTS, ROTARY_SPEC)):
-        if set(group) <= wanted or whole in wanted:
+    for own, group, selected in ((True, LINEAR_EFFECTS, LINEAR_SPEC), (False, ROTARY_EFFECTS, ROTARY_SPEC)):
+        if set(group) <= wanted or selected in wanted:
             names = None if set(group) <= wanted else base.functions
 
             def keep(error: ErrorName, own: bool = own, names: tuple[str, ...] | None = names) -> bool:

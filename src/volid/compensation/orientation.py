@@ -14,10 +14,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from volid.compensation.grids.parts import full_positions
+from volid.compensation.grids.sides import full_positions
 from volid.exceptions import InputError
+from volid.model.jacobian import axis_directions
+from volid.model.kinematics import side_rotation
 from volid.model.machine import Machine
-from volid.model.nominal import axis_directions, side_rotation
 
 LIMIT, KEEP_OUT = "limit", "keep out"
 SPINDLE_AXIS = np.array([0.0, 0.0, 1.0])  # ISO 841: Z lies along the spindle
@@ -38,9 +39,9 @@ class PoleRule:
 
     def __post_init__(self) -> None:
         if self.mode not in (LIMIT, KEEP_OUT):
-            raise InputError(f"--poles '{self.mode}'; expected '{LIMIT}' or '{KEEP_OUT}'")
+            raise InputError(f"`poles={self.mode}`; expected '{LIMIT}' or '{KEEP_OUT}'")
         if not 0.0 < self.margin <= 45.0:
-            raise InputError(f"--pole-margin {self.margin:g}; expected an angle above 0 and up to 45 degrees")
+            raise InputError(f"pole margin {self.margin:g}; expected an angle above 0 and up to 45 degrees")
 
     def gain(self, s: np.ndarray) -> np.ndarray:
         """Inverse of singular values, damped or cut below sin(margin)."""

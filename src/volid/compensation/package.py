@@ -1,4 +1,4 @@
-"""A whole compensation: tables and grids of several types together, as one control gets them."""
+"""A compensation: tables and grids of several types together, as one control gets them."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from typing import Any
 
 from volid.compensation.base import Base
 from volid.compensation.control import Control
-from volid.compensation.grids.by_effects import Rule, effect_grids
-from volid.compensation.grids.linear import Grid
-from volid.compensation.grids.rotary import RotaryGrid
+from volid.compensation.grids.builder import build_grids
+from volid.compensation.grids.grid import AnyGrid
+from volid.compensation.grids.request import GridRequest, Rule
 from volid.compensation.tables.by_function import error_tables
 from volid.compensation.tables.error_table import ErrorTable
 from volid.compensation.tables.sampling import Sampling
@@ -22,11 +22,23 @@ from volid.model.machine import Machine
 
 @dataclass(frozen=True, eq=False)
 class Compensation:
-    """Tables and grids of the types `names`, before or after they were files."""
+    """Tables and grids of the types `names`, before or after they were files; see `compensate`.
+
+    Args:
+        names: types of ISO/TR 16907.
+        tables: of single functions.
+        grids: spatial grids, each of one side.
+
+    >>> import volid
+    >>> machine = volid.load_machine("models/wYXbZt_vertical.toml")
+    >>> nothing = volid.Compensation((), (), ())
+    >>> nothing.control(machine, clamped=("X",)).clamped
+    ('X',)
+    """
 
     names: tuple[str, ...]
     tables: tuple[ErrorTable, ...]
-    grids: tuple[Grid | RotaryGrid, ...]
+    grids: tuple[AnyGrid, ...]
 
     def control(self, machine: Machine, **options: Any) -> Control:
         """A control of `machine` with this compensation; `options`: tool, increment, clamped, poles, correct_motion."""
@@ -60,46 +72,60 @@ def compensate(
 ) -> Compensation:
     """Tables and grids of several types, each in its first form, or in the `form` asked for where it has it.
 
-    `tables`, `grids`: their sampling; `points`: per axis of a grid; `uncertainty`: of grids; `ranges`: lowest and highest
-    position of tables and grids by axis letter [mm or °], default the travel; `zero`: where tables and the translations of
-    linear grids are 0, by axis letter. Raises `InputError` for types that do not go together or that the machine cannot have, or
-    an L-SPEC or R-SPEC without `base.functions` or `rule`; `NotDeterminedError`.
+    Args:
+        solution: of `fit`.
+        names: types of ISO/TR 16907, see `volid.COMPENSATION_TYPES`.
+        base: on what they are based, see `volid.compensation_base`.
+        tables: sampling of tables.
+        grids: sampling of grids.
+        points: per axis of a grid, where its sampling leaves it open.
+        form: "tables" or "grid".
+        rule: of L-SPEC and R-SPEC, see `GridRequest`.
+        reference_point: of the grids of rotary axes, (3,) [mm].
+        uncertainty: of grids; False changes no value.
+        ranges: lowest and highest position of tables and grids by axis letter [mm or °], default the travel.
+        zero: where tables and the translations of linear grids are 0, by axis letter [mm or °].
+
+    Raises `InputError` for types that do not go together or that the machine cannot have, or an L-SPEC or R-SPEC without
+    `base.functions` or `rule`; `NotDeterminedError` when the data do not determine what a type holds.
+
+    >>> import volid
+    >>> solution = volid.fit(volid.load_campaign("datasets/five_axis_rtest/campaign.toml"))
+    >>> base = volid.compensation_base(solution, (0.0, 0.0, -150.0))
+    >>> made = volid.compensate(solution, ["R-POR"], base, points=5, uncertainty=False)
+    >>> made.names, [(grid.type, grid.side) for grid in made.grids]
+    (('R-POR',), [('R-POR', 'table')])
     """
     types = in_full(select(names, solution.machine))
     for t in types:
         if t.name.endswith("SPEC") and rule is None and not base.functions:
-            raise InputError(f"--type {t.name} needs what it corrects: --functions EXX,EAX,… or --rule module:function")
+            raise InputError(f"{t.name} needs what it corrects: `functions` of the base, such as EXX,EAX, or a `rule`")
     own_form = {t.name: form if form in t.forms else t.forms[0] for t in types}
     in_tables = [t for t in types if own_form[t.name] == TABLES]
     held = error_tables(solution, in_tables, base, tables, zero, ranges) if in_tables else ()
-    found: list[Grid | RotaryGrid] = []
-    for t in types:
-        if own_form[t.name] == GRID:
-            own = rule if t.name.endswith("SPEC") else None
-            found += effect_grids(
-                solution,
-                t,
-                base,
-                grids,
-                points=points,
-                reference_point=reference_point,
-                rule=own,
-                uncertainty=uncertainty,
-                ranges=ranges,
-                zero=zero,
-            )
+    found: list[AnyGrid] = []
+    for t in (t for t in types if own_form[t.name] == GRID):
+        request = GridRequest(
+            type=t,
+            base=base,
+            sampling=Sampling() if grids is None else grids,
+            points=points,
+            ranges=ranges,
+            reference_point=reference_point,
+            rule=rule if t.name.endswith("SPEC") else None,
+            zero=zero if t.is_linear else None,
+            uncertainty=uncertainty,
+        )
+        found += build_grids(solution, request)
     return Compensation(tuple(t.name for t in types), held, _once(found))
 
 
-def _once(grids: Sequence[Grid | RotaryGrid]) -> tuple[Grid | RotaryGrid, ...]:
+def _once(grids: Sequence[AnyGrid]) -> tuple[AnyGrid, ...]:
     """L-VOL+ brings the rotary axes' FOR grids, R-VOL+ the linear ones; with both, the + grids hold them already."""
-    plus = {getattr(g, "side", None) for g in grids if g.type in ("L-VOL+", "R-VOL+")}
-    kept: list[Grid | RotaryGrid] = []
+    plus = {g.side for g in grids if g.type in ("L-VOL+", "R-VOL+")}
+    kept: list[AnyGrid] = []
     for g in grids:
-        side = getattr(g, "side", None)
-        again = g.type == "FOR" and (
-            side in plus or any(k.type == "FOR" and getattr(k, "side", None) == side for k in kept)
-        )
+        again = g.type == "FOR" and (g.side in plus or any(k.type == "FOR" and k.side == g.side for k in kept))
         if not again:
             kept.append(g)
     return tuple(kept)

@@ -11,8 +11,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 from volid.compensation.base import Base
-from volid.compensation.grids.linear import Grid
-from volid.compensation.grids.rotary import RotaryGrid
+from volid.compensation.grids.grid import AnyGrid
 from volid.compensation.tables.error_table import ErrorTable
 from volid.compensation.types import LINE, TYPES
 from volid.exceptions import InputError
@@ -24,21 +23,21 @@ Ranges = Mapping[str, tuple[float, float]]
 
 
 def chosen_ranges(
-    solution: Solution, asked: Ranges | None = None, whole: bool = False
+    solution: Solution, asked: Ranges | None = None, extrapolate: bool = False
 ) -> dict[str, tuple[float, float]]:
     """Lowest and highest position of tables and grids by axis letter [mm or °].
 
-    `asked` as it stands; else the part of the travel that was measured, or all of it (`whole`). Ends that were measured to
+    `asked` as it stands; else the part of the travel that was measured, or all of it (`extrapolate`). Ends that were measured to
     within 1 % of the travel stay, as in `Solution.outside`; full turns stay closed; an axis measured at one place has no
     part, and keeps its travel for `refuse_extrapolation` to name. Raises `InputError` for a range that is none or that leaves
     the travel.
     """
-    found = {a.letter: a.travel if whole else measured_part(solution, a) for a in solution.machine.axes}
+    found = {a.letter: a.travel if extrapolate else measured_part(solution, a) for a in solution.machine.axes}
     for letter, (low, high) in (asked or {}).items():
         axis = solution.machine.axis(letter)
         if not axis.travel[0] <= low < high <= axis.travel[1]:
             raise InputError(
-                f"--range {letter}={low:g}:{high:g}; expected a range that rises within the travel "
+                f"`ranges={letter}={low:g}:{high:g}`; expected a range that rises within the travel "
                 f"{axis.travel[0]:g} … {axis.travel[1]:g} {axis.unit}"
             )
         found[letter] = (low, high)
@@ -68,9 +67,7 @@ def cut_notes(solution: Solution, ranges: Ranges, letters: Iterable[str]) -> lis
     return notes
 
 
-def refuse_extrapolation(
-    solution: Solution, made: Iterable[ErrorTable | Grid | RotaryGrid], base: Base, ranges: Ranges
-) -> None:
+def refuse_extrapolation(solution: Solution, made: Iterable[ErrorTable | AnyGrid], base: Base, ranges: Ranges) -> None:
     """Raises `InputError` when a table or grid, or the specific lines that it holds, leave what was measured."""
     for one in made:
         axes: tuple[str, ...] = (one.axis,) if isinstance(one, ErrorTable) else one.axes
@@ -82,11 +79,11 @@ def refuse_extrapolation(
         wrong = [_beyond(solution, a, ranges[a]) for a in axes if a in ranges]
         if lines:
             wrong += [_crossing(solution, a.letter, base) for a in solution.machine.linear]
-        told = "; ".join(text for text in wrong if text)
-        if told or one.outside.any():
+        reasons = "; ".join(text for text in wrong if text)
+        if reasons or one.outside.any():
             raise InputError(
-                f"{name}: {told or 'positions lie outside what was measured'}. Measure there, or write extrapolated values, "
-                "flagged outside = 1, with --extrapolate"
+                f"{name}: {reasons or 'positions lie outside what was measured'}. Measure there, or write extrapolated values, "
+                "flagged outside = 1, with `extrapolate`"
             )
 
 
@@ -98,7 +95,7 @@ def _beyond(solution: Solution, letter: str, own: tuple[float, float]) -> str:
     start, end = solution.measured_range()[index] if axis.is_full_turn else measured_part(solution, axis)
     text = f"axis {letter} over {low:g} … {high:g} {axis.unit} leaves the measured {_measured(solution, axis)}"
     possible = start < end and not _outside(solution, letter, np.array([start, end])).any()
-    return f"{text}; give --range {letter}={start:g}:{end:g}" if possible else text
+    return f"{text}; give `ranges={letter}={start:g}:{end:g}`" if possible else text
 
 
 def _crossing(solution: Solution, letter: str, base: Base) -> str:
@@ -108,7 +105,7 @@ def _crossing(solution: Solution, letter: str, base: Base) -> str:
         return ""
     return (
         f"the specific lines cross at {letter} = {at:g} {axis.unit}, outside the measured {_measured(solution, axis)}; give "
-        f"another --at"
+        f"another `at`"
     )
 
 

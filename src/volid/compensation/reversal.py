@@ -6,9 +6,8 @@ from collections.abc import Collection
 
 import numpy as np
 
-from volid.compensation.grids.linear import Grid
-from volid.compensation.grids.parts import part_letters
-from volid.compensation.grids.rotary import RotaryGrid
+from volid.compensation.grids.grid import AnyGrid
+from volid.compensation.grids.sides import part_letters
 from volid.fitting.solution import Solution
 from volid.model.iso230 import parse
 
@@ -32,9 +31,9 @@ def left_reversal(solution: Solution, letters: Collection[str]) -> dict[str, flo
     return found
 
 
-def reversal_text(solution: Solution, grid: Grid | RotaryGrid) -> str:
+def reversal_text(solution: Solution, grid: AnyGrid) -> str:
     """What the grid holds of reversal and what is left, in words; `NONE` when its axes have no reversal."""
-    left = left_reversal(solution, part_letters(solution.machine, getattr(grid, "side", None)))
+    left = left_reversal(solution, part_letters(solution.machine, grid.side))
     if not left:
         return NONE
     each = ", ".join(

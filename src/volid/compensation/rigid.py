@@ -8,17 +8,19 @@ least-squares sense over points and tool vectors. What remains then is the cross
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from volid.backend.even_points import even_points
 from volid.backend.lazy import jnp
-from volid.compensation.base import model_errors
+from volid.compensation.base import deviation_rows
+from volid.compensation.residual.fields import Places, volume_places
 from volid.fitting.solution import Solution
 from volid.model.error_model import build_model
 from volid.model.machine import FunctionSettings, ModelSettings
-from volid.model.nominal import influence
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 POINTS = 2048
 RELATIVE_RANK = 1e-9  # of the singular values of scaled columns
@@ -34,13 +36,25 @@ class Remaining(NamedTuple):
     maximum_before: float
 
 
-def best_rigid(solution: Solution, tools: np.ndarray) -> tuple[Solution, Remaining]:
+def best_rigid(solution: Solution, tools: Float[np.ndarray, "k 3"]) -> tuple[Solution, Remaining]:
     """The solution with single-axis functions only, and what they leave.
 
-    `tools`: tool vectors (k, 3) [mm] over which the volume is to be served; several non-collinear ones tell angular functions
-    from translations. θ' = (A'ᵀA')⁺A'ᵀ A θ over 2048 points spread evenly (Halton), translations of the functional point;
-    the covariance goes along. Directions that the tools leave open stay at their least-norm value. Reversal and constants are
-    kept as parts of the fit.
+    θ' = (A'ᵀA')⁺A'ᵀ A θ over 2048 points spread evenly (Halton), translations of the functional point; the covariance goes along.
+    Directions that the tools leave open stay at their least-norm value. Reversal and constants are kept as parts of the fit.
+
+    Args:
+        solution: of `fit`.
+        tools: tool vectors over which the volume is to be served, shape (k, 3) [mm]; several non-collinear ones tell angular
+            functions from translations.
+
+    Source: ISO/TR 16907 7.4.2.
+
+    >>> import numpy as np
+    >>> import volid
+    >>> solution = volid.fit(volid.load_campaign("datasets/five_axis_rtest/campaign.toml"))
+    >>> rigid, left = volid.best_rigid(solution, np.array([[0.0, 0.0, -150.0], [80.0, 0.0, -150.0], [0.0, 80.0, -150.0]]))
+    >>> left.rms < 1e-6 * left.rms_before  # its functions depend on one axis each: nothing is left
+    True
     """
     machine = solution.machine
     settings = {n: replace(s, over=None, segments=_own(s)) for n, s in machine.model.functions.items()}
@@ -48,8 +62,9 @@ def best_rigid(solution: Solution, tools: np.ndarray) -> tuple[Solution, Remaini
     segments = {n: k[:1] for n, k in solution.model.segments.items()}
     model = build_model(plain, segments, datum=solution.datum)
     rigid = replace(solution, model=model, campaign=replace(solution.campaign, machine=plain))
-    q, tool, way = _places(solution, np.atleast_2d(tools))
-    before, after = (_rows(s, q, tool, way) for s in (solution, rigid))
+    places, several = volume_places(machine, POINTS), np.atleast_2d(tools)
+    tool = several[np.arange(POINTS) % len(several)]
+    before, after = (_translations(s, places, tool) for s in (solution, rigid))
     scale = np.linalg.norm(after, axis=0)
     scale = np.where(scale > 0, scale, 1.0)
     mapping = (np.linalg.pinv(after / scale, rcond=RELATIVE_RANK) @ before) / scale[:, None]
@@ -63,22 +78,10 @@ def _own(settings: FunctionSettings) -> int | str | None:
     return settings.segments[0] if isinstance(settings.segments, tuple) else settings.segments
 
 
-def _places(solution: Solution, tools: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    low = np.array([a.travel[0] for a in solution.machine.axes])
-    length = np.array([a.length for a in solution.machine.axes])
-    q = low + even_points(POINTS, len(low)) * length
-    rng = np.random.default_rng(0)
-    return q, tools[np.arange(POINTS) % len(tools)], rng.choice([-1.0, 1.0], q.shape)
-
-
-def _rows(solution: Solution, q: np.ndarray, tool: np.ndarray, way: np.ndarray) -> np.ndarray:
-    """Translations as linear map of θ, (3 m, n)."""
-    parts = []
-    for start in range(0, len(q), 256):
-        rows = slice(start, start + 256)
-        errors = model_errors(solution, q[rows], way[rows], lambda _: True)
-        parts.append(influence(solution.machine, q[rows], tool[rows])[:, :3] @ errors)
-    return np.concatenate(parts).reshape(3 * len(q), -1)
+def _translations(solution: Solution, places: Places, tool: np.ndarray) -> np.ndarray:
+    """Translations of the functional point as linear map of θ, (3 m, n)."""
+    rows = deviation_rows(solution, places.positions, places.directions, tool)[:, :3]
+    return rows.reshape(-1, rows.shape[2])
 
 
 def _sizes(field: np.ndarray) -> tuple[float, float]:

@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from volid.compensation.grids.linear import Grid
-from volid.compensation.grids.rotary import RotaryGrid
+from volid.compensation.grids.grid import AnyGrid
 from volid.exceptions import InputError
 
 
@@ -16,7 +15,7 @@ def round_to(values: np.ndarray, least: float | None) -> np.ndarray:
     return values if least is None else np.round(values / least) * least
 
 
-def rounded_grid(grid: Grid | RotaryGrid, increment: float | None, angle_increment: float | None) -> Grid | RotaryGrid:
+def rounded_grid(grid: AnyGrid, increment: float | None, angle_increment: float | None) -> AnyGrid:
     """The grid with translations at multiples of `increment` [mm], rotations of `angle_increment` [rad], and a note of the loss.
 
     None: all digits. Values are absolute, so that rounding does not add up. Raises `InputError` for an increment that is none.

@@ -12,12 +12,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from volid.compensation.grids.linear import Grid, grid_positions
-from volid.compensation.grids.rotary import RotaryGrid
+from volid.compensation.grids.grid import AnyGrid, RotaryGrid
+from volid.compensation.grids.interpolation import grid_positions
 from volid.compensation.tables.error_table import ErrorTable
 from volid.exceptions import InputError
-
-AnyGrid = Grid | RotaryGrid
 
 
 def add_tables(new: Sequence[ErrorTable], old: Sequence[ErrorTable]) -> tuple[ErrorTable, ...]:
@@ -28,7 +26,7 @@ def add_tables(new: Sequence[ErrorTable], old: Sequence[ErrorTable]) -> tuple[Er
     names = [t.function for t in old]
     twice = [n for n in names if names.count(n) > 1]
     if twice:
-        raise InputError(f"--add-to: two existing tables of {twice[0]}; expected one per function")
+        raise InputError(f"two existing tables of {twice[0]}; expected one per function")
     before = {t.function: t for t in old}
     added = [_add_table(t, before[t.function]) if t.function in before else t for t in new]
     done = {t.function for t in new}
@@ -37,7 +35,7 @@ def add_tables(new: Sequence[ErrorTable], old: Sequence[ErrorTable]) -> tuple[Er
 
 def _add_table(new: ErrorTable, old: ErrorTable) -> ErrorTable:
     if new.applied != old.applied:
-        raise InputError(f"--add-to: the existing {old.function} acts on {old.applied}, the new one on {new.applied}")
+        raise InputError(f"the existing {old.function} acts on {old.applied}, the new one on {new.applied}")
     nodes = np.union1d(old.positions, new.positions)
     up, down = np.ones(len(nodes)), -np.ones(len(nodes))
     own = new.positions[0] - 1e-9, new.positions[-1] + 1e-9
@@ -67,18 +65,16 @@ def add_grid(new: AnyGrid, old: AnyGrid) -> AnyGrid:
 
     Raises `InputError` when axes, side or what the control does with the two differ, or rotations that are blank are needed.
     """
-    if type(new) is not type(old) or new.axes != old.axes or getattr(new, "side", "") != getattr(old, "side", ""):
+    if (new.side, new.axes) != (old.side, old.axes):
         raise InputError(
-            f"--add-to: the existing grid is over {', '.join(old.axes)} {getattr(old, 'side', '')}, the new one over "
-            f"{', '.join(new.axes)} {getattr(new, 'side', '')}; expected the same"
+            f"the existing grid is over {', '.join(old.axes)} ({old.side}), the new one over {', '.join(new.axes)} ({new.side}); "
+            "expected the same"
         )
     if (new.type == "FOR") != (old.type == "FOR") or new.type.endswith("+") != old.type.endswith("+"):
-        raise InputError(
-            f"--add-to: a control applies a {old.type} grid otherwise than a {new.type} grid; they have no sum"
-        )
+        raise InputError(f"a control applies a {old.type} grid otherwise than a {new.type} grid; they have no sum")
     nodes = tuple(np.union1d(a, b) for a, b in zip(old.nodes, new.nodes, strict=True))
     positions = grid_positions(nodes)
-    own, before = _held(new, positions), _held(old, positions)
+    own, before = new.held(positions), old.held(positions)
     before[:, :3] += _shift(new, old, before)
     return replace(
         new,
@@ -86,25 +82,16 @@ def add_grid(new: AnyGrid, old: AnyGrid) -> AnyGrid:
         nodes=nodes,
         positions=positions,
         values=own + before,
-        u=_held(replace(new, values=new.u), positions),
-        outside=_held(replace(new, values=np.repeat(new.outside[:, None] * 1.0, 6, axis=1)), positions)[:, 0] > 0,
+        u=replace(new, values=new.u).held(positions),
+        outside=replace(new, values=np.repeat(new.outside[:, None] * 1.0, 6, axis=1)).held(positions)[:, 0] > 0,
         notes=(*new.notes, *_note(old.type, "", len(old.values), len(new.values))),
         **({"determined": np.isfinite(own + before)} if isinstance(new, RotaryGrid) else {}),
     )
 
 
-def _held(grid: AnyGrid, positions: np.ndarray) -> np.ndarray:
-    """Values at positions, end values held outside the grid."""
-    held = np.stack([np.clip(positions[:, k], n[0], n[-1]) for k, n in enumerate(grid.nodes)], axis=1)
-    return np.array(grid.interpolate(held))
-
-
 def _shift(new: AnyGrid, old: AnyGrid, values: np.ndarray) -> np.ndarray:
     """What the old rotations do between the old and the new tool vector or reference point."""
-    if isinstance(new, RotaryGrid):
-        arm = np.subtract(new.reference_point, getattr(old, "reference_point", new.reference_point))
-    else:
-        arm = np.subtract(new.tool, getattr(old, "tool", new.tool))
+    arm = new.reference - old.reference
     if not arm.any():
         return np.zeros((len(values), 3))
     return np.asarray(np.cross(values[:, 3:], arm))

@@ -2,6 +2,10 @@
 
 A type is a set of *effects*. Each effect belongs to one place in a control: a table of an axis, a spatial grid, or the rotary
 axes themselves. Types combine as long as no effect is corrected twice.
+
+>>> import volid
+>>> len(volid.COMPENSATION_TYPES), volid.COMPENSATION_TYPES["L-STR"].leaves
+(15, 'positioning; roll elsewhere')
 """
 
 from __future__ import annotations
@@ -31,7 +35,7 @@ TABLES, GRID = "tables", "grid"
 class CompensationType:
     """One type of ISO/TR 16907.
 
-    `effects`: what of the error model it uses. `based_on`: the specific line through `at`, the whole volume, one elevation or
+    `effects`: what of the error model it uses. `based_on`: the specific line through `at`, all of the volume, one elevation or
     tool length, or the axis alone. `control`: what the control does with it. `leaves`: what it must not touch. `forms`: table
     of an axis, or spatial grid. `needs_tool`: the control must know the tool vector.
     """
@@ -117,7 +121,7 @@ TYPES: dict[str, CompensationType] = {
 def compensation_type(name: str) -> CompensationType:
     """The type of that name. Raises `InputError` for a name that ISO/TR 16907 does not have."""
     if name not in TYPES:
-        raise InputError(f"--type '{name}' is no compensation type of ISO/TR 16907; available: {', '.join(TYPES)}")
+        raise InputError(f"`type={name}` is no compensation type of ISO/TR 16907; available: {', '.join(TYPES)}")
     return TYPES[name]
 
 
@@ -139,16 +143,14 @@ def _require_disjoint(one: CompensationType, other: CompensationType) -> None:
     twice = [e for e in one.effects if e in other.effects and e != ORIENTATION]
     if twice:
         raise InputError(
-            f"--type {one.name} and {other.name} both correct {', '.join(twice)}; it would be corrected twice. Take one of them"
+            f"{one.name} and {other.name} both correct {', '.join(twice)}; it would be corrected twice. Take one of them"
         )
     own = {LINEAR_SPEC: LINEAR_EFFECTS, ROTARY_SPEC: ROTARY_EFFECTS}
     for a, b in ((one, other), (other, one)):
         if a.effects[0] in own and set(b.effects) & set(own[a.effects[0]]):
-            raise InputError(f"--type {a.name} and {b.name} may correct the same errors twice; take one of them")
+            raise InputError(f"{a.name} and {b.name} may correct the same errors twice; take one of them")
         if a.name == "R-POS" and b.turns:
-            raise InputError(
-                f"--type R-POS and {b.name} both turn the rotary axes, {b.name} for angular positioning too"
-            )
+            raise InputError(f"R-POS and {b.name} both turn the rotary axes, {b.name} for angular positioning too")
 
 
 def _require_axes(t: CompensationType, machine: Machine) -> None:
@@ -157,17 +159,17 @@ def _require_axes(t: CompensationType, machine: Machine) -> None:
     have = f"machine '{machine.name}' [{machine.structure.strip().strip('[]')}]"
     if t.is_rotary and not rotary:
         raise InputError(
-            f"--type {t.name}: {have} has no rotary axis; {t.name} is for rotary axes, L-VOL for linear ones"
+            f"`type={t.name}`: {have} has no rotary axis; {t.name} is for rotary axes, L-VOL for linear ones"
         )
     if t.is_linear and not linear:
-        raise InputError(f"--type {t.name}: {have} has no linear axis; {t.name} is for linear axes")
+        raise InputError(f"`type={t.name}`: {have} has no linear axis; {t.name} is for linear axes")
     if t.name in ("L-STR", "L-SQU") and len(linear) < 2:
         raise InputError(
-            f"--type {t.name}: {have} has one linear axis; {t.name} moves another one, so expected two or three"
+            f"`type={t.name}`: {have} has one linear axis; {t.name} moves another one, so expected two or three"
         )
     if t.turns and (len(linear) < len(LINEAR_AXES) or not _two_directions(machine)):
         raise InputError(
-            f"--type {t.name}: {have} cannot turn its tool into every direction; orientation is corrected by three linear and at "
+            f"`type={t.name}`: {have} cannot turn its tool into every direction; orientation is corrected by three linear and at "
             "least two rotary axes that are not parallel to each other"
         )
 

@@ -1,170 +1,176 @@
-"""Systematic effects (`[[set.effect]]`): errors that readings share, as nuisance parameters known to within their u.
-
-    reading = prediction(tool + Σ τ, …) + Σ a ξ,   ξ, τ of mean 0 and standard uncertainty u, one for each scope (`per`)
-
-| type | a, or what it acts on | unit of u |
-|---|---|---|
-| scale | the reading itself (refractive index); each of its `components` ("XYZ", sensor scale) with a factor of its own | 1 |
-| offset | 1, for every component of a reading on its own | the reading's |
-| drift, form = "linear" | time since the scope's first reading [h], in all sets that share it | the reading's per hour |
-| drift, form = "random walk" | increments between `NODES` instants, straight in between | the reading's per √h |
-| tool_length | tool vector, `components` of it ("Z" by default, "XYZ" for all) | mm |
-| temperature | expansion · length for the temperature; (temperature - 20 °C) · length for `u_expansion` [1/K, normal] | K |
-| repeatability | axis positions (linear axes, or those of `axes` = { X = 0.001, … }), anew at every reading | mm |
-
-An effect is one unknown of the fit per scope, with its u as prior knowledge: what the data say of it lowers its u, the rest
-goes into every result, and closures determine drift. The length that expands is the reading less its dead path. With `per` =
-"point" (always for repeatability) an effect is drawn anew for every reading and adds to its u, see `random_effects`.
-"""
+"""What every type of systematic effect declares, so that files, fit, budget and simulation treat all types alike."""
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from volid.backend.elementary import in_rows
 from volid.campaign import Campaign, Effect, ObservationSet
 from volid.effects.distributions import NORMAL
 from volid.exceptions import InputError
 from volid.model.machine import Machine
 from volid.observations import KINDS
-from volid.observations.base import Group, NuisanceTable
+from volid.observations.base import NuisanceTable
 
-TYPES = ("scale", "offset", "drift", "tool_length", "repeatability", "temperature")
-SCOPES = ("campaign", "set", "station", "segment", "tool", "point")
-POINT = "point"
-FORMS = ("linear", "random walk")
-NODES = 12  # instants of a random walk after its first reading
-REFERENCE_TEMPERATURE = 20.0  # °C, ISO 1
-HOUR = 3600.0  # s
+CAMPAIGN, SET, TOOL, POINT = "campaign", "set", "tool", "point"
 COMPONENTS = "XYZ"
-EXPANSION = "expansion"
 
 
-class Form(NamedTuple):
-    """Static part of a group of readings: kind, settings, readings per row, tool components and additive terms of effects."""
-
-    kind: str
-    settings: Any
-    n_readings: int
-    tool: tuple[int, ...] = ()
-    additive: int = 0
+# ------------------------------------------------------------------------------------ keys of a [[set.effect]] of one type
 
 
-class Extended(NamedTuple):
-    """A group of rows with its effects: like `Group`, `slots` and `constants` hold those of the effects after its own."""
+@dataclass(frozen=True)
+class Number:
+    """A number: `above` or at `least` a bound; with a `default` of None it is left out where it is not given."""
 
-    rows: np.ndarray
-    form: Form
-    slots: np.ndarray
-    constants: np.ndarray
+    above: float | None = None
+    least: float | None = None
+    required: bool = False
 
 
-class _Term(NamedTuple):
-    """One additive term: factors a (m, k), and the number of its nuisance parameter for every row, (m,)."""
+@dataclass(frozen=True)
+class Choice:
+    """One of several texts; the first is the default."""
+
+    texts: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Letters:
+    """Some of the letters of `COMPONENTS`, each once."""
+
+
+@dataclass(frozen=True)
+class PerAxis:
+    """A number for some axes of the machine, { X = 0.001, … }, at `least` a bound."""
+
+    least: float = 0.0
+
+
+FileKey = Number | Choice | Letters | PerAxis
+
+
+# ------------------------------------------------------------------------------------------------------- what an effect does
+
+
+class Term(NamedTuple):
+    """One additive term a·ξ of all readings of a set: factors a (m, k), and the number of ξ for every row, (m,)."""
 
     factor: np.ndarray
     slot: np.ndarray
 
 
-def predict_readings(machine: Machine, form: Form, q: Any, tool: Any, errors: Any, slots: Any, constants: Any) -> Any:
-    """Predicted readings (k, m) of one group, effects included."""
-    k, n = form.n_readings, form.additive
-    own = len(slots) - len(form.tool) - n
-    own_constants = len(constants) - n * k
-    vector = list(tool)
-    for i, component in enumerate(form.tool):
-        vector[component] = vector[component] + slots[own + i]
-    predict = KINDS[form.kind].predict
-    values = predict(machine, form.settings, q, tuple(vector), errors, slots[:own], constants[:own_constants])
-    first = own + len(form.tool)
-    for j in range(n):
-        factors = constants[own_constants + j * k : own_constants + (j + 1) * k]
-        values = in_rows([v + f * slots[first + j] for v, f in zip(values, factors, strict=True)], np.shape(q[0]))
-    return values
+class ToolShift(NamedTuple):
+    """One component of the tool vector that is off by an unknown: its number 0, 1 or 2, and that of the unknown by row, (m,)."""
+
+    component: int
+    slot: np.ndarray
 
 
-def groups_of(
-    observations: ObservationSet, campaign: Campaign, table: NuisanceTable, *, effects: bool = True
-) -> list[Extended]:
-    """Groups of a set with the nuisance parameters of its kind and, unless `effects` is False, of its effects."""
-    kind = KINDS[observations.kind]
-    k = observations.readings.shape[1]
-    found: list[Group] = kind.groups(observations, campaign, table)
-    shared = [e for e in observations.effects if not is_random(e)] if effects else []
-    tools = [(c, s) for e in shared if e.type == "tool_length" for c, s in _tool_slots(observations, e, table)]
-    terms = [t for e in shared if e.type != "tool_length" for t in _terms(observations, campaign, e, table)]
-    result = []
-    for group in found:
-        slots = [group.slots, *(s[None, group.rows] for _, s in tools), *(t.slot[None, group.rows] for t in terms)]
-        constants = [group.constants, *(t.factor[group.rows].T for t in terms)]
-        form = Form(observations.kind, group.settings, k, tuple(c for c, _ in tools), len(terms))
-        result.append(Extended(group.rows, form, np.concatenate(slots), np.concatenate(constants)))
-    return result
+class Sensitivity(NamedTuple):
+    """∂reading/∂(axis position) (n_axes, m, k) and ∂reading/∂(tool vector) (3, m, k) at the nominal machine."""
+
+    by_axis: np.ndarray
+    by_tool: np.ndarray
 
 
-def effect_samples(campaign: Campaign) -> dict[str, tuple[float, ...]]:
-    """Values that effects with `distribution` = "samples" draw from, by the effect's name."""
-    effects = [e for s in campaign.sets for e in s.effects]
-    return {e.name: tuple(e.options["samples"]) for e in effects if "samples" in e.options}
+class EffectType(ABC):
+    """One type of systematic effect. A final class per type says what it does; its one instance is in the table.
+
+    `keys`: keys of the file besides those that all types have. `always_random`: drawn anew for every reading, whatever
+    `per` says; `never_random`: never so. `spans_campaign`: needs all readings of the campaign at once.
+    """
+
+    name: str
+    keys: Mapping[str, FileKey] = {}
+    always_random: bool = False
+    never_random: bool = False
+    spans_campaign: bool = False
+
+    def terms(
+        self, effect: Effect, observations: ObservationSet, campaign: Campaign, table: NuisanceTable
+    ) -> list[Term]:
+        """Additive terms on all rows of a set."""
+        return []
+
+    def tool_shifts(self, effect: Effect, observations: ObservationSet, table: NuisanceTable) -> list[ToolShift]:
+        """What the tool vectors of a set are off by."""
+        return []
+
+    @abstractmethod
+    def variance(
+        self, effect: Effect, observations: ObservationSet, machine: Machine, sensitivity: Sensitivity
+    ) -> np.ndarray:
+        """Variance (m, k) that the effect adds where it is drawn anew for every reading."""
+
+    def check(self, effect: Effect, observations: ObservationSet) -> None:
+        """Raises `InputError` for options that do not fit the readings."""
+        return
+
+    def scopes(self, labelled: tuple[str, ...]) -> tuple[str, ...]:
+        """What `per` may be; `labelled`: the scopes that kinds make from their labels."""
+        if self.always_random:
+            return (POINT,)
+        return (CAMPAIGN, SET, *labelled, TOOL, *(() if self.never_random else (POINT,)))
 
 
-def check_effects(observations: ObservationSet) -> None:
-    """Raises `InputError` for a scope or components that the kind does not have, or drift without times."""
-    names = {name.upper() for name in KINDS[observations.kind].readings}
-    for effect in observations.effects:
-        if effect.type == "scale" and not set(str(effect.options.get("components", ""))) <= names:
-            raise InputError(
-                f"set '{observations.name}', effect '{effect.name}': components = \"{effect.options['components']}\", but a "
-                f"'{observations.kind}' reading has {', '.join(sorted(names))}; leave components out to scale the whole reading"
-            )
-        if not is_random(effect):
-            _scopes(observations, effect)
-        if effect.type == "drift":
-            _hours(observations, effect)
+# ------------------------------------------------------------------------------------------------- tools for the types
 
 
-def is_random(effect: Effect) -> bool:
-    """True for what is drawn anew for every reading; see `random_effects`."""
-    return effect.per == POINT or effect.type == "repeatability"
+def labelled_scopes() -> tuple[str, ...]:
+    """Scopes that any kind makes from its labels: station, segment, …"""
+    return tuple(dict.fromkeys(scope for kind in KINDS.values() for scope in kind.scopes))
 
 
-# ------------------------------------------------------------------------------------------------- effects that are shared
+def lengths_of(observations: ObservationSet) -> np.ndarray:
+    """The readings a scale acts on, (m, k): lengths; angles have no scale."""
+    return np.where(KINDS[observations.kind].is_angle, 0.0, observations.readings)
 
 
-def _scopes(observations: ObservationSet, effect: Effect) -> list[tuple[str, np.ndarray]]:
-    """Name and rows of every scope of an effect in a set."""
+def scopes_of(observations: ObservationSet, effect: Effect) -> Iterator[tuple[str, np.ndarray]]:
+    """Name and rows of every scope of an effect in a set. Raises `InputError` for a scope that the kind does not have."""
     m = len(observations)
-    if effect.per == "campaign":
-        return [("", np.arange(m))]
-    if effect.per == "set":
-        return [(observations.name, np.arange(m))]
-    if effect.per == "tool":
+    if effect.per in (CAMPAIGN, SET):
+        yield "" if effect.per == CAMPAIGN else observations.name, np.arange(m)
+        return
+    if effect.per == TOOL:
         tools, index = np.unique(np.round(observations.tool, 6), axis=0, return_inverse=True)
-        vectors = [f"tool ({t[0]:g}, {t[1]:g}, {t[2]:g})" for t in tools]
-        return [(n, np.flatnonzero(np.ravel(index) == i)) for i, n in enumerate(vectors)]
-    if "station" not in observations.labels or (effect.per == "segment" and "segment" not in observations.labels):
+        for i, t in enumerate(tools):
+            yield f"tool ({t[0]:g}, {t[1]:g}, {t[2]:g})", np.flatnonzero(np.ravel(index) == i)
+        return
+    labels = KINDS[observations.kind].scopes.get(effect.per)
+    if labels is None:
         raise InputError(
             f"set '{observations.name}', effect '{effect.name}': per = \"{effect.per}\", but a '{observations.kind}' set has no "
-            f"{effect.per}s; expected campaign, set, tool or point"
+            f"{effect.per}s; expected {', '.join((CAMPAIGN, SET, *KINDS[observations.kind].scopes, TOOL))} or {POINT}"
         )
-    names = observations.labels["station"].astype(str)
-    if effect.per == "segment":
-        names = np.char.add(np.char.add(names, " segment "), observations.labels["segment"].astype(str))
-    return [(str(n), np.flatnonzero(names == n)) for n in dict.fromkeys(names)]
+    names = observations.labels[labels[0]].astype(str)
+    for label in labels[1:]:
+        names = np.char.add(np.char.add(names, f" {label} "), observations.labels[label].astype(str))
+    for name in dict.fromkeys(names):
+        yield str(name), np.flatnonzero(names == name)
 
 
-def _index(table: NuisanceTable, effect: Effect, scope: str, what: str, unit: str, u: float) -> int:
-    """Number of the parameter of one scope. Raises `InputError` when two sets say different things of one effect."""
-    name = " ".join(part for part in (effect.name, scope, what) if part)
-    distribution = NORMAL if what == EXPANSION else str(effect.options.get("distribution", NORMAL))
+def unknown_of(
+    table: NuisanceTable,
+    effect: Effect,
+    scope: str,
+    what: str,
+    unit: str,
+    u: float,
+    distribution: str | None = None,
+) -> int:
+    """Number of the unknown of one scope. Raises `InputError` when two sets say different things of one effect."""
     number = table.index(
         ("effect", effect.name, scope, what),
-        name,
+        " ".join(part for part in (effect.name, scope, what) if part),
         unit,
         prior_u=u,
-        distribution=distribution,
+        distribution=distribution or str(effect.options.get("distribution", NORMAL)),
         effect=effect.name,
     )
     if table.entries[number].prior_u != u:
@@ -175,134 +181,20 @@ def _index(table: NuisanceTable, effect: Effect, scope: str, what: str, unit: st
     return number
 
 
-def _tool_slots(observations: ObservationSet, effect: Effect, table: NuisanceTable) -> list[tuple[int, np.ndarray]]:
-    result = []
-    for letter in str(effect.options.get("components", "Z")):
-        slot = np.zeros(len(observations), dtype=np.int64)
-        for scope, rows in _scopes(observations, effect):
-            slot[rows] = _index(table, effect, scope, letter, "mm", effect.u)
-        result.append((COMPONENTS.index(letter), slot))
-    return result
+def slots_of(
+    observations: ObservationSet, effect: Effect, table: NuisanceTable, unit: str, what: str = ""
+) -> np.ndarray:
+    """Numbers of the unknowns of all scopes by row, (m,), each with the effect's u."""
+    slot = np.zeros(len(observations), dtype=np.int64)
+    for scope, rows in scopes_of(observations, effect):
+        slot[rows] = unknown_of(table, effect, scope, what, unit, effect.u)
+    return slot
 
 
-def lengths_of(observations: ObservationSet) -> np.ndarray:
-    """The readings a scale acts on, (m, k): lengths; angles of a polar reading have no scale."""
-    return np.where(_is_angle(observations), 0.0, observations.readings)
-
-
-def _is_angle(observations: ObservationSet) -> np.ndarray:
-    names = KINDS[observations.kind].readings
-    return np.array([name in ("azimuth", "elevation") for name in names])
-
-
-def _temperature(observations: ObservationSet, effect: Effect) -> np.ndarray:
-    """Temperature minus 20 °C for every row, from the column, else from the key `temperature`."""
-    given = float(effect.options.get("temperature", REFERENCE_TEMPERATURE))
-    if observations.temperature is None:
-        return np.full(len(observations), given - REFERENCE_TEMPERATURE)
-    return np.where(np.isnan(observations.temperature), given, observations.temperature) - REFERENCE_TEMPERATURE
-
-
-def _hours(observations: ObservationSet, effect: Effect) -> np.ndarray:
-    if observations.time is None or not np.all(np.isfinite(observations.time)):
-        raise InputError(
-            f"set '{observations.name}', effect '{effect.name}': drift needs a time (s) for every row; add a column time"
-        )
-    return np.asarray(observations.time) / HOUR
-
-
-def _terms(observations: ObservationSet, campaign: Campaign, effect: Effect, table: NuisanceTable) -> list[_Term]:
-    """Additive terms of one effect on all rows of a set."""
+def columns_of(observations: ObservationSet) -> Iterator[tuple[np.ndarray, str, str]]:
+    """For every component of a reading: 1 in its column (m, k), its name (none for the only one), and its unit."""
     kind = KINDS[observations.kind]
-    if effect.type == "scale":
-        return _scale(observations, effect, table)
-    if effect.type == "temperature":
-        expansion = float(effect.options["expansion"])
-        lengths = lengths_of(observations) - _dead_paths(observations, table)
-        terms = [_term(observations, effect, table, expansion * lengths, "K")]
-        u = float(effect.options.get("u_expansion", 0.0))
-        if u > 0.0:
-            factor = _temperature(observations, effect)[:, None] * lengths
-            slot = np.full(len(observations), _index(table, effect, "", EXPANSION, "1/K", u))
-            terms.append(_Term(factor, slot))
-        return terms
-    terms = []
-    for c in range(len(kind.readings)):
+    for c, name in enumerate(kind.readings):
         column = np.zeros((len(observations), len(kind.readings)))
         column[:, c] = 1.0
-        what = kind.readings[c] if len(kind.readings) > 1 else ""
-        if effect.type == "offset":
-            terms.append(_term(observations, effect, table, column, kind.unit_of(c), what))
-        else:
-            terms += _drift(observations, campaign, effect, table, column, what)
-    return terms
-
-
-def _scale(observations: ObservationSet, effect: Effect, table: NuisanceTable) -> list[_Term]:
-    """One factor for the whole reading, or one for each of its `components`."""
-    lengths, names = lengths_of(observations), KINDS[observations.kind].readings
-    if "components" not in effect.options:
-        return [_term(observations, effect, table, lengths, "1")]
-    letters = str(effect.options["components"])
-    own = [(c, np.array([name.upper() == c for name in names])) for c in letters]
-    return [_term(observations, effect, table, np.where(column, lengths, 0.0), "1", c) for c, column in own]
-
-
-def _dead_paths(observations: ObservationSet, table: NuisanceTable) -> np.ndarray:
-    """Start values of the dead paths in relative distances, (m, 1); 0 for readings without."""
-    if observations.kind != "distance" or not observations.options.get("relative", True):
-        return np.zeros((len(observations), 1))
-    beams = zip(observations.labels["station"], observations.labels["segment"], strict=True)
-    return np.array([[table.starts.get(("dead path", str(s), str(g)), 0.0)] for s, g in beams])
-
-
-def _term(
-    observations: ObservationSet, effect: Effect, table: NuisanceTable, factor: np.ndarray, unit: str, what: str = ""
-) -> _Term:
-    slot = np.zeros(len(observations), dtype=np.int64)
-    for scope, rows in _scopes(observations, effect):
-        slot[rows] = _index(table, effect, scope, what, unit, effect.u)
-    return _Term(factor, slot)
-
-
-def _span(campaign: Campaign, effect: Effect, scope: str) -> tuple[float, float]:
-    """First and last time [h] of a scope in all sets that the effect acts on; sets of a campaign share one clock."""
-    hours = [
-        _hours(s, e)[rows]
-        for s in campaign.sets
-        for e in s.effects
-        if (e.name, e.type) == (effect.name, effect.type)
-        for name, rows in _scopes(s, e)
-        if name == scope
-    ]
-    whole = np.concatenate(hours)
-    return float(whole.min()), float(whole.max())
-
-
-def _drift(
-    observations: ObservationSet,
-    campaign: Campaign,
-    effect: Effect,
-    table: NuisanceTable,
-    column: np.ndarray,
-    what: str,
-) -> list[_Term]:
-    hours, kind = _hours(observations, effect), KINDS[observations.kind]
-    unit = kind.unit_of(kind.readings.index(what) if what else 0)
-    scopes = [(name, rows, *_span(campaign, effect, name)) for name, rows in _scopes(observations, effect)]
-    since = np.zeros(len(observations))
-    if effect.options.get("form", FORMS[0]) == FORMS[0]:
-        for _, rows, first, _ in scopes:
-            since[rows] = hours[rows] - first
-        return [_term(observations, effect, table, column * since[:, None], f"{unit}/h", what)]
-    terms = []
-    for node in range(NODES):
-        ramp, slot = np.zeros(len(observations)), np.zeros(len(observations), dtype=np.int64)
-        for scope, rows, first, last in scopes:
-            step = (last - first) / NODES
-            if step > 0.0:
-                ramp[rows] = np.clip((hours[rows] - first) / step - node, 0.0, 1.0)
-            u = effect.u * np.sqrt(max(step, 1e-9))
-            slot[rows] = _index(table, effect, scope, f"{what} step {node + 1}".strip(), unit, u)
-        terms.append(_Term(column * ramp[:, None], slot))
-    return terms
+        yield column, name if len(kind.readings) > 1 else "", kind.unit_of(c)

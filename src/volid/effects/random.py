@@ -5,14 +5,16 @@ Not modelled: correlation between the components of one reading, or between read
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from volid.campaign import Effect, ObservationSet
-from volid.effects.base import COMPONENTS, is_random, lengths_of
+from volid.effects import TYPES
+from volid.effects.base import Sensitivity
 from volid.effects.distributions import NORMAL
+from volid.effects.prediction import is_random
 from volid.model.machine import Machine
 
 
@@ -48,22 +50,5 @@ def random_parts(
     random = [e for e in observations.effects if is_random(e)]
     if not random:
         return []
-    by_axis, by_tool = sensitivities()
-    return [(e, _variance(e, observations, machine, by_axis, by_tool)) for e in random]
-
-
-def _variance(
-    effect: Effect, observations: ObservationSet, machine: Machine, by_axis: np.ndarray, by_tool: np.ndarray
-) -> np.ndarray:
-    """Variance (m, k) that one effect adds, from the sensitivities to axis positions and tool vector."""
-    if effect.type == "repeatability":
-        given = effect.options.get("axes")
-        scatter = given if isinstance(given, Mapping) else {a.letter: effect.u for a in machine.axes if a.is_linear}
-        return np.asarray(sum((float(u) * by_axis[machine.index(letter)]) ** 2 for letter, u in scatter.items()))
-    if effect.type == "tool_length":
-        letters = str(effect.options.get("components", "Z"))
-        return np.asarray(sum((effect.u * by_tool[COMPONENTS.index(letter)]) ** 2 for letter in letters))
-    if effect.type == "offset":
-        return np.full(observations.readings.shape, effect.u**2)
-    expansion = float(effect.options["expansion"]) if effect.type == "temperature" else 1.0
-    return np.asarray((effect.u * expansion * lengths_of(observations)) ** 2)
+    sensitivity = Sensitivity(*sensitivities())
+    return [(e, TYPES[e.type].variance(e, observations, machine, sensitivity)) for e in random]

@@ -6,27 +6,33 @@ Two datums describe one deviation field up to a rigid motion of the workpiece fr
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
-from volid.campaign import Campaign
 from volid.exceptions import InputError
 from volid.fitting.diagnosis.identifiability import UNIT, parameter_units
 from volid.fitting.prediction.deviations import gradient_matrix
 from volid.model.error_model import LOCATION, ErrorModel
-from volid.model.iso230 import DIRECTIONS, LINEAR_AXES, ROTARY_AXES
-from volid.model.kinematics import nominal_point, transform
-from volid.model.machine import BED, WORKPIECE, Datum, Machine
-from volid.observations.base import Nuisance
+from volid.model.iso230 import LINEAR_AXES, SPINDLE, parse
+from volid.model.jacobian import rigid_motion_rows, tool_rotation_rows
+from volid.model.machine import Datum, Machine
 
+LAST_CHOICE = 1e-5  # weight of a motion of the tool vectors, which stands for what the model cannot express otherwise
 ARM = 500.0  # mm: weighs rotations against translations in the comparison of two fields
 
 
 def parse_datum(machine: Machine, text: str) -> Datum:
-    """Datum from "primary=Z,secondary=X,line=end_point,reference_X=0"; parts left out stay as the machine has them.
+    """The datum that a text such as "primary=Z,secondary=X,line=end_point,reference_X=0" describes.
 
-    Raises `InputError` for an unknown key, an axis the machine does not have, or primary equal to secondary.
+    Args:
+        machine: whose datum holds for everything that the text leaves out.
+        text: pairs of key and value: primary, secondary, line, and reference_ with an axis letter [mm or degrees].
+
+    Raises:
+        InputError: an unknown key, an axis that the machine does not have, or primary equal to secondary.
+
+    >>> import volid
+    >>> volid.parse_datum(volid.load_machine("models/wYXbZt_vertical.toml"), "primary=Z,secondary=X").primary
+    'Z'
     """
     values = {"primary": machine.datum.primary, "secondary": machine.datum.secondary, "line": machine.datum.line}
     reference = dict(machine.datum.reference)
@@ -55,81 +61,6 @@ def _number(key: str, value: str) -> float:
         raise InputError(f"datum: {key} = '{value}' is not a number") from None
 
 
-def rigid_motion_rows(machine: Machine, positions: np.ndarray, tool: np.ndarray) -> np.ndarray:
-    """Deviation caused by a rigid motion (t, ω) of the workpiece frame: R_wᵀ(t + ω × f), and R_wᵀ ω; shape (m, 6, 6).
-
-    f: nominal functional point, workpiece frame; R_w: nominal rotation of the workpiece-side rotary axes (CONVENTIONS 5).
-    """
-    f = nominal_point(machine, positions, tool)
-    rows = np.zeros((len(f), 6, 6))
-    rows[:, :3, :3] = np.eye(3)
-    for k in range(3):
-        rows[:, :3, 3 + k] = np.cross(np.eye(3)[k], f)
-    rows[:, 3:, 3:] = np.eye(3)
-    return _turned(_table_rotation(machine, positions).transpose(0, 2, 1), rows)
-
-
-def tool_rotation_rows(machine: Machine, positions: np.ndarray, tool: np.ndarray) -> np.ndarray:
-    """Deviation caused by a constant tool rotation ω: R_h(ω × tool), and R_h ω; shape (m, 6, 3).
-
-    R_h: nominal rotation of the rotary axes of the head.
-    """
-    rows = np.zeros((len(tool), 6, 3))
-    for k in range(3):
-        rows[:, :3, k] = np.cross(np.eye(3)[k], tool)
-        rows[:, 3 + k, k] = 1.0
-    return _turned(_head_rotation(machine, positions), rows)
-
-
-def _turned(rotation: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Both halves of six-component rows (m, 6, k) turned by `rotation` (m, 3, 3)."""
-    return np.concatenate([rotation @ rows[:, :3], rotation @ rows[:, 3:]], axis=1)
-
-
-def _table_rotation(machine: Machine, positions: np.ndarray) -> np.ndarray:
-    """R_w (m, 3, 3): nominal rotation from machine frame to workpiece frame."""
-    return _nominal_rotation(machine, positions, machine.body_index(BED), 0)
-
-
-def _head_rotation(machine: Machine, positions: np.ndarray) -> np.ndarray:
-    """R_h (m, 3, 3): nominal rotation from tool frame to machine frame."""
-    return _nominal_rotation(machine, positions, len(machine.axes), machine.body_index(BED))
-
-
-def _nominal_rotation(machine: Machine, positions: np.ndarray, start: int, stop: int) -> np.ndarray:
-    q, m = np.asarray(positions, dtype=float).T, len(positions)
-    columns = []
-    for unit in np.eye(3):
-        x = tuple(np.full(m, c) for c in unit)
-        x = transform(machine, q, None, x, start=start, stop=stop, is_vector=True)  # type: ignore[arg-type,assignment]
-        columns.append(np.stack([np.broadcast_to(np.asarray(c), (m,)) for c in x], axis=1))
-    return np.stack(columns, axis=2)
-
-
-def workpiece_rows(campaign: Campaign, table: Sequence[Nuisance], values: np.ndarray) -> np.ndarray:
-    """∂(nuisance)/∂(rigid motion of the workpiece frame), shape (k, 6): what stands on the workpiece moves with it.
-
-    Stations and targets on the workpiece, the placement of known stations, spheres (or nests) of displacement sets, and the
-    orientation of a sensor that stands on the workpiece.
-    """
-    rows = np.zeros((len(table), 6))
-    index = {entry.name: i for i, entry in enumerate(table)}
-    points = [f"station {s.name}" for s in campaign.stations if s.body == WORKPIECE]
-    points += list(dict.fromkeys(n[:-2] for n in index if n.startswith(("sphere ", f"target on {WORKPIECE} "))))
-    for point in points:
-        if f"{point} X" in index:
-            i = [index[f"{point} {c}"] for c in LINEAR_AXES]
-            rows[i, :3] = np.eye(3)
-            for axis in range(3):
-                rows[i, 3 + axis] = np.cross(np.eye(3)[axis], values[i])
-    if "placement X" in index:
-        rows[[index[f"placement {c}"] for c in DIRECTIONS]] = np.eye(6)
-    for s in campaign.sets:
-        if s.options.get("sensor_on") == WORKPIECE and f"rotation {s.name} A" in index:
-            rows[[index[f"rotation {s.name} {c}"] for c in ROTARY_AXES], 3:] = -np.eye(3)
-    return rows
-
-
 def sample_points(machine: Machine, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Well-spread positions, tool vectors and approach directions for comparing fields."""
     from scipy.stats import qmc  # takes as long to import as most fits last
@@ -149,8 +80,11 @@ def _nominal_gradient(model: ErrorModel, positions: np.ndarray, tool: np.ndarray
     return gradient_matrix(model, np.zeros(model.n_parameters), positions, tool, direction)
 
 
-def s_transformation(old: ErrorModel, new: ErrorModel) -> tuple[np.ndarray, np.ndarray]:
+def s_transformation(old: ErrorModel, new: ErrorModel, hold: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
     """S with θ' = S θ, shape (n', n), and the rigid motion ρ = R θ of the workpiece frame, shape (6, n).
+
+    `hold`: projector (n', n') that keeps what is held at 0 of the tool frame's constants there. The rest of the model takes over
+    what it can; what it cannot is a motion of the tool vectors, which is left out of θ'.
 
     Raises `InputError` when the new datum needs a squareness that the old model leaves out.
     """
@@ -162,24 +96,36 @@ def s_transformation(old: ErrorModel, new: ErrorModel) -> tuple[np.ndarray, np.n
     def flat(rows: np.ndarray) -> np.ndarray:
         return np.asarray((rows * weight).reshape(-1, rows.shape[2]))
 
+    kept, held = _kept_and_held(new, np.eye(new.n_parameters) if hold is None else hold)
     before = flat(_nominal_gradient(old, positions, tool, direction))
-    after = flat(_nominal_gradient(new, positions, tool, direction))
-    extra = [flat(rigid_motion_rows(machine, positions, tool))]
-    if not any(name.endswith("0S") for name in new.names):
-        extra.append(flat(tool_rotation_rows(machine, positions, tool)))
-    left = np.hstack([after, *extra])
+    whole = flat(_nominal_gradient(new, positions, tool, direction))
+    last = whole @ held if _has_tool_frame(new) else flat(tool_rotation_rows(machine, positions, tool))
+    left = np.hstack([whole @ kept, flat(rigid_motion_rows(machine, positions, tool)), last])
     scale = 1.0 / np.maximum(np.linalg.norm(left, axis=0), 1e-300)
+    scale[left.shape[1] - last.shape[1] :] *= LAST_CHOICE
     first = _same_constants(old, new)
-    mapping, *_ = np.linalg.lstsq(left * scale, before - after @ first, rcond=1e-12)
+    first = first if hold is None else hold @ first
+    mapping, *_ = np.linalg.lstsq(left * scale, before - whole @ first, rcond=1e-12)
     mapping = scale[:, None] * mapping
-    mapping[: new.n_parameters] += first
-    misfit = np.linalg.norm(left @ mapping - before, axis=0)
+    misfit = np.linalg.norm(left @ mapping + whole @ first - before, axis=0)
     if np.any(misfit > 1e-6 * np.maximum(np.linalg.norm(before, axis=0), 1.0)):
         raise InputError(
             "datum: the model cannot be expressed in this datum; it leaves out a squareness, straightness or location error that "
             "the new datum needs (see [model.functions])"
         )
-    return mapping[: new.n_parameters], mapping[new.n_parameters : new.n_parameters + 6]
+    n = kept.shape[1]
+    return kept @ mapping[:n] + first, mapping[n : n + 6]
+
+
+def _has_tool_frame(model: ErrorModel) -> bool:
+    return any(parse(name).axis == SPINDLE for name in model.names)
+
+
+def _kept_and_held(model: ErrorModel, hold: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Bases (n, n - r) and (n, r) of what a projector leaves and takes out; it is symmetric in physical units."""
+    units = parameter_units(model)
+    values, vectors = np.linalg.eigh(hold * units / units[:, None])
+    return units[:, None] * vectors[:, values > 0.5], units[:, None] * vectors[:, values <= 0.5]
 
 
 def split_null_space(model: ErrorModel, null_space: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -8,22 +8,21 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
 from volid.backend.threads import one_blas_thread
 from volid.campaign import Campaign
 from volid.exceptions import InputError
+from volid.fitting.assembly import Assembly
 from volid.fitting.diagnosis import resolution
-from volid.fitting.diagnosis.adequacy import SuspectReading, assess, reading_label
-from volid.fitting.diagnosis.identifiability import NAMED, analyse
+from volid.fitting.diagnosis.identifiability import analyse
 from volid.fitting.diagnosis.robust import down_weight, name_outliers, set_aside
 from volid.fitting.equations.choice import engine_for_fit, engine_named
 from volid.fitting.equations.engine import Engine
 from volid.fitting.equations.problem import Prior, Problem, build_problem, with_model, with_random_effects
-from volid.fitting.equations.solver import Optimum, solve
+from volid.fitting.equations.solver import solve
 from volid.fitting.fitter import Fitter, Method
 from volid.fitting.prior import check_prior, prior_notes, prior_of, shared_names
-from volid.fitting.solution import Residuals, Solution, Statistics, read_only
+from volid.fitting.solution import Solution
 from volid.fitting.starts import find_starts
 from volid.model.error_functions import motion_names
 from volid.model.error_model import build_model
@@ -147,16 +146,31 @@ def fit(
 ) -> Solution:
     """Identify a machine's error model from a campaign by nonlinear least squares.
 
-    Minimises Σ ((reading - predicted)/u)² over error functions, stations, dead paths and other nuisance parameters, all
-    at once. Undetermined combinations are found first, named, and left at zero. `robust`: gross outliers are found with
-    Huber's loss and normalised residuals, named and set aside. `datum`: the solution is transformed into it after the fit.
-    `prior`: an earlier solution of axes that this machine has too (linear axes measured before); its functions, with their
-    covariance, count as readings. `solver`: "chord" (few assemblies of the normal equations) or "optimistix" (a solver of that
-    library, one assembly a step); both end at the same minimum. `engine`: "interpreted" or "compiled"; by default the one with
-    which the whole fit takes less time. `progress`: called with a message at every stage.
+    Minimises Σ ((reading - predicted)/u)² over the error functions, stations, dead paths and all other unknowns at once. What the
+    readings do not determine is found first, named, and left at zero. Not modelled: thermal behaviour, dynamics and load.
 
-    Raises `InputError` when the campaign cannot be fitted (fewer readings than parameters, a slip in units, duplicated
-    rows). ISO/TR 16907 8; CONVENTIONS 3, 4, 6.
+    Args:
+        campaign: the readings, with their machine.
+        robust: find gross outliers with Huber's loss and normalised residuals, name them, and set them aside.
+        datum: the solution is transformed into it after the fit; None: the machine's.
+        prior: an earlier solution of axes that this machine has too (linear axes measured before); its functions count as
+            readings, with their covariance.
+        solver: "chord" (few assemblies of the normal equations) or "optimistix" (a solver of that library, one assembly a
+            step); both end at the same minimum.
+        engine: "interpreted" (NumPy) or "compiled" (JAX); None: the one with which the whole fit takes less time.
+        progress: called with a message at every stage.
+
+    Raises:
+        InputError: the campaign cannot be fitted: fewer readings than parameters, a wrong unit, duplicated rows, ….
+        VolidError: nothing converges.
+
+    Source: ISO/TR 16907 8; CONVENTIONS 3, 4, 6.
+
+    >>> import volid
+    >>> campaign = volid.load_campaign("datasets/published_positioning/campaign.toml")
+    >>> solution = volid.fit(campaign)
+    >>> solution.statistics.converged, solution.fully_determined
+    (True, True)
     """
     if not isinstance(campaign, Campaign):
         raise InputError(
@@ -223,7 +237,7 @@ class Stages:
         if outliers is None:
             outliers = [np.zeros(s.readings.shape, dtype=bool) for s in self.measured.sets]
         options = {"robust": self.task.robust, "prior": self.task.prior is not None}
-        found = _solution(fitter, self._chosen, outliers, self.warnings, options)
+        found = Assembly(fitter, self._chosen, outliers).solution(self.warnings, options)
         return replace(found, campaign=self.measured)
 
 
@@ -244,103 +258,3 @@ def _fit(
         fitter = fitter.without(outliers)
     solution = stages.solution(fitter, outliers)
     return solution if datum in (None, solution.datum) else solution.in_datum(datum)
-
-
-def _outlier_readings(campaign: Campaign, whitened: list[np.ndarray], outliers: list[np.ndarray]) -> tuple[Any, ...]:
-    found = []
-    for s, r, o in zip(campaign.sets, whitened, outliers, strict=True):
-        for i, k in zip(*np.nonzero(o), strict=True):
-            label = reading_label(s, int(i), int(k))
-            found.append(SuspectReading(s.where(int(i)), label, float(r[i, k] * s.u[i, k]), float(r[i, k])))
-    return tuple(sorted(found, key=lambda x: -abs(x.normalised)))
-
-
-def _notes(fitter: Fitter, chosen: resolution.Resolution, held: tuple[str, ...], optimum: Optimum) -> tuple[str, ...]:
-    notes = []
-    if not optimum.converged:
-        notes.append("the iteration stopped before full convergence")
-    if held:
-        notes.append(
-            f"constant tool rotation {', '.join(held)}: not determined by these stations and tool vectors, held at 0"
-        )
-    if chosen.at_limit:
-        notes.append(f"finest resolution on offer taken for {', '.join(chosen.at_limit)}: shorter waves may remain")
-    if fitter.found.nuisance_defect:
-        notes.append(f"{fitter.found.nuisance_defect} combinations of station or instrument parameters not determined")
-    return tuple(notes)
-
-
-def _held(fitter: Fitter) -> tuple[str, ...]:
-    """Tool-frame rotations that cannot be stated because part of them is held at 0."""
-    names = [f.name for f in fitter.problem.model.functions if f.name.endswith("0S")]
-    directions = fitter.found.tool_rotation
-    return tuple(n for n, row in zip(names, directions, strict=False) if np.any(row**2 > NAMED))
-
-
-def _solution(
-    fitter: Fitter,
-    chosen: resolution.Resolution,
-    outliers: list[np.ndarray],
-    warnings: tuple[str, ...],
-    options: dict[str, Any],
-) -> Solution:
-    optimum, problem, campaign = fitter.optimum, fitter.problem, fitter.campaign
-    assert optimum is not None
-    n = problem.model.layout.n_coefficients
-    root = fitter.root()
-    to_theta = problem.model.parametrisation.T
-    reduced = np.vstack([to_theta @ root[:n], root[n:]])
-    # P is block orthonormal only where carrier and chosen splines agree: solve instead of transposing
-    gram = problem.model.parametrisation.T @ problem.model.parametrisation
-    factor = cho_factor(gram) if len(gram) else None
-    if factor is not None:
-        reduced[: len(gram)] = cho_solve(factor, reduced[: len(gram)])
-    theta = cho_solve(factor, to_theta @ optimum.z[:n]) if factor is not None else np.zeros(0)
-    whitened, leverages = fitter.whitened(), fitter.leverages()
-    active = [~o for o in outliers]
-    used = sum(int(a.sum()) for a in active)
-    pseudo = np.asarray(problem.system.prior_root) @ (optimum.z - np.asarray(problem.system.prior_mean))
-    prior_chi, dof = float(pseudo @ pseudo), used + len(pseudo) - fitter.free.shape[1]
-    residuals = tuple(r * s.u for r, s in zip(whitened, campaign.sets, strict=True))
-    held = _held(fitter)
-    return Solution(
-        parameters=read_only(theta),
-        nuisance=read_only(optimum.z[n:]),
-        covariance=read_only(reduced @ reduced.T),
-        null_space=read_only(fitter.found.null_space),
-        held_directions=read_only(fitter.found.tool_rotation),
-        model=problem.model,
-        campaign=campaign,
-        nuisance_table=problem.nuisance,
-        adequacy=assess(campaign, whitened, leverages, active, dof, prior_chi),
-        statistics=Statistics(
-            n_readings=used,
-            n_parameters=fitter.free.shape[1],
-            residual_rms={
-                s.name: float(np.sqrt(np.mean(r[a] ** 2))) if a.any() else float("nan")
-                for s, r, a in zip(campaign.sets, residuals, active, strict=True)
-            },
-            iterations=optimum.iterations,
-            converged=optimum.converged,
-            held_out_weight=chosen.weight,
-        ),
-        readings=Residuals(
-            residuals,
-            tuple(r / np.sqrt(np.maximum(1.0 - h, 1e-9)) for r, h in zip(whitened, leverages, strict=True)),
-            tuple(outliers),
-            _outlier_readings(campaign, whitened, outliers),
-            tuple(h * s.u for h, s in zip(fitter.held_out(), campaign.sets, strict=False)),
-        ),
-        statements=fitter.found.statements,
-        undetermined=fitter.found.undetermined,
-        notes=(*campaign.warnings, *warnings, *_notes(fitter, chosen, held, optimum)),
-        options=options,
-        prior_root=read_only(_theta_prior(problem)) if options["prior"] else None,
-    )
-
-
-def _theta_prior(problem: Problem) -> np.ndarray:
-    """Pseudo-readings of an earlier solution as rows on θ."""
-    known = sum(bool(np.isfinite(e.prior_u) and e.prior_u > 0) for e in problem.nuisance)
-    n = problem.model.layout.n_coefficients
-    return np.asarray(problem.system.prior_root)[known:, :n] @ problem.model.parametrisation

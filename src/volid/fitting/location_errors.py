@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from volid.exceptions import InputError
-from volid.fitting.solution import FunctionValue, Solution
+from volid.fitting.results import FunctionValue
+from volid.fitting.solution import Solution
 from volid.model.error_functions import reference_of
 from volid.model.iso230 import DIRECTIONS, ROTARY_AXES
 from volid.model.machine import Axis
@@ -25,10 +26,17 @@ MACHINE = "machine"
 class LocationError:
     """One location error of a rotary axis, with its standard uncertainty; lengths [mm], rotations [rad].
 
-    `name`: ISO 230-1 symbol, such as EX0C. `relative_to`: "machine" or the letter of a rotary axis. `parameter`: the error, tool
-    relative to workpiece. `line`: displacement or tilt of the physical axis line at the nominal `point` of the axis, machine
-    frame directions, other axes at 0; minus the parameter for an axis that carries the workpiece. `u`: of both; NaN where the
-    data do not determine it. `remark`: what else a reader should know.
+    Args:
+        name: ISO 230-1 symbol, such as EX0C.
+        axis: letter of the axis.
+        relative_to: "machine" or the letter of a rotary axis.
+        parameter: the error, tool relative to workpiece.
+        line: displacement or tilt of the physical axis line at the nominal `point` of the axis, machine frame directions, other
+            axes at 0; minus the parameter for an axis that carries the workpiece.
+        u: standard uncertainty of both; NaN where the data do not determine them.
+        remark: what else a reader should know.
+
+    Source: ISO 230-1, ISO 230-7; CONVENTIONS 3. An example stands at `volid.location_errors`.
     """
 
     name: str
@@ -54,8 +62,19 @@ def location_errors(solution: Solution, relative_to: str | None = None) -> list[
     commanded zero of the carrier; with that carrier as `relative_to`, its own parameters come out. Errors along and about the
     line of `relative_to` are named: a line alone does not define them, its zero and the machine frame do.
 
-    Raises `InputError` when `relative_to` is no rotary axis of the machine, or stands on the other side: the linear axes lie
-    between, ask for the machine frame then.
+    Args:
+        solution: of a machine with rotary axes.
+        relative_to: letter of a rotary axis; None or "machine": the machine frame.
+
+    Raises:
+        InputError: `relative_to` is no rotary axis of the machine, or stands on the other side: the linear axes lie between, ask
+            for the machine frame then.
+
+    >>> import volid
+    >>> solution = volid.fit(volid.load_campaign("datasets/five_axis_rtest/campaign.toml"))
+    >>> first = volid.location_errors(solution)[0]
+    >>> first.name, round(1e3 * first.parameter, 1), round(1e3 * first.line, 1)  # [µm]; C carries the workpiece
+    ('EX0C', -19.6, 19.6)
     """
     machine = solution.machine
     datum = None if relative_to in (None, MACHINE) else machine.axis(str(relative_to))
@@ -87,7 +106,7 @@ def _of_axis(solution: Solution, axis: Axis, datum: Axis | None) -> list[Locatio
     for k in (i for i in range(6) if i % 3 != own):
         row = functional[k]
         line, u = float(row @ np.asarray(solution.parameters)), _u(solution, row)
-        if solution.is_lost(row[None])[0]:
+        if solution.is_not_determined(row[None])[0]:
             line, u = np.nan, np.nan
         name, to = f"E{DIRECTIONS[k]}0{axis.letter}", MACHINE if datum is None else datum.letter
         result.append(LocationError(name, axis.letter, to, sign * line, line, u, _remark(axis, k, datum)))
@@ -160,7 +179,7 @@ def motions_with_mean(solution: Solution, letter: str, positions: np.ndarray) ->
             rows[:, constant.parameters] += 1.0
         if not rows.any():
             continue
-        values, lost = rows @ np.asarray(solution.parameters), solution.is_lost(rows)
+        values, lost = rows @ np.asarray(solution.parameters), solution.is_not_determined(rows)
         u = [_u(solution, row) for row in rows]
         for x, v, s, gone in zip(positions, values, u, lost, strict=True):
             result.append(FunctionValue(name, letter, float(x), 0, np.nan if gone else float(v), np.nan if gone else s))

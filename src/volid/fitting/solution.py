@@ -4,100 +4,72 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+import volid  # the public names, each imported when it is first used: nothing above this layer is imported here
 from volid.backend.lazy import jnp
-from volid.backend.pytrees import STATIC, register_dataclass
+from volid.backend.pytrees import STATIC, register_dataclass, register_if_imported
 from volid.campaign import Campaign
-from volid.fitting.datum import s_transformation, workpiece_rows
-from volid.fitting.diagnosis.adequacy import Adequacy, SuspectReading
+from volid.fitting.datum import s_transformation
+from volid.fitting.diagnosis.adequacy import Adequacy
 from volid.fitting.diagnosis.identifiability import NAMED, parameter_units
+from volid.fitting.frames import check_exact, frames, unknown_rows
 from volid.fitting.prediction.determination import known_deviations
 from volid.fitting.prediction.deviations import ESTIMABLE, chain_of
 from volid.fitting.prediction.spread import linear_uncertainty
+from volid.fitting.results import Deviations, FunctionValue, Residuals, Statistics, read_only
 from volid.model.error_functions import reference_of
-from volid.model.error_model import ErrorModel, build_model, error_values, evaluate_bases
+from volid.model.error_model import ErrorModel, build_model, error_values, evaluate_bases, function_rows
 from volid.model.iso230 import describe, parse
 from volid.model.kinematics import deviation
 from volid.model.machine import Datum, Machine
-from volid.model.splines import design_matrix
 from volid.observations.base import Nuisance
 
-
-class Deviations(NamedTuple):
-    """Deviations at m points: `values` and `u`, (m, 6) [mm, rad], NaN where not determined; `determined` (m, 6);
-    `outside`: (m,) True where a position lies outside what was measured;
-    `rigid`: (m,) True where the value is known up to a rigid motion of the workpiece frame only (see `determination`)."""
-
-    values: np.ndarray
-    u: np.ndarray
-    determined: np.ndarray
-    outside: np.ndarray
-    rigid: np.ndarray | None = None
-
-
-class FunctionValue(NamedTuple):
-    """One row of the table of error functions: location errors have position NaN; undetermined values are NaN."""
-
-    name: str
-    axis: str
-    position: float
-    direction: int
-    value: float
-    u: float
-
-
-class Statistics(NamedTuple):
-    """Numbers about the fit: readings used, parameters, residual RMS per set [reading's unit], iterations.
-
-    `held_out_weight`: RMS of readings predicted without them over what is expected of it, in the search for the resolution; NaN
-    where all resolutions are stated.
-    """
-
-    n_readings: int
-    n_parameters: int
-    residual_rms: Mapping[str, float]
-    iterations: int
-    converged: bool
-    held_out_weight: float = float("nan")
-
-
-@dataclass(frozen=True, eq=False)
-class Residuals:
-    """What the fit left of every reading, arrays (m, k) per set.
-
-    `residuals`: reading - predicted. `normalised`: residual / (u sqrt(1 - h)). `outliers`: set aside by the robust fit, named
-    in `outlier_readings`. `held_out`: reading - prediction by the fit to all other rotary positions, NaN where one of them
-    alone carries something; empty without rotary axes.
-    """
-
-    residuals: tuple[np.ndarray, ...]
-    normalised: tuple[np.ndarray, ...]
-    outliers: tuple[np.ndarray, ...]
-    outlier_readings: tuple[SuspectReading, ...] = ()
-    held_out: tuple[np.ndarray, ...] = ()
-
-
-def read_only(values: Any) -> np.ndarray:
-    """As NumPy array that cannot be written to."""
-    kept = np.array(values, dtype=float)
-    kept.setflags(write=False)
-    return kept
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Float
+    from numpy.typing import ArrayLike
 
 
 @register_dataclass
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Result of `fit`: a JAX pytree whose leaves are parameters and covariance, NumPy arrays that cannot be written to.
+    """What `fit` finds: the error model with numbers, their covariance, and what the data say about them.
 
-    `parameters`: θ, shape (n,), error functions in `model`'s order. `nuisance`: ν, shape (k,): stations, dead paths.
-    `covariance`: of (θ, ν), shape (n + k, n + k), from the stated uncertainties; zero along what is not determined.
-    `null_space`: shape (n, d), undetermined combinations of θ. `readings`: residuals and outliers. `statements`: what is not
-    determined, in words; `undetermined`: number of undetermined directions in each function; `held_directions`:
-    shape (s, r), directions of the tool-frame constants that the data leave open, held at 0; `notes`: what else a user
-    should know.
+    A JAX pytree whose leaves are the first five fields, NumPy arrays that cannot be written to (when JAX knows it as such:
+    `volid.backend.pytrees`).
+
+    Args:
+        parameters: θ, shape (n,), of the error functions in the order of `model` [mm, rad].
+        nuisance: ν, shape (k,): stations, dead paths and other unknowns, as `nuisance_table` names them.
+        covariance: of (θ, ν), shape (n + k, n + k), from the stated uncertainties; zero along what is not determined.
+        null_space: shape (n, d), combinations of θ that are not determined.
+        held_directions: shape (s, r), directions of the tool-frame constants that are not determined and held at 0.
+        model: the error model, with its datum.
+        campaign: the readings that were fitted, with their machine.
+        nuisance_table: name, unit and prior knowledge of every entry of `nuisance`.
+        adequacy: whether the residuals agree with the stated uncertainties.
+        statistics: numbers about the fit.
+        readings: residuals of every reading, and outliers.
+        statements: what is not determined, in words.
+        undetermined: by function, in how many directions it is not determined.
+        notes: what else a user should know.
+        options: what was asked of the fit.
+        provenance: date, versions, command and inputs, by name.
+        prior_root: pseudo-readings of an earlier solution as rows on θ, shape (r, n); None without one.
+        samples: of Monte Carlo refits; None before `monte_carlo`.
+
+    Source: CONVENTIONS 3 to 5; ISO 230-1 for the symbols.
+
+    >>> import volid
+    >>> solution = volid.fit(volid.load_campaign("datasets/published_positioning/campaign.toml"))
+    >>> solution.deviation([100.0, 0.0, 0.0], [0.0, 0.0, 0.0]).shape
+    (6,)
+    >>> found = solution.evaluate([[100.0, 0.0, 0.0]], [0.0, 0.0, 0.0])
+    >>> round(1e3 * float(found.values[0, 0]), 1), round(1e3 * float(found.u[0, 0]), 1)  # EXX at X = 100 mm, and its u [µm]
+    (8.4, 0.4)
     """
 
     parameters: Any
@@ -118,6 +90,9 @@ class Solution:
     provenance: Mapping[str, str] = field(metadata=STATIC, default_factory=dict)
     prior_root: Any = None
     samples: Any = field(metadata=STATIC, default=None)
+
+    def __post_init__(self) -> None:
+        register_if_imported()
 
     @property
     def machine(self) -> Machine:
@@ -143,21 +118,26 @@ class Solution:
         )
 
     @property
-    def prior_rows(self) -> np.ndarray:
-        """`prior_root`, shape (r, n), with no rows when no earlier solution was used."""
+    def prior_rows(self) -> Float[np.ndarray, "r n"]:
+        """`prior_root`, with no rows when no earlier solution was used."""
         return np.zeros((0, self.model.n_parameters)) if self.prior_root is None else np.asarray(self.prior_root)
 
     @property
-    def parameter_covariance(self) -> np.ndarray:
-        """Covariance of θ alone, shape (n, n)."""
+    def parameter_covariance(self) -> Float[np.ndarray, "n n"]:
+        """Covariance of θ alone."""
         n = self.model.n_parameters
         return np.asarray(self.covariance)[:n, :n]
 
     def deviation(self, q: Any, tool: Any, direction: Any = 0.0) -> Any:
-        """Deviation of the functional point and orientation, shape (..., 6) [mm, rad], machine frame.
+        """Deviation of the functional point and orientation, shape (..., 6) [mm, rad], machine frame, as a JAX array.
 
-        `q`: (..., n_axes), machine axis order (`machine.letters`). `tool`: (..., 3) or (3,) [mm]. `direction`: approach,
-        +1, -1 or 0 (mean). Pure JAX: differentiate, `vmap` and `jit` it as you like.
+        Args:
+            q: axis positions, shape (..., n_axes), machine axis order (`machine.letters`) [mm or degrees].
+            tool: tool vectors, shape (..., 3) or (3,) [mm].
+            direction: approach, +1, -1 or 0 (mean of both).
+
+        Pure JAX: it can be differentiated, compiled (`jit`) and mapped (`vmap`). Values along combinations that are not
+        determined are those with the combination at 0; `evaluate` says which these are.
         """
         q = jnp.asarray(q, dtype=float)
         shape = q.shape[:-1]
@@ -169,8 +149,14 @@ class Solution:
         values = deviation(chain_of(self.machine), flat, tuple(tools), errors)  # type: ignore[arg-type]
         return values.T.reshape(*shape, 6)
 
-    def evaluate(self, positions: np.ndarray, tool: np.ndarray, direction: np.ndarray | None = None) -> Deviations:
-        """Deviations with standard uncertainties at (m, n_axes) positions and (m, 3) or (3,) tool vectors, NumPy."""
+    def evaluate(self, positions: ArrayLike, tool: ArrayLike, direction: ArrayLike | None = None) -> Deviations:
+        """Deviations with standard uncertainties, machine frame, as NumPy arrays; NaN where not determined.
+
+        Args:
+            positions: axis positions, shape (m, n_axes), machine axis order [mm or degrees].
+            tool: tool vectors, shape (m, 3) or (3,) [mm].
+            direction: approach, shape (m, n_axes), +1, -1 or 0; None: the mean of both.
+        """
         positions = np.atleast_2d(np.asarray(positions, dtype=float))
         tool = np.broadcast_to(np.asarray(tool, dtype=float), (len(positions), 3))
         direction = np.zeros_like(positions) if direction is None else np.asarray(direction, dtype=float)
@@ -185,15 +171,16 @@ class Solution:
         )
         return Deviations(values, u, found.known, self.outside(positions), found.rigid)
 
-    def measured_range(self) -> np.ndarray:
-        """Lowest and highest measured position of every axis, shape (n_axes, 2)."""
-        positions = np.concatenate([s.positions for s in self.campaign.sets])
-        return np.stack([positions.min(axis=0), positions.max(axis=0)], axis=1)
+    def measured_range(self) -> Float[np.ndarray, "axes 2"]:
+        """Lowest and highest measured position of every axis [mm or degrees]."""
+        return self.campaign.measured_range()
 
-    def outside(self, positions: np.ndarray, axes: Sequence[str] | None = None) -> np.ndarray:
-        """True for positions (m, n_axes) outside what was measured, by more than 1 % of the travel, bool (m,).
+    def outside(
+        self, positions: Float[np.ndarray, "m axes"], axes: Sequence[str] | None = None
+    ) -> Bool[np.ndarray, " m"]:
+        """True for positions [mm or degrees] outside what was measured, by more than 1 % of the travel.
 
-        `axes`: letters that are judged, default all. A rotary axis measured over a whole turn is measured everywhere.
+        `axes`: letters that are judged; None: all. A rotary axis measured over a whole turn is measured everywhere.
         """
         low, high = self.measured_range().T
         slack = 0.01 * np.array([axis.length for axis in self.machine.axes])
@@ -203,10 +190,14 @@ class Solution:
         return np.asarray(np.any(out[:, own], axis=1))
 
     def functions(self, step: float | None = None, points: int = 21) -> list[FunctionValue]:
-        """All error functions tabulated, and location errors, each with standard uncertainty.
+        """All error functions tabulated over the travels, and location errors, each with its standard uncertainty.
 
-        `step`: spacing in mm or degrees, else `points` per travel. Functions with reversal are given for both approach
-        directions, others for 0; cross effects along the line at the other axis's reference.
+        Args:
+            step: spacing [mm or degrees]; None: `points` per travel.
+            points: per travel. A function that is a polygon (degree 1) is tabulated at its knots instead.
+
+        Functions with reversal are given for both approach directions, others for 0; functions of two axes along the line at
+        the other axis's reference.
         """
         rows = []
         for name in self.model.names:
@@ -229,44 +220,34 @@ class Solution:
         """A constant (squareness, location error, tool-frame rotation) with its standard uncertainty."""
         i = self.model.by_name[name, "location"].parameters.start
         held = name in self.held_tool_rotation
-        lost = bool(self.is_lost(np.eye(self.model.n_parameters)[i : i + 1])[0]) or held
+        unknown = bool(self.is_not_determined(np.eye(self.model.n_parameters)[i : i + 1])[0]) or held
         value, u = float(np.asarray(self.parameters)[i]), float(np.sqrt(np.asarray(self.covariance)[i, i]))
-        value, u = (np.nan, np.nan) if lost else (value, u)
+        value, u = (np.nan, np.nan) if unknown else (value, u)
         return FunctionValue(name, parse(name).axis, np.nan, 0, value, u)
 
-    def motion_rows(self, name: str, positions: np.ndarray, direction: int) -> np.ndarray:
-        """Rows a with E(position, direction) = a·θ, shape (m, n)."""
-        rows = np.zeros((len(positions), self.model.n_parameters))
-        for f in self.model.functions:
-            if f.name != name or (f.part == "reversal" and direction == 0):
-                continue
-            terms = next(t for t in self.model.layout.terms if t.name == name and t.part == f.part)
-            values = np.ones((len(positions), 1))
-            for spline in terms.basis.factors:
-                letter = self.machine.letters[spline.axis]
-                own = letter == parse(name).axis
-                x = positions if own else np.full(len(positions), reference_of(self.machine, self.datum, letter))
-                values = (values[:, :, None] * design_matrix(spline, x)[:, None, :]).reshape(len(positions), -1)
-            factor = 0.5 * direction if f.part == "reversal" else 1.0
-            rows[:, f.parameters] = factor * values @ self.model.parametrisation[f.coefficients, f.parameters]
-        return rows
+    def motion_rows(self, name: str, positions: Float[np.ndarray, " m"], direction: int) -> Float[np.ndarray, "m n"]:
+        """Rows a with E(position, direction) = a·θ, shape (m, n); cross effects along the line at the other axes' references."""
+        references = [[reference_of(self.machine, self.datum, a.letter)] for a in self.machine.axes]
+        q = np.tile(references, len(positions))
+        q[self.machine.index(parse(name).axis)] = positions
+        return function_rows(self.model, name, q, np.full_like(q, direction))
 
-    def motion(self, name: str, positions: np.ndarray) -> list[FunctionValue]:
-        """An error motion tabulated at positions of its own axis."""
+    def motion(self, name: str, positions: Float[np.ndarray, " m"]) -> list[FunctionValue]:
+        """An error motion tabulated at positions of its own axis [mm or degrees]."""
         axis = parse(name).axis
         result = []
         for direction in (1, -1) if (name, "reversal") in self.model.by_name else (0,):
             rows = self.motion_rows(name, positions, direction)
             values = rows @ np.asarray(self.parameters)
             u = linear_uncertainty(rows, self.parameter_covariance)
-            lost = self.is_lost(rows)
-            for x, v, s, gone in zip(positions, values, u, lost, strict=True):
-                v, s = (np.nan, np.nan) if gone else (float(v), float(s))
+            unknown = self.is_not_determined(rows)
+            for x, v, s, not_determined in zip(positions, values, u, unknown, strict=True):
+                v, s = (np.nan, np.nan) if not_determined else (float(v), float(s))
                 result.append(FunctionValue(name, axis, float(x), direction, v, s))
         return result
 
-    def is_lost(self, rows: np.ndarray) -> np.ndarray:
-        """Which functionals `rows` · θ, shape (m, n), change along an undetermined combination; bool (m,)."""
+    def is_not_determined(self, rows: Float[np.ndarray, "m n"]) -> Bool[np.ndarray, " m"]:
+        """Which linear functions `rows` · θ change along a combination that is not determined."""
         units = parameter_units(self.model)
         if not self.null_space.shape[1]:
             return np.zeros(len(rows), dtype=bool)
@@ -274,21 +255,37 @@ class Solution:
         along = np.linalg.norm((rows * units) @ null, axis=1)
         return np.asarray(along > ESTIMABLE * np.maximum(np.linalg.norm(rows * units, axis=1), 1e-12))
 
-    def in_datum(self, datum: Datum) -> Solution:
-        """The same solution in another datum: an S-transformation of parameters, stations and covariance.
+    def save(self, path: str | Path, overwrite: bool = False) -> None:
+        """Write the solution, its campaign and machine included, to one HDF5 file: `volid.save_solution`."""
+        volid.save_solution(self, path, overwrite)
 
-        Raises `InputError` when the model cannot be expressed in that datum.
+    def monte_carlo(self, trials: int | None = None, **keywords: Any) -> Solution:
+        """The solution with `samples` of its parameters from Monte Carlo refits; keywords of `volid.monte_carlo`."""
+        return volid.monte_carlo(self, trials, **keywords)
+
+    def grid(self, **keywords: Any) -> volid.Grid:
+        """The spatial grid of the linear axes; keywords (`step` or `points`, `tool`, …) of `volid.linear_grid`."""
+        return volid.linear_grid(self, **keywords)
+
+    def in_datum(self, datum: Datum) -> Solution:
+        """The same solution in another datum: an S-transformation of everything that is unknown, never a new fit.
+
+        Every unknown answers as its kind of observation declares, so that no predicted reading changes. Raises `InputError` when
+        the model cannot be expressed in that datum, or when readings could not stay as they are (a straightedge whose slope is
+        said to be known), with the reason and what to do. Source: CONVENTIONS 4.
         """
         machine = self.machine
         model = build_model(machine, self.model.segments, carrier=self.model.carrier, datum=datum)
-        s, motion = s_transformation(self.model, model)
-        s = self._hold_tool_rotation(model) @ s
+        s, motion = s_transformation(self.model, model, self._hold_tool_rotation(model))
         n, k = self.model.n_parameters, len(self.nuisance_table)
+        moved_frames = frames(self.model, model, s, motion)
+        check_exact(machine, self.nuisance_table, moved_frames, np.asarray(self.parameters), self.parameter_covariance)
         full = np.zeros((model.n_parameters + k, n + k))
         full[: model.n_parameters, :n] = s
         full[model.n_parameters :, n:] = np.eye(k)
-        moving = workpiece_rows(self.campaign, self.nuisance_table, np.asarray(self.nuisance))
-        full[model.n_parameters :, :n] = -moving @ motion
+        full[model.n_parameters :, :n] = -unknown_rows(
+            machine, self.nuisance_table, np.asarray(self.nuisance), moved_frames
+        )
         start = np.concatenate([np.zeros(n), np.asarray(self.nuisance)])
         moved = full @ np.concatenate([np.asarray(self.parameters), np.zeros(k)]) + np.pad(
             start[n:], (model.n_parameters, 0)
@@ -305,7 +302,7 @@ class Solution:
         )
 
     def _hold_tool_rotation(self, model: ErrorModel) -> np.ndarray:
-        """Projector that keeps undetermined directions of the constant tool rotation at 0 in the new datum too."""
+        """Projector that keeps at 0, in the new datum too, what is not determined of the constant tool rotation."""
         places = [f.parameters.start for f in model.functions if f.name.endswith("0S")]
         units = parameter_units(model)[places]
         projector = np.eye(model.n_parameters)
@@ -314,7 +311,7 @@ class Solution:
         return projector
 
     def summary_functions(self) -> list[tuple[str, str, float, float]]:
-        """For every function: symbol, words, range over the travel and largest u [mm or rad]; NaN if undetermined."""
+        """For every function: symbol, words, range over the travel and largest u [mm or rad]; NaN if not determined."""
         result = []
         for name in self.model.names:
             values = [r for r in self.functions() if r.name == name]

@@ -15,6 +15,7 @@ import numpy as np
 
 from volid.backend.threads import one_blas_thread
 from volid.campaign import Campaign
+from volid.effects import TYPES
 from volid.exceptions import InputError
 from volid.fitting.diagnosis.adequacy import Tally
 from volid.fitting.equations.choice import engine_for_fit, engine_for_stream
@@ -33,7 +34,7 @@ STREAMED = "streamed"  # option of a solution: number of readings that it was ma
 
 
 class Stream(Protocol):
-    """Where the readings come from: `io.campaign_stream.CampaignStream`, or anything like it."""
+    """Where the readings come from: `volid.CampaignStream`, or anything like it."""
 
     rows: int
     n_readings: int
@@ -116,9 +117,25 @@ def fit_streamed(
 
     The minimum, its covariance, chi-square and all group tests are those of all readings. Decided on a `sample` of that many rows
     are start values, what is determined, and the spline resolution. The solution holds the sample's readings alone; Monte Carlo
-    and budgets, which repeat the fit, refuse it. `datum`, `prior`, `progress`: as in `fit`.
+    and budgets, which repeat the fit, refuse it.
 
-    Raises `InputError` as `fit` does, and for drift effects, whose scopes span all parts.
+    Args:
+        stream: the readings, as `volid.CampaignStream` reads them part by part.
+        datum: as in `fit`.
+        prior: as in `fit`.
+        sample: number of rows of the sample.
+        progress: as in `fit`.
+
+    Raises:
+        InputError: as `fit` does, and for drift effects, whose scopes span all parts.
+
+    >>> import volid
+    >>> from pathlib import Path
+    >>> from tempfile import mkdtemp
+    >>> path = Path(mkdtemp()) / "campaign.h5"
+    >>> volid.save_campaign(volid.load_campaign("datasets/published_positioning/campaign.toml"), path)
+    >>> volid.fit_streamed(volid.CampaignStream(path)).statistics.n_readings
+    70
     """
     progress = progress or (lambda message: None)
     progress("reading a sample")
@@ -160,10 +177,10 @@ def _of_all_readings(solution: Solution, n: int, n_sample: int, squares: dict[st
 def _check_effects(campaign: Campaign) -> None:
     for s in campaign.sets:
         for effect in s.effects:
-            if effect.type == "drift":
+            if TYPES[effect.type].spans_campaign:
                 raise InputError(
-                    f"set '{s.name}', effect '{effect.name}': drift spans all parts of the campaign and cannot be fitted part by "
-                    "part; fit the campaign in memory, or thin it out"
+                    f"set '{s.name}', effect '{effect.name}': {effect.type} spans all parts of the campaign and cannot be "
+                    "fitted part by part; fit the campaign in memory, or thin it out"
                 )
 
 

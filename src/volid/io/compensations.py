@@ -14,8 +14,9 @@ from volid.io.basics.atomic import atomic_folder
 from volid.io.basics.hdf5_values import is_hdf5
 from volid.io.basics.toml_table import read_text
 from volid.io.functions_csv import write_csv
+from volid.io.grid_reader import read_grid
 from volid.io.grids import FORMAT as GRID_FORMAT
-from volid.io.grids import grid_paths, read_grid, save_grid
+from volid.io.grids import grid_paths, save_grid
 from volid.io.table_reader import read_table
 from volid.io.tables import FORMAT as TABLE_FORMAT
 from volid.io.tables import TableForm, table_header, table_sheet
@@ -32,7 +33,28 @@ def save_compensation(
     source: str | Path | None = None,
     overwrite: bool = False,
 ) -> None:
-    """All tables and grids of a compensation into a folder: EXX.csv, …, grid.linear.csv, … Raises `OutputError`."""
+    """All tables and grids of a compensation into a folder: EXX.csv, …, grid.linear.csv, …
+
+    Args:
+        made: of `compensate`.
+        solution: it was made from, for the record.
+        folder: new, or replaced with `overwrite`.
+        form: how tables are written.
+        errors: write error values instead of compensation values.
+        source: the solution's file, for the record.
+        overwrite: replace what is there.
+
+    Raises `OutputError` when the folder exists or cannot be written.
+
+    >>> import volid
+    >>> solution = volid.fit(volid.load_campaign("datasets/five_axis_rtest/campaign.toml"))
+    >>> base = volid.compensation_base(solution, (0.0, 0.0, -150.0))
+    >>> made = volid.compensate(solution, ["R-POS", "R-POR"], base, points=5)
+    >>> folder = getfixture("tmp_path") / "control"
+    >>> volid.save_compensation(made, solution, folder)
+    >>> sorted(path.name for path in folder.iterdir())
+    ['EAA.csv', 'ECC.csv', 'grid.csv']
+    """
     form = TableForm(errors=errors) if form is None else form
     with atomic_folder(folder, overwrite) as place:
         for table in made.tables:
@@ -46,9 +68,22 @@ def save_compensation(
 
 
 def load_control(machine: Machine, paths: Iterable[str | Path], **options: Any) -> Control:
-    """A simulated control with the tables and grids of files and folders; `options` as of `Control`.
+    """A simulated control with the tables and grids of files and folders.
+
+    Args:
+        machine: whose axes the control moves.
+        paths: of tables, grids, and folders of them.
+        options: as of `Control`: tool, increment, clamped, poles, correct_motion.
 
     Raises `InputError` for a file that is neither a table nor a grid of volid, or two tables of one function.
+
+    >>> import volid
+    >>> solution = volid.fit(volid.load_campaign("datasets/five_axis_rtest/campaign.toml"))
+    >>> made = volid.compensate(solution, ["R-POS"], volid.compensation_base(solution, (0.0, 0.0, -150.0)))
+    >>> folder = getfixture("tmp_path") / "tables"
+    >>> volid.save_compensation(made, solution, folder)
+    >>> [table.function for table in volid.load_control(solution.machine, [folder]).tables]
+    ['EAA', 'ECC']
     """
     tables, grids = [], []
     for path in _files(paths):
@@ -64,7 +99,7 @@ def load_control(machine: Machine, paths: Iterable[str | Path], **options: Any) 
     names = [t.function for t in tables]
     twice = next((n for n in names if names.count(n) > 1), None)
     if twice:
-        raise InputError(f"two tables of {twice}; a control holds one per function. Sum them with --add-to")
+        raise InputError(f"two tables of {twice}; a control holds one per function. Superimpose them first")
     return Control(machine, tuple(tables), tuple(grids), **options)
 
 

@@ -19,14 +19,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
 
 import numpy as np
 
-from volid.compensation.grids.linear import describe_datum
 from volid.exceptions import InputError
-from volid.fitting.solution import Deviations, FunctionValue, Solution
+from volid.fitting.results import Deviations, FunctionValue
+from volid.fitting.solution import Solution
 from volid.io.basics.atomic import atomic_output
 from volid.io.basics.csv_table import CsvTable, read_csv
 from volid.io.basics.hdf5_values import to_json
 from volid.io.basics.provenance import sha256
 from volid.io.campaign.sets import TOOL_COLUMNS, read_directions
+from volid.model.error_functions import describe_datum
 from volid.model.iso230 import parse
 from volid.model.machine import Machine
 from volid.uncertainty.lack_of_fit import lack_of_fit
@@ -108,7 +109,7 @@ def source_lines(solution: Solution, source: str | Path | None = None) -> dict[s
     """What every table says about its origin; `source`: the solution's file."""
     machine, campaign = solution.machine, solution.campaign
     lines = {
-        "datum": describe_datum(solution),
+        "datum": describe_datum(solution.machine, solution.datum),
         "machine": f"{machine.name} [{machine.structure.strip().strip('[]')}]",
         "campaign": campaign.title,
         "conditions": to_json(campaign.conditions) if campaign.conditions else "not recorded",

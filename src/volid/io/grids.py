@@ -12,49 +12,33 @@ reading back restores them. One file holds one grid: of a machine with rotary ax
 
 from __future__ import annotations
 
-import re
-import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
 
-from volid.compensation.grids.linear import Grid, grid_positions
-from volid.compensation.grids.parts import HEAD, TABLE
-from volid.compensation.grids.rotary import RotaryGrid
+from volid.compensation.grids.grid import IN_DEGREES, AnyGrid, Grid, RotaryGrid
 from volid.compensation.reversal import reversal_text
-from volid.exceptions import InputError
 from volid.fitting.solution import Solution
 from volid.io.basics.atomic import atomic_output
-from volid.io.basics.csv_table import CsvTable, read_csv
-from volid.io.basics.hdf5_values import is_hdf5, reading, write_array
-from volid.io.basics.toml_table import read_text
+from volid.io.basics.hdf5_values import write_array
 from volid.io.functions_csv import (
     INTERVAL,
     INTERVAL_MEANING,
     OUTSIDE,
-    REJECTED,
     Sheet,
-    read_flags,
-    source_lines,
     text_output,
     write_csv,
 )
-from volid.model.iso230 import DIRECTIONS, LINEAR_AXES, ROTARY_AXES
+from volid.io.record import COMPENSATION, ERROR, SIGN, closing_lines, values_lines
+from volid.model.iso230 import DIRECTIONS
 
 FORMAT = "volid-grid/1"
-ERROR, COMPENSATION = "error", "compensation"
 HDF5 = (".h5", ".hdf5")
 COLUMNS = tuple(f"d{letter}" for letter in DIRECTIONS)
 U_COLUMNS = tuple(f"u_{name}" for name in COLUMNS)
 INTERVAL_COLUMNS = tuple(f"{end}_{name}" for end in INTERVAL for name in COLUMNS)
-_IN_DEGREES = np.array([1.0] * 3 + [180.0 / np.pi] * 3)
-_SIGN = {
-    ERROR: "error value = actual - nominal; the compensation value is minus it",
-    COMPENSATION: "compensation value = -(actual - nominal); a control that adds it to the command removes the deviation",
-}
 _POSITION = "the control moves X, Y, Z by d at the functional point; orientation stays as it is"
 _APPLIED = {
     "FOR": "the control turns the rotary axes against dA, dB, dC, outside kinematic poles; dX, dY, dZ are 0",
@@ -63,12 +47,8 @@ _APPLIED = {
 }
 _TOOL = "{} mm; another tool vector t: d(t) = d + (dA, dB, dC in rad) x (t - this tool vector)"
 _ROTATED = "; tool vectors as the rotary axes of the head turn them; the linear axes' errors only"
-_ROTARY = "R-VOL"
 _REFERENCE = "{} mm, in the frame of the body that bears the rotary axes: the machine's, with the linear axes at 0"
 _EFFECT = "; at a functional point: d + (dA, dB, dC in rad) x lever arm"
-_NAMED = ("format", "type", "values", "frame", "datum")
-
-AnyGrid = Grid | RotaryGrid
 
 
 def grid_header(
@@ -85,8 +65,7 @@ def grid_header(
     lines = {
         "format": FORMAT,
         "type": grid.type,
-        "values": values,
-        "sign": _SIGN[values],
+        **values_lines(values),
         "applied": _APPLIED.get(grid.type, _POSITION),
         "absolute": "absolute values, not increments",
         "reversal": reversal_text(solution, grid),
@@ -100,12 +79,7 @@ def grid_header(
     }
     if grid.bands is not None:
         lines["intervals"] = INTERVAL_MEANING
-    lines |= source_lines(solution, source) | {"datum": grid.datum}
-    if command:
-        lines["command"] = shlex.join(command)
-    if any(note.startswith(REJECTED) for note in grid.notes):
-        del lines[REJECTED]  # said in the notes, which a reader gets back
-    return lines | {f"note {i}": note for i, note in enumerate(grid.notes, start=1)}
+    return lines | closing_lines(solution, source, grid.datum, command, grid.notes)
 
 
 def _units(grid: AnyGrid) -> str:
@@ -138,7 +112,7 @@ def grid_paths(grids: Sequence[AnyGrid], path: str | Path) -> list[Path]:
     path = Path(path)
     if len(grids) == 1:
         return [path]
-    names = [getattr(grid, "side", "linear") for grid in grids]
+    names = [grid.side for grid in grids]
     several = {n for n in names if names.count(n) > 1}
     parts = [f"{n}.{g.type}" if n in several else n for n, g in zip(names, grids, strict=True)]
     return [path.with_name(f"{path.stem}.{part}{path.suffix}") for part in parts]
@@ -163,7 +137,7 @@ def _interval_columns(grid: AnyGrid, values: str) -> np.ndarray:
     if grid.bands is None:
         return np.zeros((len(grid.values), 0))
     ends = grid.bands if values == ERROR else -grid.bands[[1, 0, 3, 2]]
-    return np.concatenate([2.0 * grid.u * _IN_DEGREES, *(end * _IN_DEGREES for end in ends)], axis=1)
+    return np.concatenate([2.0 * grid.u * IN_DEGREES, *(end * IN_DEGREES for end in ends)], axis=1)
 
 
 def write_grid_hdf5(grid: AnyGrid, header: Mapping[str, str], path: str | Path, overwrite: bool = False) -> None:
@@ -194,7 +168,24 @@ def save_grid(
 ) -> None:
     """Write a grid as HDF5 when `path` ends in .h5 or .hdf5, else as CSV: compensation values unless `errors`.
 
-    Raises `OutputError` when `path` exists (unless `overwrite`) or cannot be written.
+    Args:
+        grid: of `linear_grid`, `rotary_grids` or `compensate`.
+        solution: it was made from, for the record.
+        path: of the file.
+        errors: write error values.
+        source: the solution's file, for the record.
+        overwrite: replace an existing file.
+
+    Raises `OutputError` when `path` exists (unless `overwrite`) or cannot be written. Source: ISO/TR 16907 12.
+
+    >>> import volid
+    >>> solution = volid.fit(volid.load_campaign("datasets/five_axis_rtest/campaign.toml"))
+    >>> grid = volid.linear_grid(solution, points=2, tool=(0.0, 0.0, -150.0))
+    >>> path = getfixture("tmp_path") / "grid.csv"
+    >>> volid.save_grid(grid, solution, path)
+    >>> read = volid.load_grid(path)
+    >>> read.type, read.tool, bool(abs(read.values - grid.values).max() < 1e-9)
+    ('L-VOL', (0.0, 0.0, -150.0), True)
     """
     header = grid_header(grid, ERROR if errors else COMPENSATION, solution, source)
     if Path(path).suffix.lower() in HDF5:
@@ -206,112 +197,4 @@ def save_grid(
 
 def _outward(grid: AnyGrid, values: str) -> tuple[np.ndarray, np.ndarray]:
     """Values with the sign asked for, and u, both (n, 6) [mm, degrees]."""
-    sign = {ERROR: 1.0, COMPENSATION: -1.0}[values]
-    return sign * grid.values * _IN_DEGREES, grid.u * _IN_DEGREES
-
-
-def read_grid(path: str | Path) -> AnyGrid:
-    """A grid from CSV or HDF5, as error values in mm and rad whatever the file holds; a `RotaryGrid` for R-VOL.
-
-    Raises `InputError` when the file is damaged or of another format, a header line or column is missing, or the nodes
-    are no regular grid with the first axis varying fastest.
-    """
-    return _read_hdf5(path) if is_hdf5(path) else _read_csv(path)
-
-
-def _read_hdf5(path: str | Path) -> AnyGrid:
-    with reading(path, "grid", FORMAT) as file:
-        header = {key.replace("_", " "): str(value) for key, value in file.attrs.items()}
-        axes = tuple(str(a) for a in file["positions"].attrs["columns"])
-        arrays = [np.asarray(file[name][()]) for name in ("positions", "values", "u", OUTSIDE)]
-    return _assemble(str(path), header, axes, *arrays)
-
-
-def _read_csv(path: str | Path) -> AnyGrid:
-    comments = [line[1:].strip() for line in read_text(Path(path)).split("\n") if line.startswith("#")]
-    header = dict(line.split(": ", 1) for line in comments if ": " in line)
-    table = read_csv(path)
-    letters, unit = (ROTARY_AXES, "degrees") if "side" in header else (LINEAR_AXES, "mm")
-    axes = tuple(letter for letter in letters if letter in table)
-    known = (*axes, *COLUMNS, *U_COLUMNS, OUTSIDE)
-    table.only((*known, *INTERVAL_COLUMNS))
-    table.require((*COLUMNS, *U_COLUMNS, OUTSIDE), "a grid has them all", known)
-    if not axes:
-        raise InputError(f"{path}, header: there is no column of positions; expected {' or '.join(letters)}")
-    positions = np.stack([table.numbers(a, unit, "every node has a position") for a in axes], axis=1)
-    return _assemble(
-        str(path), header, axes, positions, _six(table, COLUMNS), _six(table, U_COLUMNS), read_flags(table, OUTSIDE)
-    )
-
-
-def _six(table: CsvTable, names: tuple[str, ...]) -> np.ndarray:
-    return np.stack([table.numbers(n, "mm or degrees", "or an empty cell", gaps=True) for n in names], axis=1)
-
-
-def _assemble(
-    path: str,
-    header: Mapping[str, str],
-    axes: tuple[str, ...],
-    positions: np.ndarray,
-    values: np.ndarray,
-    u: np.ndarray,
-    outside: np.ndarray,
-) -> AnyGrid:
-    rotary = "side" in header or header.get("type") == _ROTARY
-    for key in (*_NAMED, *(("side", "reference point", "period") if rotary else ("tool vector",))):
-        if key not in header:
-            raise InputError(f"{path}: header '{key}' is missing; expected a grid written by volid, '{FORMAT}'")
-    if header["format"] != FORMAT:
-        raise InputError(f"{path}: format is '{header['format']}'; this volid reads '{FORMAT}'")
-    if header["values"] not in _SIGN:
-        raise InputError(f"{path}: values are '{header['values']}'; expected {ERROR} or {COMPENSATION}")
-    nodes = tuple(np.unique(column) for column in positions.T)
-    if not np.array_equal(grid_positions(nodes), positions):
-        raise InputError(
-            f"{path}: the nodes are no regular grid with {axes[0]} varying fastest; expected every node once"
-        )
-    sign = 1.0 if header["values"] == ERROR else -1.0
-    common: dict[str, Any] = {
-        "type": header["type"],
-        "axes": axes,
-        "nodes": nodes,
-        "positions": positions,
-        "values": sign * values / _IN_DEGREES,
-        "u": u / _IN_DEGREES,
-        "outside": outside,
-        "frame": header["frame"],
-        "datum": header["datum"],
-        "notes": tuple(text for key, text in header.items() if re.fullmatch(r"note \d+", key)),
-    }
-    if not rotary:
-        return Grid(**common, tool=_vector(header, "tool vector", path))
-    if header["side"] not in (TABLE, HEAD):
-        raise InputError(f"{path}: side is '{header['side']}'; expected {TABLE} or {HEAD}")
-    return RotaryGrid(
-        **common,
-        side=header["side"],
-        determined=np.isfinite(values),
-        reference_point=_vector(header, "reference point", path),
-        period=_period(header["period"], axes, path),
-    )
-
-
-def _vector(header: Mapping[str, str], key: str, path: str) -> tuple[float, float, float]:
-    try:
-        x, y, z = (float(part) for part in header[key].split(" mm")[0].split(","))
-    except ValueError:
-        raise InputError(
-            f"{path}: {key} is '{header[key]}'; expected three numbers in mm, such as 0, 0, -150 mm"
-        ) from None
-    return x, y, z
-
-
-def _period(text: str, axes: tuple[str, ...], path: str) -> tuple[float, ...]:
-    try:
-        found = dict(part.split() for part in text.removesuffix(" degrees").split(","))
-        return tuple(float(found[axis]) for axis in axes)
-    except (ValueError, KeyError):
-        expected = ", ".join(f"{axis} 360" for axis in axes)
-        raise InputError(
-            f"{path}: period is '{text}'; expected one of every axis, such as {expected} degrees"
-        ) from None
+    return SIGN[values] * grid.values * IN_DEGREES, grid.u * IN_DEGREES

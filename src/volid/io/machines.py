@@ -26,7 +26,19 @@ _PARALLEL = 1e-3  # sine of the angle between two directions
 
 
 def read_machine(path: str | Path) -> Machine:
-    """The machine described by a TOML file. Raises `InputError` naming file and key for what it does not understand."""
+    """The machine described by a TOML file, as `models/README.md` describes it.
+
+    Args:
+        path: of the file.
+
+    Raises:
+        InputError: naming file and key, for a missing file, an unknown or missing key, or a wrong value.
+
+    >>> import volid
+    >>> machine = volid.load_machine("models/wCAYXbZt_trunnion.toml")
+    >>> machine.letters, machine.axis("A").travel
+    (('C', 'A', 'Y', 'X', 'Z'), (-120.0, 30.0))
+    """
     return parse_machine(read_text(Path(path)), str(path))
 
 

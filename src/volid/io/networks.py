@@ -93,7 +93,9 @@ def _coordinates(path: str | Path | None, dimension: int | None):
     table.require(("point", "x", "y"), "coordinates need point, x, y and, in space, z", _COORDINATES)
     axes = [axis for axis in "xyz" if axis in table]
     if dimension not in (None, len(axes)):
-        raise InputError(f"{path}, header: coordinates {', '.join(axes)}; expected {dimension} of them (--dimension)")
+        raise InputError(
+            f"{path}, header: coordinates {', '.join(axes)}; expected {dimension} of them (`dimension={dimension}`)"
+        )
     names = table.labels("point", "expected its name").tolist()
     for i, name in enumerate(names):
         if name in names[:i]:

@@ -64,7 +64,7 @@ class CampaignFolder:
     def __init__(self, path: Path, study: Study, resume: bool) -> None:
         self.path, self.study = path, study
         if not resume and path.exists() and any(path.glob("*.json")):
-            raise InputError(f"{path} holds campaigns of an interrupted study; go on with --resume, or remove it")
+            raise InputError(f"{path} holds campaigns of an interrupted study; go on with `resume=True`, or remove it")
         try:
             path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -87,7 +87,7 @@ class CampaignFolder:
             os.replace(temporary, self.place(task))
         except OSError as error:
             raise OutputError(
-                f"{self.path}: a campaign cannot be kept: {error.strerror}; go on with --resume"
+                f"{self.path}: a campaign cannot be kept: {error.strerror}; go on with `resume=True`"
             ) from None
 
     def done(self) -> dict[Task, Record]:

@@ -1,4 +1,4 @@
-"""Tables read back from CSV (`volid-table/1`), whatever form they were written in; see `table_files`."""
+"""Tables read back from CSV (`volid-table/1`), whatever form they were written in; see `volid.io.tables`."""
 
 from __future__ import annotations
 
@@ -11,25 +11,34 @@ import numpy as np
 from volid.compensation.tables.error_table import ITSELF, MODEL, ErrorTable
 from volid.exceptions import InputError
 from volid.io.basics.csv_table import CsvTable, read_csv
-from volid.io.basics.toml_table import read_text
 from volid.io.functions_csv import OUTSIDE, read_flags
-from volid.io.tables import ABSOLUTE, COMPENSATION, ERROR, FORMAT, INCREMENTAL
+from volid.io.record import SIGN, notes_of, read_header, require_keys
+from volid.io.tables import ABSOLUTE, FORMAT, INCREMENTAL
 from volid.model.iso230 import parse
+
+_NAMED = ("format", "type", "function", "values", "rows", "applied", "zero", "period", "datum")
 
 
 def read_table(path: str | Path) -> ErrorTable:
     """A table as error values, absolute, in mm or rad, whatever the file holds.
 
+    Args:
+        path: of a CSV file that `save_compensation` or `volid tables` wrote.
+
     Raises `InputError` when the file is damaged or of another format, a header line or column is missing, positions do not rise.
+
+    >>> path = getfixture("tmp_path") / "EXX.csv"
+    >>> keys = ["format: volid-table/1", "type: L-POS", "function: EXX", "values: compensation", "rows: absolute"]
+    >>> keys += ["applied: kinematic model", "zero: X = 0 mm", "period: none", "datum: primary axis X"]
+    >>> lines = [*(f"# {key}" for key in keys), "X,EXX", "0,0", "100,-0.01", ""]
+    >>> _ = path.write_text(chr(10).join(lines))
+    >>> read_table(path).forward.tolist()
+    [0.0, 0.01]
     """
-    comments = [line[1:].strip() for line in read_text(Path(path)).split("\n") if line.startswith("#")]
-    header = dict(line.split(": ", 1) for line in comments if ": " in line)
-    table = read_csv(path)
-    for key in ("format", "type", "function", "values", "rows", "applied", "zero", "period", "datum"):
-        if key not in header:
-            raise InputError(f"{path}: header '{key}' is missing; expected a table written by volid, '{FORMAT}'")
+    header, table = read_header(path), read_csv(path)
+    require_keys(path, header, _NAMED, f"a table written by volid, '{FORMAT}'")
     _expect(path, header, "format", (FORMAT,))
-    _expect(path, header, "values", (ERROR, COMPENSATION))
+    _expect(path, header, "values", tuple(SIGN))
     _expect(path, header, "rows", (ABSOLUTE, INCREMENTAL))
     _expect(path, header, "applied", (MODEL, ITSELF))
     name = header["function"]
@@ -56,7 +65,7 @@ def read_table(path: str | Path) -> ErrorTable:
         zero=header["zero"],
         datum=header["datum"],
         period=0.0 if header["period"] == "none" else float(header["period"].split()[0]),
-        notes=tuple(text for key, text in header.items() if re.fullmatch(r"note \d+", key)),
+        notes=notes_of(header),
     )
 
 
@@ -73,7 +82,7 @@ def _required(table: CsvTable, axis: str) -> tuple[str]:
 def _values(table: CsvTable, name: str, header: Mapping[str, str], path: str) -> tuple[np.ndarray, np.ndarray]:
     """Error values approached in + and -, absolute."""
     unit = parse(name).unit
-    sign = 1.0 if header["values"] == ERROR else -1.0
+    sign = SIGN[header["values"]]
     sum_up = np.cumsum if header["rows"] == INCREMENTAL else np.asarray
 
     def column(c: str) -> np.ndarray:

@@ -3,9 +3,9 @@
 Lines "# key: value" say what the numbers are and where they come from, enough to make the table again; then the columns:
 position, values, u, `outside` (1: not measured there). The value columns are
 
-    X,EXX                 without reversal, or one `reversal value` for the axis in the header (--reversal value)
-    X,EXX(+),EXX(-)       approached in + and in - (--reversal columns)
-    X,EXX(+),B_EXX        approached in +, and the reversal value EXX(+) - EXX(-) (--reversal difference)
+    X,EXX                 without reversal, or one `reversal value` for the axis in the header (`reversal=value`)
+    X,EXX(+),EXX(-)       approached in + and in - (`reversal=columns`)
+    X,EXX(+),B_EXX        approached in +, and the reversal value EXX(+) - EXX(-) (`reversal=difference`)
 
 Lengths mm, rotations rad, positions mm or degrees. Incremental tables hold the differences of *rounded* absolute values, the
 first row the value itself, so that rounding does not add up: a running sum gives the absolute table. Read back, a table holds
@@ -14,7 +14,6 @@ error values.
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,17 +24,13 @@ from volid.compensation.rounding import round_to
 from volid.compensation.tables.error_table import COLUMNS, DIFFERENCE, ITSELF, MODEL, VALUE, ErrorTable
 from volid.exceptions import InputError
 from volid.fitting.solution import Solution
-from volid.io.functions_csv import OUTSIDE, REJECTED, Sheet, source_lines
+from volid.io.functions_csv import OUTSIDE, Sheet
+from volid.io.record import COMPENSATION, ERROR, SIGN, closing_lines, values_lines
 from volid.model.iso230 import LINEAR_AXES, describe, parse
 
 FORMAT = "volid-table/1"
-ERROR, COMPENSATION = "error", "compensation"
 ABSOLUTE, INCREMENTAL = "absolute", "incremental"
 REVERSALS = (COLUMNS, VALUE, DIFFERENCE)
-_SIGN = {
-    ERROR: "error value = actual - nominal; the compensation value is minus it",
-    COMPENSATION: "compensation value = -(actual - nominal); a control that adds it removes the deviation",
-}
 _ROWS = {
     ABSOLUTE: "absolute values, not increments",
     INCREMENTAL: "increments from row to row, the first row the value itself; their running sum is the absolute value",
@@ -63,12 +58,13 @@ class TableForm:
 
     def __post_init__(self) -> None:
         if self.reversal not in REVERSALS:
-            raise InputError(f"--reversal '{self.reversal}'; expected {', '.join(REVERSALS)}")
+            raise InputError(f"`reversal={self.reversal}`: expected {', '.join(REVERSALS)}")
         if self.incremental and self.reversal == DIFFERENCE:
-            raise InputError("--incremental goes with --reversal columns or value, not with difference")
-        for value in (self.increment, self.angle_increment):
+            raise InputError("`incremental` goes with `reversal=columns` or value, not with difference")
+        for name in ("increment", "angle_increment"):
+            value = getattr(self, name)
             if value is not None and not value > 0:
-                raise InputError(f"--increment {value:g}; expected a number > 0")
+                raise InputError(f"`{name}={value:g}`: expected a number > 0")
 
     def least(self, table: ErrorTable) -> float | None:
         """Least increment of a table's values [mm or rad]."""
@@ -106,8 +102,7 @@ def table_header(
         "type": table.type,
         "function": table.function,
         "meaning": describe(table.function),
-        "values": values,
-        "sign": _SIGN[values],
+        **values_lines(values),
         "rows": INCREMENTAL if form.incremental else ABSOLUTE,
         "rows mean": _ROWS[INCREMENTAL if form.incremental else ABSOLUTE],
         "units": f"{table.axis} {axis_unit}; {table.function} {unit}; u_… standard uncertainty (k = 1)",
@@ -126,15 +121,9 @@ def table_header(
         **{k: v for k, v in table.basis.items() if v},
     }
     if table.has_reversal and form.reversal == VALUE:
-        sign = 1.0 if form.errors else -1.0
-        value = float(round_to(np.array(sign * table.reversal_value), least))
+        value = float(round_to(np.array(SIGN[values] * table.reversal_value), least))
         lines["reversal value"] = f"{value:.12g} {unit}"
-    lines |= source_lines(solution, source) | {"datum": table.datum}
-    if command:
-        lines["command"] = shlex.join(command)
-    if any(note.startswith(REJECTED) for note in table.notes):
-        lines.pop(REJECTED, None)
-    return lines | {f"note {i}": note for i, note in enumerate(table.notes, start=1)}
+    return lines | closing_lines(solution, source, table.datum, command, table.notes)
 
 
 def _reversal_text(table: ErrorTable, form: TableForm) -> str:

@@ -56,6 +56,22 @@ def reference_of(machine: Machine, datum: Datum, letter: str) -> float:
     return dict(datum.reference).get(letter, machine.axis(letter).reference)
 
 
+def describe_datum(machine: Machine, datum: Datum) -> str:
+    """A datum in words, for headers and reports.
+
+    >>> from volid.io import read_machine
+    >>> machine = read_machine("models/wYXbZt_vertical.toml")
+    >>> describe_datum(machine, machine.datum)
+    'primary axis X, secondary axis Y; zero at X = 500, Y = 300, Z = -250 mm; least-squares reference lines'
+    """
+    lines = {"least_squares": "least-squares reference lines", "end_point": "end-point reference lines"}[datum.line]
+    at = {a.letter: f"{a.letter} = {reference_of(machine, datum, a.letter):g}" for a in machine.axes}
+    origin = ", ".join(at[a] for a in sorted(at) if a in LINEAR_AXES) + " mm"
+    rotary = ", ".join(f"{at[a]}°" for a in sorted(at) if a not in LINEAR_AXES)
+    means = f", angular positioning at {rotary}; other rotary error motions have zero mean" if rotary else ""
+    return f"primary axis {datum.primary}, secondary axis {datum.secondary}; zero at {origin}{means}; {lines}"
+
+
 def motion_names(machine: Machine) -> tuple[str, ...]:
     """Error motions that the machine file leaves switched on, axis by axis from the workpiece."""
     names = [motion(d, axis.letter) for axis in machine.axes for d in DIRECTIONS]

@@ -7,14 +7,17 @@ constants of the tool frame S. Positions `q` have shape (n_axes, m). All functio
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from volid.backend.elementary import constant_like, in_rows, settled
+from volid.backend.elementary import computed_once, constant_like, in_rows
 from volid.model.geometry import Vector, add, rotate_about, rotate_small, rotation_vector, subtract
 from volid.model.iso230 import LINEAR_AXES
 from volid.model.machine import Axis, Machine
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 ROWS = 6
 RADIAN = np.pi / 180.0
@@ -97,10 +100,10 @@ def transform(
     """
     if stop <= start:
         for i in range(start - 1, stop - 1, -1):
-            x = settled(_axis_factor(machine, i, q, errors, x, is_vector, False))
+            x = computed_once(_axis_factor(machine, i, q, errors, x, is_vector, False))
     else:
         for i in range(start, stop):
-            x = settled(_axis_factor(machine, i, q, errors, x, is_vector, True))
+            x = computed_once(_axis_factor(machine, i, q, errors, x, is_vector, True))
     return x
 
 
@@ -155,8 +158,65 @@ def deviation(machine: Machine, q: Any, tool: Vector, errors: Any) -> Any:
     return in_rows(parts, np.shape(q[0]))
 
 
-def nominal_point(machine: Machine, positions: np.ndarray, tool: np.ndarray) -> np.ndarray:
-    """Nominal functional point for positions (m, n_axes) and tool vectors (m, 3), NumPy in and out, shape (m, 3) [mm]."""
-    q = np.asarray(positions, dtype=float).T
-    point = functional_point(machine, q, tuple(np.asarray(tool, dtype=float).T))  # type: ignore[arg-type]
-    return np.stack([np.broadcast_to(np.asarray(c), (len(positions),)) for c in point], axis=1)
+def carry(
+    machine: Machine,
+    positions: Float[np.ndarray, "m axes"],
+    points: Float[np.ndarray, "*m 3"],
+    start: int,
+    stop: int = 0,
+) -> Float[np.ndarray, "m 3"]:
+    """Nominal places of points fixed in one body, seen from another: the nominal chain, NumPy in and out.
+
+    `positions` (m, n_axes) [mm, °]; `points` (m, 3) or (3,) [mm] in the frame of body number `start`; the result, (m, 3) [mm],
+    in that of body number `stop`. Bodies count from the workpiece (0) to the tool (n_axes), as in `transform`.
+    """
+    q = np.atleast_2d(np.asarray(positions, dtype=float)).T
+    x, y, z = np.broadcast_to(np.asarray(points, dtype=float), (q.shape[1], 3)).T
+    return _rows(transform(machine, q, None, (x, y, z), start=start, stop=stop), q.shape[1])
+
+
+def nominal_rotation(machine: Machine, positions: np.ndarray, start: int, stop: int) -> np.ndarray:
+    """Nominal rotation from the frame of body number `start` to that of `stop`, (m, 3, 3); `positions` (m, n_axes) [mm, °]."""
+    q = np.atleast_2d(np.asarray(positions, dtype=float)).T
+    units = [tuple(np.full(q.shape[1], c) for c in unit) for unit in np.eye(3)]
+    turned = [transform(machine, q, None, x, start=start, stop=stop, is_vector=True) for x in units]  # type: ignore[arg-type]
+    return np.stack([_rows(x, q.shape[1]) for x in turned], axis=2)
+
+
+def nominal_point(
+    machine: Machine, positions: Float[np.ndarray, "m axes"], tool: Float[np.ndarray, "*m 3"], body: int = 0
+) -> Float[np.ndarray, "m 3"]:
+    """Nominal functional point in the frame of body number `body`, by default the workpiece's, (m, 3) [mm].
+
+    `positions` (m, n_axes) [mm, °], `tool` (m, 3) or (3,) [mm]. CONVENTIONS 2.
+
+    >>> import volid
+    >>> machine = volid.load_machine("models/wYXbZt_vertical.toml")
+    >>> nominal_point(machine, np.array([[20.0, 10.0, -30.0]]), np.array([0.0, 0.0, -150.0])).tolist()  # Y, X, Z
+    [[10.0, 20.0, -180.0]]
+    """
+    return carry(machine, positions, tool, len(machine.axes), body)
+
+
+def turn(axis: Axis, degrees: Float[np.ndarray, " m"]) -> Float[np.ndarray, "m 3 3"]:
+    """Rotations by some angles (m,) [°] about the direction of a rotary axis, (m, 3, 3)."""
+    columns = [_rows(nominal_factor(axis, degrees, (x, y, z), True), len(degrees)) for x, y, z in np.eye(3)]
+    return np.stack(columns, axis=2)
+
+
+def side_rotation(machine: Machine, positions: Float[np.ndarray, "m axes"], primed: bool) -> Float[np.ndarray, "m 3 3"]:
+    """Nominal rotation of one side's rotary axes at positions (m, n_axes), (m, 3, 3).
+
+    `primed`: R_w of the table, from the machine frame to the workpiece frame; else R_h of the head, from the tool frame to the
+    machine frame (CONVENTIONS 5).
+    """
+    turned = np.tile(np.eye(3), (len(positions), 1, 1))
+    for i, axis in enumerate(machine.axes):
+        if axis.primed == primed and not axis.is_linear:
+            turned = turned @ turn(axis, positions[:, i])
+    return turned
+
+
+def _rows(x: Vector, m: int) -> np.ndarray:
+    """A vector of components (m,) or numbers as points (m, 3)."""
+    return np.stack([np.broadcast_to(np.asarray(c, dtype=float), (m,)) for c in x], axis=1)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from volid.backend.pytrees import STATIC, register_dataclass
+from volid.backend.pytrees import STATIC, register_dataclass, register_if_imported
 from volid.exceptions import InputError
 from volid.model.iso230 import LINEAR_AXES, ROTARY_AXES
 
@@ -92,10 +92,18 @@ class Axis:
 
 @dataclass(frozen=True)
 class Datum:
-    """The machine coordinate system after the fit (CONVENTIONS 4).
+    """The machine coordinate system after the fit.
 
-    `primary`, `secondary`: the linear axes that align it. `line`: reference line of the straightness functions,
-    "least_squares" over the travel or "end_point". `reference`: positions of zero error that override the axes' own.
+    Args:
+        primary: letter of the linear axis that gives the first direction.
+        secondary: letter of the linear axis that gives the plane.
+        line: reference line of the straightness functions: "least_squares" over the measured range, or "end_point".
+        reference: pairs of axis letter and position [mm or degrees] where the functions are zero, in place of the axis's own.
+
+    Source: CONVENTIONS 4; ISO 230-1.
+
+    >>> Datum(primary="Z", secondary="X").line
+    'least_squares'
     """
 
     primary: str = "X"
@@ -134,7 +142,20 @@ class ModelSettings:
 class Machine:
     """A machine tool's kinematic chain, its datum and the settings of its error model.
 
-    `axes` run from the workpiece to the tool, as in `structure`; arrays of axis positions follow this order.
+    Args:
+        name: in words.
+        structure: structural code of ISO 10791-6, such as "w Y' X' b Z (C) t".
+        axes: from the workpiece to the tool, as in `structure`; arrays of axis positions follow this order.
+        datum: the coordinate system that results refer to.
+        model: which error functions exist, and how they are modelled.
+        text: of the file that it was read from.
+
+    Source: CONVENTIONS 2.
+
+    >>> import volid
+    >>> machine = volid.load_machine("models/wYXbZt_vertical.toml")
+    >>> machine.order(X=300.0, Y=200.0, Z=-100.0).tolist()  # machine axis order: Y', X', Z
+    [200.0, 300.0, -100.0]
     """
 
     name: str = field(metadata=STATIC)
@@ -143,6 +164,9 @@ class Machine:
     datum: Datum = field(metadata=STATIC, default=Datum())
     model: ModelSettings = field(metadata=STATIC, default=ModelSettings())
     text: str = field(metadata=STATIC, default="", repr=False)
+
+    def __post_init__(self) -> None:
+        register_if_imported()
 
     @property
     def letters(self) -> tuple[str, ...]:

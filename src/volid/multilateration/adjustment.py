@@ -21,16 +21,36 @@ from volid.multilateration.equations import Equations, decomposition, descend, n
 
 @dataclass(frozen=True)
 class NetworkSolution:
-    """Adjusted coordinates and what is known about them; lengths in the unit of the distances.
+    """Adjusted coordinates of a distance network and what is known about them; `adjust_network` makes it.
 
-    Coordinates are in the order of `points`. `covariance` is a priori, from the stated u, for the coordinates of
-    `unknown` in that order (x, y, z of the first, then of the second, …), under inner constraints. `defect` counts the
-    combinations of coordinates that the distances leave open, `datum_defect` those of them that are rigid motions;
-    `undetermined` names the points that the others move. `unit_weight` is sqrt(Σ (residual/u)² / degrees of freedom),
-    1 when the stated u is right, NaN without redundancy. `residuals` are reading - predicted, `normalised_residuals`
-    those over their own standard deviation, NaN where no other reading checks the reading. `blunders` are the indices
-    of the observations that the robust fit left out; `inseparable` gives, for each of them and of the `suspects`, the
-    observations that would show the same residuals had the blunder been theirs.
+    Lengths are in the unit of the distances; p points, m observations, k unknown coordinates, d dimensions (2 or 3).
+
+    Attributes:
+        points: Names; every array with p rows has them in this order.
+        unknown: Names of the points that were adjusted; the others were fixed.
+        observations: (from, to, distance) as given, m of them.
+        u: Standard uncertainty of the distances as stated, shape (m,).
+        coordinates: Adjusted coordinates, shape (p, d).
+        covariance: A priori, from the stated u, shape (k, k): coordinates of `unknown` in that order (x, y, z of the first,
+            then of the second, …), under inner constraints.
+        rank: Number of combinations of coordinates that the distances determine.
+        defect: Number of combinations that they leave open.
+        datum_defect: How many of those are rigid motions of the whole network.
+        undetermined: Names of the points that the other open combinations move.
+        degrees_of_freedom: Number of observations kept minus `rank`.
+        unit_weight: sqrt(Σ (residual/u)² / degrees of freedom): near 1 when the stated u is right, NaN without redundancy.
+        residuals: Reading - predicted, shape (m,).
+        normalised_residuals: Residuals over their own standard deviation, shape (m,); NaN where no other reading checks one.
+        critical_value: Normalised residual beyond which a reading is suspected.
+        blunders: Indices of the observations that the robust adjustment left out.
+        inseparable: For each blunder and suspect, the observations that would show the same residuals if the blunder were theirs.
+
+    Example:
+        >>> corners = {"A": (0, 0), "B": (400, 0), "P": (210, 290)}
+        >>> readings = [("A", "P", 360.5551), ("B", "P", 360.5551)]
+        >>> solution = adjust_network("ABP", "AB", readings, 0.001, corners, 2)
+        >>> solution.standard_uncertainty[2].round(4), solution.rank, solution.defect
+        (array([0.0013, 0.0008]), 2, 0)
     """
 
     points: tuple[str, ...]
@@ -52,12 +72,15 @@ class NetworkSolution:
     inseparable: Mapping[int, tuple[int, ...]] = field(default_factory=dict)
 
     def position(self, point: str) -> Float[np.ndarray, " d"]:
-        """Adjusted coordinates of one point."""
+        """Adjusted coordinates of one point by its name, shape (d,), in the unit of the distances."""
         return self.coordinates[self.points.index(point)]
 
     @property
     def standard_uncertainty(self) -> Float[np.ndarray, "p d"]:
-        """A priori standard uncertainty of every coordinate, 0 for fixed points; times unit_weight: a posteriori."""
+        """A priori standard uncertainty of every coordinate, shape (p, d), 0 for fixed points.
+
+        Multiplied by `unit_weight` it is the a posteriori one.
+        """
         u = np.zeros_like(self.coordinates)
         rows = [self.points.index(point) for point in self.unknown]
         u[rows] = np.sqrt(np.diag(self.covariance)).reshape(len(rows), -1)
@@ -65,8 +88,10 @@ class NetworkSolution:
 
     @property
     def suspects(self) -> tuple[int, ...]:
-        """Indices of observations kept whose normalised residual exceeds the critical value (times the others' unit
-        weight, if that is above 1)."""
+        """Indices of observations that were kept although their normalised residual exceeds the critical value.
+
+        Where the other readings scatter more than stated, the critical value is multiplied by their unit weight.
+        """
         if self.degrees_of_freedom < 2:
             return ()
         z = np.nan_to_num(self.normalised_residuals)
@@ -97,7 +122,7 @@ def adjust_network(
     """Least-squares coordinates of a distance network, free (inner constraints) or with fixed points.
 
     Minimises Σ ((d_i - |x_to - x_from|) / u_i)² by Gauss-Newton with the pseudo-inverse of the Jacobian J / u (singular
-    value decomposition, rank decided at 1e-9 of the largest singular value). What J leaves open is settled by inner
+    value decomposition, rank decided at 1e-9 of the largest singular value). What J leaves open is chosen by inner
     constraints: of all solutions the one whose corrections to the approximate coordinates have the least sum of
     squares, x = x0 + J⁺ (r + J (x - x0)), iterated. Covariance: J⁺ J⁺ᵀ. Fixed coordinates are taken as exact.
 

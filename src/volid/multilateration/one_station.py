@@ -118,7 +118,7 @@ def robust_scale(readings: Readings, residuals: Float[np.ndarray, "b n"]) -> Flo
 
 
 def robust_weights(readings: Readings, residuals: np.ndarray, scale: np.ndarray, biweight: bool) -> np.ndarray:
-    """Robust weights divided by u²: Huber's, or Tukey's biweight with a trace left so that no segment is lost."""
+    """Robust weights divided by u²: Huber's, or Tukey's biweight with a trace left so that every segment keeps some weight."""
     z = np.abs(residuals / readings.u) / scale
     if biweight:
         robust = np.maximum((1 - np.minimum(z / BIWEIGHT, 1) ** 2) ** 2, 1e-4 / np.maximum(z, 1) ** 2)

@@ -25,21 +25,31 @@ def starting_coordinates(
     known: Mapping[str, ArrayLike] | None = None,
     dimension: int = 3,
 ) -> dict[str, Float[np.ndarray, " d"]]:
-    """Coordinates near the least-squares solution, for every point.
+    """Coordinates near the least-squares solution, for every point of a distance network.
 
-    Points with readings to enough known ones are trilaterated, one after the other. With no known point at all the
-    frame is arbitrary, mirror image included: when every station sees every target, s_i·t_j = -(D² doubly centred) / 2
-    has rank 3 and gives both up to one linear map, found from |t_j|² (linear in its square); else random starts.
+    Points with readings to enough known ones are trilaterated, one after the other. When no point is known, the frame is
+    arbitrary and the result may be a mirror image: where every station sees every target, s_i·t_j = -(D² doubly centred) / 2
+    has rank 3 and gives both up to one linear map, which is found from |t_j|² (linear in its square); otherwise random
+    starts are tried.
 
     Args:
-        points: Names.
+        points: Names, p of them.
         observations: (from, to, distance), any one unit.
-        u: Standard uncertainty of the distances, same unit: tells a solution from a local minimum.
-        known: Name -> coordinates of the points that have some.
+        u: Standard uncertainty of the distances, same unit; it tells a solution from a local minimum.
+        known: Coordinates, shape (dimension,), by the name of each point that has some.
         dimension: 2 or 3.
+
+    Returns:
+        Coordinates, shape (dimension,), by name, in the unit of the distances.
 
     Raises:
         InputError: a point cannot be found; the text names it and what is missing.
+
+    Example:
+        >>> known = {"A": (0, 0), "B": (400, 0), "C": (0, 300)}
+        >>> readings = [("A", "P", 250.0), ("B", "P", 250.0), ("C", "P", 250.0)]
+        >>> starting_coordinates("ABCP", readings, 0.001, known, dimension=2)["P"].round(3)
+        array([200., 150.])
 
     Reference:
         Schönemann, On metric multidimensional unfolding, Psychometrika 35 (1970) 349.
@@ -51,7 +61,7 @@ def starting_coordinates(
         placed = {name: np.asarray(known[name], float) for name in points if name in known}
         return _chained(distances, placed, dimension)
     found = _unfolded(distances, dimension)
-    x = None if found is None else _settled(points, observations, u, np.array([found[name] for name in points]))
+    x = None if found is None else _polished(points, observations, u, np.array([found[name] for name in points]))
     if x is None:
         x = _random(points, observations, u, dimension)
     return dict(zip(points, x, strict=True))
@@ -136,7 +146,7 @@ def _unfold(squares: Float[np.ndarray, "a b"], dimension: int) -> Float[np.ndarr
     return np.vstack([stations, targets])
 
 
-def _settled(points, observations, u: float, x: Float[np.ndarray, "p d"]) -> Float[np.ndarray, "p d"] | None:
+def _polished(points, observations, u: float, x: Float[np.ndarray, "p d"]) -> Float[np.ndarray, "p d"] | None:
     """Least-squares coordinates from x, None when they do not fit the distances."""
     index = {name: i for i, name in enumerate(points)}
     start, end = (np.array([index[row[k]] for row in observations]) for k in (0, 1))
@@ -156,7 +166,7 @@ def _random(points, observations, u: float, dimension: int) -> Float[np.ndarray,
     size = np.sqrt(np.mean([distance**2 for _, _, distance in observations]) / (2 * dimension))
     generator = np.random.default_rng(0)
     for _ in range(_ATTEMPTS):
-        x = _settled(points, observations, u, size * generator.normal(size=(len(points), dimension)))
+        x = _polished(points, observations, u, size * generator.normal(size=(len(points), dimension)))
         if x is not None:
             return x
     raise InputError(

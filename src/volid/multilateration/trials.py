@@ -22,19 +22,41 @@ _DAMPING, _LESS, _MORE = 1e-6, 0.2, 5.0  # Levenberg-Marquardt: first, after a s
 
 
 class NetworkTrials(NamedTuple):
-    """`coordinates`: (M, p, d) of all trials, points in the order of the solution; `converged`: (M,)."""
+    """Adjusted coordinates of all trials; `network_trials` makes them.
+
+    `coordinates`: shape (M, p, d), points in the order of the solution, in the unit of the distances. `converged`: shape (M,),
+    whether the adjustment of a trial arrived.
+    """
 
     coordinates: Float[np.ndarray, "M p d"]
     converged: Bool[np.ndarray, " M"]
 
 
 def network_trials(solution: NetworkSolution, trials: int = 10_000, seed: int = 0) -> NetworkTrials:
-    """Adjusted coordinates of `trials` networks whose distances are those of the solution plus noise u. JCGM 102:2011, 7.
+    """Adjusted coordinates of many networks whose distances are those of the solution plus normal noise of their u.
 
     Each trial minimises Σ ((d_i - |x_to - x_from|)/u_i)² by Levenberg-Marquardt from the adjusted coordinates; steps of least
-    norm settle a free network's place. Blunders stay left out. Trial i of a seed is the same whatever the number of trials.
+    norm keep a free network where it is. Blunders stay left out. Trial i of a seed is the same whatever the number of trials.
+    Errors common to several distances are not drawn.
 
-    Raises `InputError` for less than 2 trials.
+    Args:
+        solution: The adjusted network.
+        trials: Number M of trials, at least 2.
+        seed: Of the random numbers, a whole number from 0.
+
+    Raises:
+        InputError: fewer than 2 trials, or a negative seed.
+
+    Reference:
+        JCGM 102:2011, 7 (propagation of distributions with several output quantities).
+
+    Example:
+        >>> from volid.multilateration import adjust_network
+        >>> corners = {"A": (0, 0), "B": (400, 0), "P": (210, 290)}
+        >>> readings = [("A", "P", 360.5551), ("B", "P", 360.5551)]
+        >>> found = network_trials(adjust_network("ABP", "AB", readings, 0.001, corners, 2), trials=2000, seed=1)
+        >>> found.coordinates.shape, bool(found.converged.all()), found.coordinates[:, 2].std(axis=0).round(4)
+        ((2000, 3, 2), True, array([0.0013, 0.0008]))
     """
     if trials < 2:
         raise InputError(f"Monte Carlo: {trials} trials; expected at least 2")

@@ -151,12 +151,12 @@ def _check_targets(points: Float[np.ndarray, "n d"], index: Int[np.ndarray, " n"
     """Enough different targets for a position, not all on one line."""
     dimension = points.shape[1]
     different = np.unique(np.column_stack([index, points]), axis=0)
-    lost = np.unique(index).size if relative else 0
-    if len(different) - lost < dimension:
-        dead_paths = f" and one more per segment for its dead path ({lost} segments)" if relative else ""
+    taken = np.unique(index).size if relative else 0
+    if len(different) - taken < dimension:
+        dead_paths = f" and one more per segment for its dead path ({taken} segments)" if relative else ""
         raise InputError(
             f"too few targets for a station position: {len(different)} different targets, counted in each segment; "
-            f"expected at least {dimension + lost}: {dimension}{dead_paths}. Measure more targets per segment"
+            f"expected at least {dimension + taken}: {dimension}{dead_paths}. Measure more targets per segment"
         )
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     if spread[dimension - 2] < 1e-9 * spread[0] or spread[0] == 0:

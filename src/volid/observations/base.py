@@ -1,23 +1,22 @@
-"""What every observation kind declares, so that files, simulation and fit treat all kinds alike."""
+"""What every observation kind declares, so that files, checks, simulation, fit and reports treat all kinds alike."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from typing import Any, NamedTuple, Protocol
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from volid.campaign import Campaign, ObservationSet
-from volid.model.machine import Machine
+from volid.model.geometry import Vector
+from volid.model.machine import TOOL, Machine
+from volid.observations.beams import Beam
+from volid.observations.response import UNMOVED, Key, Response
 
-
-class Prediction(Protocol):
-    """Pure JAX function of one block: (machine, settings, q, tool, errors, slots, constants) -> readings (k, m)."""
-
-    def __call__(
-        self, machine: Machine, settings: Any, q: Any, tool: Any, errors: Any, slots: Any, constants: Any
-    ) -> Any: ...
+Place = tuple[float, float, float]
+DEGREES = "degrees"
 
 
 class Group(NamedTuple):
@@ -39,7 +38,9 @@ class Nuisance:
 
     `prior_u`: infinite for an unknown, a number for an artefact's calibration, 0 for a value that is known exactly.
     `spread`: how far from `start` a virtual instrument draws an unknown value (uniform); 0 when `start` is the true one.
-    `distribution`: of what is known beforehand; `effect`: name of the systematic effect that it belongs to.
+    `distribution`: of what is known beforehand; `effect`: name of the systematic effect that it belongs to. `key`: what it is,
+    for programs; `response`: how it answers a change of datum. `recorded`: its true value belongs in the truth of a simulation,
+    although nothing is drawn.
     """
 
     name: str
@@ -49,6 +50,9 @@ class Nuisance:
     spread: float = 0.0
     distribution: str = "normal"
     effect: str = ""
+    key: Key = ()
+    response: Response = UNMOVED
+    recorded: bool = False
 
 
 class NuisanceTable:
@@ -59,51 +63,157 @@ class NuisanceTable:
         self.keys: dict[Any, int] = {}
         self.entries: list[Nuisance] = []
 
-    def index(
-        self,
-        key: Any,
-        name: str,
-        unit: str = "mm",
-        start: float = 0.0,
-        prior_u: float = np.inf,
-        spread: float = 0.0,
-        distribution: str = "normal",
-        effect: str = "",
-    ) -> int:
-        """Number of the parameter `key`, made on first use; a start value found from the data wins over `start`."""
+    def index(self, key: Key, name: str, unit: str = "mm", start: float = 0.0, **known: Any) -> int:
+        """Number of the parameter `key`, made on first use; a start value found from the data wins over `start`.
+
+        `known`: further fields of `Nuisance`. Responses of several sets to the same parameter are joined.
+        """
         if key not in self.keys:
             self.keys[key] = len(self.entries)
-            self.entries.append(
-                Nuisance(name, unit, float(self.starts.get(key, start)), prior_u, spread, distribution, effect)
-            )
-        return self.keys[key]
+            self.entries.append(Nuisance(name, unit, float(self.starts.get(key, start)), key=key, **known))
+            return self.keys[key]
+        number = self.keys[key]
+        own, other = self.entries[number].response, known.get("response", UNMOVED)
+        if own != other:
+            self.entries[number] = replace(self.entries[number], response=own.joined(other))
+        return number
 
 
-@dataclass(frozen=True)
-class Kind:
-    """One kind of observation (CONVENTIONS 6).
+class Part(NamedTuple):
+    """Part of a set whose readings share a unit: kind in words, unit, and rows (m,) or rows and columns (m, k), bool."""
+
+    words: str
+    unit: str
+    rows: np.ndarray
+
+
+class Kind(ABC):
+    """One kind of observation (CONVENTIONS 6). A final class per kind says what is not as here; its one instance is in the table.
 
     `readings`: columns of a CSV that hold the readings. `labels`: text columns and their default; a default of None means
-    that the column is required. `options`: keys of a `[[set]]` of this kind and their default; None means required.
-    `optional`: further keys, absent from a set that does not state them, with a value that shows their type.
-    `unit`: of the readings and their u, `units` one by one where they differ. `predict`: the prediction. `groups`: takes a set
-    apart into groups and names the nuisance parameters it needs. `check`: raises `InputError` for options that do not fit each
-    other or the labels. `file_kind`: the `kind` of a `[[set]]` in files of which this one is a form with other columns.
+    that the column is required; `choices`: the texts that a label may have, where there are no others.
+    `options`: keys of a `[[set]]` of this kind and their default; None means required. `optional`: further keys, absent from a
+    set that does not state them, with a value that shows their type. `unit`: of the readings and their u, `units` one by one
+    where they differ. `file_kind`: the `kind` of a `[[set]]` in files of which this one is a form with other columns.
+    `scopes`: what an effect may be drawn anew for, besides campaign, set, tool and point, and the labels that make it.
+    `tested_by`: labels whose groups of residuals are tested; `named_by`: labels that name a reading.
+    `standing`: label of what stands on the workpiece at an unknown place ("sphere"). `takes_centres`: places found by a probe
+    may be given instead of readings, as readings of 0.
     """
 
     name: str
     readings: tuple[str, ...]
-    predict: Prediction
-    groups: Callable[[ObservationSet, Campaign, NuisanceTable], list[Group]]
-    labels: Mapping[str, str | None] = field(default_factory=dict)
-    options: Mapping[str, Any] = field(default_factory=dict)
-    optional: Mapping[str, Any] = field(default_factory=dict)
-    doc: str = ""
+    doc: str
     unit: str = "mm"
-    check: Callable[[ObservationSet], None] | None = None
     units: tuple[str, ...] = ()
+    labels: Mapping[str, str | None] = {}
+    choices: Mapping[str, tuple[str, ...]] = {}
+    options: Mapping[str, Any] = {}
+    optional: Mapping[str, Any] = {}
     file_kind: str = ""
+    scopes: Mapping[str, tuple[str, ...]] = {}
+    tested_by: tuple[str, ...] = ()
+    named_by: tuple[str, ...] = ()
+    standing: str = ""
+    takes_centres: bool = False
+
+    # ------------------------------------------------------------------------------------- what is read, and from what
+
+    @staticmethod
+    @abstractmethod
+    def predict(machine: Machine, settings: Any, q: Any, tool: Vector, errors: Any, slots: Any, constants: Any) -> Any:
+        """Predicted readings (k, m) of one group: pure, on NumPy and JAX arrays alike."""
+
+    @abstractmethod
+    def groups(self, observations: ObservationSet, campaign: Campaign, table: NuisanceTable) -> list[Group]:
+        """A set taken apart into groups; `table` gets the unknowns it needs, each with key and response."""
+
+    def starts(self, campaign: Campaign) -> dict[Any, float]:
+        """Start values that follow from all readings of this kind, by the unknown's key."""
+        return {}
+
+    def target_body(self, options: Mapping[str, Any]) -> str:
+        """Body of the machine that carries what is seen; "tool": the functional point."""
+        return TOOL
+
+    def sees_tool(self, observations: ObservationSet) -> bool:
+        """Whether the tool vector takes part in the readings of a set."""
+        return self.target_body(observations.options) == TOOL
+
+    # ---------------------------------------------------------------------------------------------------- units and parts
 
     def unit_of(self, i: int) -> str:
         """Unit of reading number `i` and its u."""
         return self.units[i] if self.units else self.unit
+
+    def unit_at(self, observations: ObservationSet, row: int, i: int) -> str:
+        """Unit of reading number `i` in a row of a set."""
+        return self.unit_of(i)
+
+    @property
+    def unit_words(self) -> str:
+        """Units of all readings in one text."""
+        return ", ".join(self.units) or self.unit
+
+    @property
+    def is_angle(self) -> np.ndarray:
+        """Which readings are angles in degrees, bool (k,): no scale acts on them."""
+        return np.array([self.unit_of(i) == DEGREES for i in range(len(self.readings))])
+
+    def parts(self, observations: ObservationSet) -> Iterator[Part]:
+        """Parts of a set whose readings share a unit."""
+        words = self.file_kind or self.name
+        for unit in dict.fromkeys(self.units):
+            columns = [u == unit for u in self.units]
+            names = ", ".join(n for n, own in zip(self.readings, columns, strict=True) if own)
+            yield Part(f"{words}, {names}", unit, np.tile(columns, (len(observations), 1)))
+        if not self.units:
+            yield Part(words, self.unit, np.ones(len(observations), dtype=bool))
+
+    # ------------------------------------------------------------------------------------------------- what must be right
+
+    def check(self, observations: ObservationSet) -> None:
+        """Raises `InputError` for options that do not fit each other or the labels."""
+        return
+
+    def check_values(self, observations: ObservationSet, campaign: Campaign) -> None:
+        """Raises `InputError` for readings that cannot be in the kind's units."""
+        return
+
+    def beams(
+        self, observations: ObservationSet, campaign: Campaign, positions: np.ndarray | None = None
+    ) -> Iterable[Beam]:
+        """Readings that are lengths from a station to places known nominally; none for other kinds.
+
+        `positions`: (m, n_axes), tried instead of those of the set.
+        """
+        return ()
+
+    def places(
+        self, observations: ObservationSet, machine: Machine, positions: np.ndarray | None = None
+    ) -> np.ndarray | None:
+        """Where what stands on the workpiece is according to every row, nominal chain, (m, 3) [mm]; None for other kinds."""
+        return None
+
+    # --------------------------------------------------------------------------------- systematic effects, simulation, advice
+
+    def dead_paths(self, observations: ObservationSet, starts: Mapping[Any, float]) -> np.ndarray:
+        """Start values of what of a length is no path in the air, (m, 1) [mm]."""
+        return np.zeros((len(observations), 1))
+
+    def standing_at(self, observations: ObservationSet) -> Mapping[str, Sequence[float]]:
+        """Stated places, by name, of what stands on the workpiece [mm]."""
+        return {}
+
+    def approximate(self, observations: ObservationSet, near: Callable[[str, Any], list[float]]) -> ObservationSet:
+        """The set with its stated places replaced by `near` (name, place): what a plan knows exactly, a campaign does not."""
+        return observations
+
+    def groups_by(self, like: ObservationSet) -> Iterator[tuple[str, str]]:
+        """Labels and their values whose residuals are tested together."""
+        for label in self.tested_by:
+            yield from ((label, str(value)) for value in dict.fromkeys(like.labels[label]))
+
+    def advice(self, sets: Sequence[ObservationSet], campaign: Campaign) -> list[str]:
+        """Facts of all `sets` of this kind that usually leave error functions undetermined."""
+        return []

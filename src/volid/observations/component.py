@@ -6,6 +6,7 @@ artefact's alignment is unknown. CONVENTIONS 6; ISO 230-1 8, 9, 10.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,12 +16,23 @@ from volid.campaign import Campaign, ObservationSet
 from volid.exceptions import InputError
 from volid.model.geometry import Vector
 from volid.model.iso230 import DIRECTIONS, ROTATIONS
+from volid.model.jacobian import rigid_motion_rows, tool_rotation_rows
 from volid.model.kinematics import deviation
 from volid.model.machine import Machine
-from volid.observations.base import Group, Kind, NuisanceTable
+from volid.observations.base import Group, Kind, NuisanceTable, Part
+from volid.observations.response import Linear, Remainder, remainder
 
 SPREAD = {"mm": 0.01, "rad": 1e-4}  # of a line's offset; a virtual instrument draws from it
 SLOPE_SPREAD = {"mm": 1e-4, "rad": 1e-7}  # per mm of travel
+LARGEST_VALUE = {"mm": 1.0, "rad": 0.01}  # far beyond any machine that can still be compensated
+_UNFOLLOWED = (
+    "the new datum turns the workpiece frame, and the readings of line {line} of set '{name}' ({component}) would change by more "
+    "than its offset{slope} can follow. {advice} fit in that datum: [datum] of the machine file"
+)
+_STRAIGHT = {
+    False: "Set slope = true if the artefact's alignment is unknown, or",
+    True: "Read along one linear axis, or",
+}
 
 
 class ComponentSettings(NamedTuple):
@@ -30,59 +42,157 @@ class ComponentSettings(NamedTuple):
     slope: bool
 
 
-def predict(
-    machine: Machine, settings: ComponentSettings, q: Any, tool: Vector, errors: Any, slots: Any, constants: Any
-) -> Any:
-    """Predicted values, shape (1, m) [mm or rad]."""
-    value = deviation(machine, q, tool, errors)[settings.component] + slots[0]
-    if settings.slope:
-        value = value + slots[1] * constants[0]
-    return in_rows([value], np.shape(q[0]))
+class Component(Kind):
+    """One component of the deviation; see the module."""
+
+    name = "component"
+    readings = ("value",)
+    doc = "component of the deviation + offset of the line (+ slope of the artefact) [mm or rad]"
+    unit = "mm or rad"
+    labels: Mapping[str, str | None] = {"component": None, "line": "1"}
+    choices: Mapping[str, tuple[str, ...]] = {"component": tuple(DIRECTIONS)}
+    options: Mapping[str, Any] = {"slope": False}
+    tested_by = ("line", "component")
+    named_by = ("component", "line")
+
+    @staticmethod
+    def predict(
+        machine: Machine,
+        settings: ComponentSettings,
+        q: Any,
+        tool: Vector,
+        errors: Any,
+        slots: Any,
+        constants: Any,
+    ) -> Any:
+        """Predicted values, shape (1, m) [mm or rad]."""
+        value = deviation(machine, q, tool, errors)[settings.component] + slots[0]
+        if settings.slope:
+            value = value + slots[1] * constants[0]
+        return in_rows([value], np.shape(q[0]))
+
+    def groups(self, observations: ObservationSet, campaign: Campaign, table: NuisanceTable) -> list[Group]:
+        """Rows of a set by component, with one offset (and slope) per line. Raises `InputError` for an unknown component."""
+        components, lines = observations.labels["component"], observations.labels["line"]
+        wrong = np.flatnonzero(~np.isin(components, DIRECTIONS))
+        if wrong.size:
+            i = int(wrong[0])
+            raise InputError(
+                f"{observations.where(i)}: component '{components[i]}' is none of X, Y, Z (mm) and A, B, C (rad)"
+            )
+        slope = bool(observations.options.get("slope", False))
+        result = []
+        for component in dict.fromkeys(components):
+            rows = np.flatnonzero(components == component)
+            slots = np.zeros((2 if slope else 1, len(rows)), dtype=np.int64)
+            arm = np.zeros((1, len(rows)))
+            for line in dict.fromkeys(lines[rows]):
+                here = np.flatnonzero(lines[rows] == line)
+                own = _Line(observations, campaign.machine, rows[here], str(line), str(component), slope)
+                slots[:, here] = np.array(own.slots(table))[:, None]
+                arm[0, here] = own.arm if slope else 0.0
+            settings = ComponentSettings(DIRECTIONS.index(component), slope)
+            result.append(Group(rows, settings, slots, arm))
+        return result
+
+    def unit_at(self, observations: ObservationSet, row: int, i: int) -> str:
+        """mm or rad, as the component of the row is."""
+        return "rad" if observations.labels["component"][row] in ROTATIONS else "mm"
+
+    def parts(self, observations: ObservationSet) -> Iterator[Part]:
+        """Translations and rotations apart."""
+        components = observations.labels["component"]
+        for unit, letters in (("mm", DIRECTIONS[:3]), ("rad", ROTATIONS)):
+            rows = np.isin(components, letters)
+            if rows.any():
+                yield Part(f"{self.name} {''.join(sorted(set(components[rows])))}", unit, rows)
+
+    def check_values(self, observations: ObservationSet, campaign: Campaign) -> None:
+        """Raises `InputError` when a value lies more than 1 mm or 10 mrad from the middle of its line."""
+        components = observations.labels["component"]
+        for line in np.unique(observations.labels["line"]):
+            for component in np.unique(components):
+                rows = np.flatnonzero((observations.labels["line"] == line) & (components == component))
+                if len(rows):
+                    _check_line(observations, rows, "rad" if component in ROTATIONS else "mm")
 
 
-def _arm(observations: ObservationSet, rows: np.ndarray) -> np.ndarray:
-    """Position of the moving axis from its first value on one line, shape (m,)."""
-    positions = observations.positions[rows]
-    moving = int(np.argmax(np.ptp(positions, axis=0)))
-    return positions[:, moving] - positions[0, moving]
+class _Line:
+    """Readings of one component along one line: its unknowns and how they answer a motion of the workpiece frame.
 
+    A rigid motion (t, ω) of the workpiece frame, and a rotation h of the tool, change reading i by M_i · (t, ω, h). Offset a and
+    slope b follow as far as M_i = a + b · arm_i; the rest is what makes a transformation inexact.
+    """
 
-def groups(observations: ObservationSet, campaign: Campaign, table: NuisanceTable) -> list[Group]:
-    """Rows of a set by component, with one offset (and slope) per line. Raises `InputError` for an unknown component."""
-    components, lines = observations.labels["component"], observations.labels["line"]
-    wrong = np.flatnonzero(~np.isin(components, DIRECTIONS))
-    if wrong.size:
-        i = int(wrong[0])
-        raise InputError(
-            f"{observations.where(i)}: component '{components[i]}' is none of X, Y, Z (mm) and A, B, C (rad)"
+    def __init__(
+        self, observations: ObservationSet, machine: Machine, rows: np.ndarray, line: str, component: str, slope: bool
+    ) -> None:
+        self.observations, self.machine, self.rows, self.slope = observations, machine, rows, slope
+        self.line, self.component = line, component
+        self.unit = "rad" if component in ROTATIONS else "mm"
+
+    @property
+    def arm(self) -> np.ndarray:
+        """Position of the moving axis from its first value on the line, shape (m,)."""
+        positions = self.observations.positions[self.rows]
+        moving = int(np.argmax(np.ptp(positions, axis=0)))
+        return np.asarray(positions[:, moving] - positions[0, moving])
+
+    def slots(self, table: NuisanceTable) -> list[int]:
+        """Numbers of the line's offset and, where it is unknown, slope."""
+        name = f"{self.observations.name} line {self.line} {self.component}"
+        (offset, slope), left = self._responses()
+        key = (self.observations.name, self.line, self.component)
+        result = [
+            table.index(
+                ("offset", *key),
+                f"offset {name}",
+                self.unit,
+                spread=SPREAD[self.unit],
+                response=Linear(left=left, constant=offset),
+            )
+        ]
+        if self.slope:
+            response = Linear(constant=slope)
+            spread = SLOPE_SPREAD[self.unit]
+            result.append(
+                table.index(("slope", *key), f"slope {name}", f"{self.unit}/mm", spread=spread, response=response)
+            )
+        return result
+
+    def _responses(self) -> tuple[tuple[tuple[float, ...], tuple[float, ...]], Remainder | None]:
+        """Rows of offset and slope, least squares over the line, and what they leave."""
+        positions, tool = self.observations.positions[self.rows], self.observations.tool[self.rows]
+        k = DIRECTIONS.index(self.component)
+        frame = rigid_motion_rows(self.machine, positions, tool)[:, k]
+        change = np.hstack([frame, -tool_rotation_rows(self.machine, positions, tool)[:, k]])
+        design = np.stack([np.ones(len(self.rows)), self.arm], axis=1)
+        design = design if self.slope else design[:, :1]
+        found = np.linalg.lstsq(design, change, rcond=1e-12)[0]
+        reason = _UNFOLLOWED.format(
+            line=self.line,
+            name=self.observations.name,
+            component=self.component,
+            slope=" and slope" if self.slope else "",
+            advice=_STRAIGHT[self.slope],
         )
-    slope = bool(observations.options.get("slope", False))
-    result = []
-    for component in dict.fromkeys(components):
-        rows = np.flatnonzero(components == component)
-        slots = np.zeros((2 if slope else 1, len(rows)), dtype=np.int64)
-        arm = np.zeros((1, len(rows)))
-        unit = "rad" if component in ROTATIONS else "mm"
-        for line in dict.fromkeys(lines[rows]):
-            here = lines[rows] == line
-            key, name = (observations.name, line, component), f"{observations.name} line {line} {component}"
-            slots[0, here] = table.index(("offset", *key), f"offset {name}", unit, spread=SPREAD[unit])
-            if slope:
-                spread = SLOPE_SPREAD[unit]
-                slots[1, here] = table.index(("slope", *key), f"slope {name}", f"{unit}/mm", spread=spread)
-                arm[0, here] = _arm(observations, rows[here])
-        settings = ComponentSettings(DIRECTIONS.index(component), slope)
-        result.append(Group(rows, settings, slots, arm))
-    return result
+        rest = change - design @ found
+        rest[np.abs(rest) < 1e-9 * np.abs(change).max()] = 0.0
+        rows = [tuple((-row).tolist()) for row in found] + [(0.0,) * 9]
+        return (rows[0], rows[1]), remainder(rest, self.observations.u[self.rows, 0], reason)
 
 
-COMPONENT = Kind(
-    name="component",
-    readings=("value",),
-    labels={"component": None, "line": "1"},
-    options={"slope": False},
-    predict=predict,
-    groups=groups,
-    doc="component of the deviation + offset of the line (+ slope of the artefact) [mm or rad]",
-    unit="mm or rad",
-)
+def _check_line(observations: ObservationSet, rows: np.ndarray, unit: str) -> None:
+    values = observations.readings[rows, 0]
+    offset = np.abs(values - np.median(values))
+    i = int(np.argmax(offset))
+    if offset[i] <= LARGEST_VALUE[unit]:
+        return
+    likely, limit = ("µrad or arcseconds", "10 mrad") if unit == "rad" else ("µm", "1 mm")
+    raise InputError(
+        f"{observations.where(int(rows[i]))}: value {values[i]:g} lies more than {limit} from the middle of its line; "
+        f"it looks like {likely}, expected {unit}"
+    )
+
+
+COMPONENT = Component()

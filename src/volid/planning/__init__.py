@@ -1,4 +1,7 @@
-"""Standard paths as plans: campaigns without readings, ready for `simulate` and for writing as files."""
+"""Standard paths as plans: campaigns without readings, ready for `volid.simulate` and for writing as files.
+
+`standard_plan` determines a machine with three linear axes from tracker distances; the others move rotary axes too.
+"""
 
 from volid.planning.ball_bar import cone_frustum
 from volid.planning.rtest import iso10791_path, rtest_static_grid

@@ -33,13 +33,37 @@ def cone_frustum(
     u: float = 0.0005,
     calibrated_u: float = 0.0005,
 ) -> Campaign:
-    """Plan of a ball-bar test on a cone frustum, `n` readings round one turn.
+    """Plan of a ball-bar test on a cone frustum: readings round one turn, all five axes moving, the bar square to the tool axis.
 
-    `centre`: of the circle, workpiece frame with all axes at 0, by default one that the travels reach; `tool`: to the ball in
-    the spindle; `length` of the bar [mm].
-    `half_angle` of the cone, `inclination` of its axis about Y [degrees]. The circle has radius length·cos(half_angle); the
-    station on the workpiece stands length·sin(half_angle) above its centre on the cone axis. Positions outside a travel are
-    left out and named. Raises `InputError` when the machine has not two rotary axes, or cannot turn the tool that far.
+    The ball in the spindle runs on a circle of radius length·cos(half_angle); the ball on the workpiece stands
+    length·sin(half_angle) above the centre of the circle, on the axis of the cone. Positions outside a travel are left out and
+    named in `warnings`. Collisions are not considered.
+
+    Args:
+        machine: A machine with X, Y, Z and two rotary axes.
+        centre: Of the circle, (x, y, z) in the workpiece frame with all axes at 0 [mm]; None: one that the travels reach.
+        tool: Vector to the ball in the spindle, (x, y, z) [mm].
+        length: Of the bar between the centres of its balls [mm].
+        half_angle: Of the cone [degrees].
+        inclination: Of the axis of the cone, about Y [degrees].
+        n: Number of readings, both ends of the turn included.
+        u: Standard uncertainty of a reading [mm].
+        calibrated_u: Standard uncertainty of the calibrated length [mm].
+
+    Returns:
+        A campaign with one `distance` set without readings, and the station "ball".
+
+    Raises:
+        InputError: the machine has not two rotary axes, or cannot turn the tool that far, or no position lies within the travels.
+
+    References:
+        NAS 979, cone-frustum workpiece; ISO 10791-7.
+
+    Example:
+        >>> from volid.io import read_machine
+        >>> plan = cone_frustum(read_machine("models/wCAYXbZt_trunnion.toml"), tool=(0, 0, -120), n=37)
+        >>> plan.n_readings, plan.stations[0].name
+        (37, 'ball')
     """
     if len(rotary_axes(machine)) != 2:
         raise InputError(f"machine '{machine.name}' needs two rotary axes for a cone frustum")

@@ -15,7 +15,7 @@ from volid.exceptions import InputError
 from volid.model.machine import Axis, Machine
 from volid.observations.displacement import RANGE
 from volid.planning.following import follow, one_turn, rotary_axes, with_rotary, within_travel
-from volid.planning.places import spheres_and_tools
+from volid.planning.places import Places, spheres_and_tools
 
 Vector = Sequence[float]
 U = 0.0005  # mm, of one coordinate of the sensor nest
@@ -32,19 +32,33 @@ def rtest_static_grid(
     sensor_on: str = "tool",
     u: float = U,
 ) -> Campaign:
-    """Plan of an R-test at all pairs of `n1` positions of the first rotary axis (workpiece to tool) and `n2` of the second.
+    """Plan of an R-test at all pairs of positions of two rotary axes, or at the positions of one.
 
-    Evenly over the travel, over one turn of a longer one, ends included; every other line backwards. `spheres`: places on
-    the workpiece by name, (x, y, z) [mm] with all axes at 0. `tools`: vectors to the nest (or to the sphere in the spindle)
-    [mm], one for all spheres, one per sphere, or several for a single sphere. What is None is chosen (`spheres_and_tools`).
+    Positions stand evenly over the travel, or over one turn of a longer travel, ends included; every other line is run backwards.
     The linear axes follow: without errors every displacement is 0. Positions outside a travel are left out and named in
-    `warnings`. Raises `InputError` when nothing is left, or the machine has not one or two rotary axes. Not considered:
-    collisions.
+    `warnings`. Collisions are not considered.
 
-    >>> from volid.io import read_machine
-    >>> plan = rtest_static_grid(read_machine("models/wCAYXbZt_trunnion.toml"), {"P1": (60, 0, 40)}, (0, 0, -120), 13, 7)
-    >>> len(plan.sets[0]), plan.warnings
-    (91, ())
+    Args:
+        machine: A machine with X, Y, Z and one or two rotary axes.
+        spheres: Places on the workpiece by name, (x, y, z) with all axes at 0 [mm]; None: as far apart as the travels let.
+        tools: Vectors to the nest (or to the sphere in the spindle), (x, y, z) [mm]: one for all spheres, one per sphere, or
+            several for a single sphere; None: vectors that lie on no line under a head, else one along the spindle.
+        n1: Number of positions of the first rotary axis, counted from workpiece to tool; at least 2.
+        n2: Number of positions of the second one.
+        sensor_on: Which body carries the sensor nest, "tool" or "workpiece".
+        u: Standard uncertainty of one coordinate of a displacement [mm].
+
+    Returns:
+        A campaign with one `displacement` set without readings.
+
+    Raises:
+        InputError: the machine has not one or two rotary axes; spheres and tools do not go together; no position is left.
+
+    Example:
+        >>> from volid.io import read_machine
+        >>> plan = rtest_static_grid(read_machine("models/wCAYXbZt_trunnion.toml"), {"P1": (60, 0, 40)}, (0, 0, -120), 13, 7)
+        >>> len(plan.sets[0]), plan.warnings
+        (91, ())
     """
     axes = rotary_axes(machine)
     if len(axes) > 2:
@@ -55,7 +69,8 @@ def rtest_static_grid(
     ]
     grid = np.array(pairs)[:, : len(axes)].T
     positions = with_rotary(machine, **{axis.letter: q for axis, q in zip(axes, grid, strict=True)})
-    return _plan(machine, positions, np.zeros_like(positions), "static grid", spheres, tools, sensor_on, u)
+    places = spheres_and_tools(machine, positions, spheres, tools)
+    return _plan(machine, positions, np.zeros_like(positions), "static grid", places, sensor_on, u)
 
 
 def iso10791_path(
@@ -68,13 +83,36 @@ def iso10791_path(
     sensor_on: str = "tool",
     u: float = U,
 ) -> Campaign:
-    """Plan of a kinematic test of ISO 10791-6, there and back, `n` readings each way; the sphere stays in the nest.
+    """Plan of a kinematic test of ISO 10791-6, there and back; the linear axes follow so that the sphere stays in the nest.
 
-    `test`: K1, the tilting or swivelling axis turns (the second one, workpiece to tool) and the linear axes follow; K2, the
-    other rotary axis turns; K4, both turn together. Before it stands the letter of the layout, A two rotary axes in the head, B
-    two in the table, C one on each side: "BK1"; a letter that is not the machine's is an `InputError`. Angles run over the
-    travel, over one turn of a longer one; the standing axis is at 0. Positions outside a travel are left out and named.
-    A sphere or tool that is None is chosen (`spheres_and_tools`).
+    In K1 the tilting or swivelling axis turns (the second one, counted from workpiece to tool), in K2 the other rotary axis, in
+    K4 both together; an axis that stands is at 0. Angles run over the travel, or over one turn of a longer travel. Positions
+    outside a travel are left out and named in `warnings`. Feed, evaluation and collisions are not considered.
+
+    Args:
+        machine: A machine with X, Y, Z and two rotary axes.
+        test: "K1", "K2" or "K4", also with the letter of the layout before it: A two rotary axes in the head, B two in the
+            table, C one on each side, such as "BK1".
+        sphere: Place on the workpiece, (x, y, z) with all axes at 0 [mm]; None: one that the travels reach.
+        tool: Vector to the nest (or to the sphere in the spindle), (x, y, z) [mm]; None: one along the spindle.
+        n: Number of readings each way.
+        sensor_on: Which body carries the sensor nest, "tool" or "workpiece".
+        u: Standard uncertainty of one coordinate of a displacement [mm].
+
+    Returns:
+        A campaign with one `displacement` set without readings, with the direction of every axis that turns.
+
+    Raises:
+        InputError: the machine has not two rotary axes, or not the layout that the test names; no position is left.
+
+    Reference:
+        ISO 10791-6:2014, tests AK1 … CK4.
+
+    Example:
+        >>> from volid.io import read_machine
+        >>> plan = iso10791_path(read_machine("models/wCAYXbZt_trunnion.toml"), "BK2", (60, 0, 40), (0, 0, -120), n=37)
+        >>> len(plan.sets[0]), plan.title
+        (74, 'R-test, BK2')
     """
     turning, standing = _axes_of(machine, test)
     there = {axis.letter: np.linspace(*one_turn(axis), n) for axis in turning}
@@ -84,7 +122,8 @@ def iso10791_path(
     for axis in turning:
         way[:, machine.index(axis.letter)] = np.repeat([1.0, -1.0], n)
     spheres = None if sphere is None else {"P1": sphere}
-    return _plan(machine, positions, way, test, spheres, tool, sensor_on, u, runs=1)
+    places = spheres_and_tools(machine, positions, spheres, tool, n=1)
+    return _plan(machine, positions, way, test, places, sensor_on, u)
 
 
 def _axes_of(machine: Machine, test: str) -> tuple[list[Axis], list[Axis]]:
@@ -106,19 +145,17 @@ def _count(n: int, axis: Axis) -> int:
     return n
 
 
-def _paired(
-    spheres: Mapping[str, Vector], tools: Vector | Sequence[Vector]
-) -> list[tuple[str, np.ndarray, np.ndarray]]:
+def _paired(places: Places) -> list[tuple[str, np.ndarray, np.ndarray]]:
     """(name, sphere, tool) of every run."""
-    vectors = np.atleast_2d(np.asarray(tools, dtype=float))
-    places = {name: np.asarray(place, dtype=float) for name, place in spheres.items()}
-    runs = max(len(vectors), len(places))
-    if not places or any(p.shape != (3,) for p in places.values()) or vectors.shape[1:] != (3,):
+    vectors = np.atleast_2d(np.asarray(places.tools, dtype=float))
+    spheres = {name: np.asarray(place, dtype=float) for name, place in places.spheres.items()}
+    runs = max(len(vectors), len(spheres))
+    if not spheres or any(p.shape != (3,) for p in spheres.values()) or vectors.shape[1:] != (3,):
         raise InputError("an R-test needs spheres {name: (x, y, z)} and tool vectors (x, y, z), in mm")
-    if {len(vectors), len(places)} - {1, runs}:
-        raise InputError(f"{len(places)} spheres and {len(vectors)} tool vectors; expected as many, or one of either")
-    names = list(places) if len(places) == runs else list(places) * runs
-    return [(name, places[name], vectors[i if len(vectors) == runs else 0]) for i, name in enumerate(names)]
+    if {len(vectors), len(spheres)} - {1, runs}:
+        raise InputError(f"{len(spheres)} spheres and {len(vectors)} tool vectors; expected as many, or one of either")
+    names = list(spheres) if len(spheres) == runs else list(spheres) * runs
+    return [(name, spheres[name], vectors[i if len(vectors) == runs else 0]) for i, name in enumerate(names)]
 
 
 def _plan(
@@ -126,18 +163,14 @@ def _plan(
     positions: np.ndarray,
     directions: np.ndarray,
     name: str,
-    spheres: Mapping[str, Vector] | None,
-    tools: Vector | Sequence[Vector] | None,
+    places: Places,
     sensor_on: str,
     u: float,
-    runs: int = 3,
 ) -> Campaign:
-    """One displacement set: the rotary positions run through for every sphere and tool vector, `runs` when none is given."""
-    if spheres is None or tools is None:
-        spheres, tools = spheres_and_tools(machine, positions, spheres, tools, runs)
+    """One displacement set: the rotary positions run through for every sphere and tool vector."""
     q, way, tool, label = [], [], [], []
     warnings: tuple[str, ...] = ()
-    for sphere, place, vector in _paired(spheres, tools):
+    for sphere, place, vector in _paired(places):
         kept = within_travel(machine, follow(machine, positions, vector, place), f"{name}, sphere '{sphere}'")
         q.append(kept.positions)
         way.append(directions[kept.rows])
@@ -145,7 +178,11 @@ def _plan(
         label += [sphere] * len(kept.rows)
         warnings += kept.warnings
     unread = np.full((len(label), 3), np.nan)
-    options = {"sensor_on": sensor_on, "sphere": {n: [float(c) for c in p] for n, p in spheres.items()}, "range": RANGE}
+    options = {
+        "sensor_on": sensor_on,
+        "sphere": {n: [float(c) for c in p] for n, p in places.spheres.items()},
+        "range": RANGE,
+    }
     planned = ObservationSet(
         name=name,
         kind="displacement",

@@ -24,10 +24,24 @@ U = {"constant": 0.0003, "proportional": 3.0e-7}  # mm, mm/mm: a tracking interf
 
 
 def standard_plan(machine: Machine, n_per_station: int = 400, seed: int = 0) -> Campaign:
-    """Distances from six stations on the workpiece, each seeing all three tool vectors one after the other.
+    """Plan of distances from six stations on the workpiece, each seeing all three tool vectors one after the other.
 
-    `n_per_station`: distances of every station. Positions are a low-discrepancy sequence that covers the end planes,
-    different for every station. Collisions and lines of sight are not considered.
+    It determines the whole rigid model of a machine with three linear axes. Positions are a low-discrepancy sequence that covers
+    the end planes, different for every station. Collisions and lines of sight are not considered.
+
+    Args:
+        machine: The machine to measure.
+        n_per_station: Number of distances of every station.
+        seed: Of the sequence, a whole number from 0.
+
+    Returns:
+        A campaign with one `distance` set without readings; u as of a tracking interferometer, 0.3 µm + 0.3 µm/m.
+
+    Example:
+        >>> from volid.io import read_machine
+        >>> plan = standard_plan(read_machine("models/wYXbZt_vertical.toml"), n_per_station=100)
+        >>> plan.n_readings, len(plan.stations)
+        (600, 6)
     """
     sampler = qmc.Halton(len(machine.axes), seed=seed)
     unit = np.clip(sampler.random(n_per_station * len(STATIONS)) * 1.1 - 0.05, 0.0, 1.0)

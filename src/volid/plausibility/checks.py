@@ -2,35 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from volid.campaign import Campaign, ObservationSet
 from volid.exceptions import InputError
-from volid.model.iso230 import DIRECTIONS
-from volid.model.kinematics import nominal_point
 from volid.model.machine import Machine
 from volid.observations import KINDS
-from volid.plausibility.polar import check_polar
-from volid.plausibility.rotary import check_displacements, check_motion, check_radians, scattered
+from volid.plausibility.rotary import check_motion, check_radians, scattered
 from volid.plausibility.tools import check_stations, check_tools
 from volid.plausibility.travels import check_digits, check_far, check_metres
-from volid.plausibility.units import check_components, check_distances, positions_look_small
+from volid.plausibility.units import check_lengths, positions_look_small
 
 SAME_POSITION = {True: 1e-3, False: 1e-6}  # linear [mm], rotary [degrees]: commanded positions nearer are the same
 _ROWS_NAMED = 5
 _CONTINUOUS = 1e-4  # of the spread of repeated readings: a resolution that is as good as continuous
 _STEPS_TRIED = 1000  # differences that the resolution is found from
 _COINCIDENCES = 10.0  # identical readings, over those expected by chance, that can be no chance
-
-_UNIT_CHECKS: dict[str, Callable[[ObservationSet, Campaign], None]] = {
-    "distance": check_distances,
-    "component": check_components,
-    "displacement": check_displacements,
-    "polar": check_polar,
-}
 
 
 @dataclass(frozen=True)
@@ -68,8 +58,8 @@ def check_campaign(campaign: Campaign) -> tuple[str, ...]:
         _check_labels(readings)
         check_digits(readings)
         check_far(readings, campaign.machine)
-        if readings.kind in _UNIT_CHECKS:
-            _UNIT_CHECKS[readings.kind](readings, campaign)
+        KINDS[readings.kind].check_values(readings, campaign)
+        check_lengths(readings, campaign)
         check_radians(readings, campaign)
         check_metres(readings, campaign.machine)
         warnings += check_tools(readings, campaign)
@@ -96,12 +86,12 @@ def _check_numbers(readings: ObservationSet) -> None:
 
 
 def _check_labels(readings: ObservationSet) -> None:
-    components = readings.labels.get("component", np.array(DIRECTIONS))
-    strange = ~np.isin(components, DIRECTIONS)
-    if strange.any():
-        i = int(np.argmax(strange))
-        expected = ", ".join(DIRECTIONS)
-        raise InputError(f"{readings.where(i)}: component is '{components[i]}'; expected one of {expected}")
+    for label, expected in KINDS[readings.kind].choices.items():
+        strange = ~np.isin(readings.labels[label], expected)
+        if strange.any():
+            i = int(np.argmax(strange))
+            found = readings.labels[label][i]
+            raise InputError(f"{readings.where(i)}: {label} is '{found}'; expected one of {', '.join(expected)}")
 
 
 def _name_rows(readings: ObservationSet, rows: np.ndarray) -> str:
@@ -195,10 +185,10 @@ def closures(campaign: Campaign) -> tuple[Closure, ...]:
 
 def _centres_as_readings(readings: ObservationSet, machine: Machine) -> ObservationSet:
     """Sphere centres as what was found at rotary positions: their places as readings, linear positions 0; else as it is."""
-    if readings.kind != "displacement" or readings.readings.any():
+    places = None if readings.readings.any() else KINDS[readings.kind].places(readings, machine)
+    if places is None:
         return readings
     rotary = [not axis.is_linear for axis in machine.axes]
-    places = nominal_point(machine, readings.positions, readings.tool)
     return replace(readings, positions=readings.positions * rotary, readings=places)
 
 

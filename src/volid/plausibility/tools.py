@@ -16,7 +16,8 @@ import numpy as np
 
 from volid.campaign import Campaign, ObservationSet
 from volid.exceptions import InputError
-from volid.plausibility.units import FITS, Beam, beams, trial
+from volid.observations.beams import Beam
+from volid.plausibility.units import FITS, TRIAL_ROWS, beams, trial
 
 _METRE = 1000.0
 _SHORT = 2.0  # mm: a tool vector in metres is no longer
@@ -33,7 +34,7 @@ def check_tools(readings: ObservationSet, campaign: Campaign) -> Iterator[str]:
     if not 0.0 < length < _SHORT:
         return
     where = f"{readings.source or readings.name}, set '{readings.name}'"
-    if readings.kind == "distance" and (_fits_only_longer(readings, campaign) or _displaced(readings, campaign)):
+    if _fits_only_longer(readings, campaign) or _displaced(readings, campaign):
         raise InputError(
             f"{where}: tool vectors seem to be in metres: the longest is {length:g} mm, but the distances agree with one that is "
             "1000 times longer; expected mm. Multiply tool_x, tool_y, tool_z (or the set's `tool`) by 1000"
@@ -46,7 +47,7 @@ def _fits_only_longer(readings: ObservationSet, campaign: Campaign) -> bool:
     longer = replace(readings, tool=_METRE * readings.tool)
     votes = []
     for given, tried in zip(beams(readings, campaign), beams(longer, campaign), strict=True):
-        before, after = trial(given.thinned(), 1.0), trial(tried.thinned(), 1.0)
+        before, after = trial(given.thinned(TRIAL_ROWS), 1.0), trial(tried.thinned(TRIAL_ROWS), 1.0)
         if before is not None and after is not None:
             fits = after[0] <= FITS * tried.extent
             votes.append(fits and before[0] > FITS * given.extent and after[0] < _BETTER * before[0])
@@ -67,7 +68,7 @@ def _located(readings: ObservationSet, campaign: Campaign) -> Iterator[tuple[Bea
     for beam in beams(readings, campaign):
         if beam.station.position is None or (beam.station.known and beam.station.frame != "machine"):
             continue
-        found = trial(beam.thinned(), 1.0)
+        found = trial(beam.thinned(TRIAL_ROWS), 1.0)
         if found is not None and found[0] <= FITS * beam.extent:
             yield beam, found[1]
 
@@ -77,7 +78,7 @@ def check_stations(readings: ObservationSet, campaign: Campaign) -> None:
 
     Not judged: known stations in their common frame, whose place in the machine is unknown.
     """
-    if readings.kind != "distance" or not _any_disagrees(readings, campaign):
+    if not _any_disagrees(readings, campaign):
         return
     places = [(beam.station, found) for beam, found in _located(readings, campaign)]
     where = f"{readings.source or readings.name}, set '{readings.name}'"

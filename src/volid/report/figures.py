@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from volid.compensation.grids.rotary import RotaryGrid
+from volid.compensation.grids.grid import RotaryGrid
+from volid.fitting.results import FunctionValue
 from volid.fitting.solution import Solution
 from volid.model.iso230 import DIRECTIONS, ROTARY_AXES, describe, motion, parse
 
@@ -53,19 +54,17 @@ def _function_panel(panel: Any, solution: Solution, name: str, truth: Mapping[st
         panel.text(0.5, 0.5, "not in the model", transform=panel.transAxes, ha="center", color="0.5", fontsize=8)
         return
     x = np.linspace(*solution.machine.axis(error.axis).travel, 201)
-    rows = solution.motion(name, x)
+    rows, scale = solution.motion(name, x), 1e6 if error.is_rotation else 1e3
     for direction, colour in zip((0, 1, -1), COLUMNS, strict=True):
-        chosen = [r for r in rows if r.direction == direction]
-        if chosen:
-            value = 1e3 * np.array([r.value for r in chosen]) * (1e3 if error.is_rotation else 1.0)
-            u = 1e3 * np.array([r.u for r in chosen]) * (1e3 if error.is_rotation else 1.0)
+        own = [r for r in rows if r.direction == direction]
+        if own:
+            value, u = (scale * np.array([getattr(r, key) for r in own]) for key in ("value", "u"))
             label = {0: None, 1: "approached in +", -1: "approached in -"}[direction]
             panel.fill_between(x, value - K * u, value + K * u, color=colour, alpha=0.25, lw=0)
             panel.plot(x, value, color=colour, lw=1.4, label=label)
     if not np.isfinite([r.value for r in rows]).any():
         panel.text(0.5, 0.5, "not determined", transform=panel.transAxes, ha="center", color="#d1495b", fontsize=8)
     if name in truth:
-        scale = 1e6 if error.is_rotation else 1e3
         panel.plot(x, scale * truth[name](x), color="black", lw=0.9, ls="--", label="truth")
     if panel.get_legend_handles_labels()[0]:
         panel.legend(fontsize=7, frameon=False)
@@ -78,27 +77,32 @@ def location_errors(solution: Solution, truth: Mapping[str, float] | None = None
     """
     rows = [solution.location(n) for n in solution.model.names if parse(n).location and parse(n).axis in ROTARY_AXES]
     figure, panels = _subplots(2 if truth else 1, 2, figsize=(10, 5.6 if truth else 3.2), squeeze=False)
-    for column, rotation in enumerate((False, True)):
+    for column, rotation in zip(panels.T, (False, True), strict=True):
         shown = [r for r in rows if parse(r.name).is_rotation == rotation and np.isfinite(r.value)]
-        x, scale = np.arange(len(shown)), 1e6 if rotation else 1e3
-        value, u = (scale * np.array([getattr(r, key) for r in shown]) for key in ("value", "u"))
-        top = panels[0][column]
-        top.bar(x, value, yerr=K * u, color=COLUMNS[0], alpha=0.55, capsize=4, width=0.5, label="identified")
-        if truth:
-            true = scale * np.array([truth.get(r.name, np.nan) for r in shown])
-            top.plot(x, true, "_", color="black", ms=26, mew=1.6, label="truth")
-            top.legend(fontsize=8, frameon=False, markerscale=0.6)
-            below = panels[1][column]
-            below.errorbar(x, value - true, yerr=K * u, fmt="o", color=COLUMNS[0], capsize=4)
-            below.set_ylabel(f"identified − truth / {'µrad' if rotation else 'µm'}")
-        for panel in panels[:, column]:
-            panel.axhline(0.0, color="0.6", lw=0.8)
-            panel.set_xticks(x, [r.name for r in shown])
-            panel.set_xlim(-0.6, len(shown) - 0.4)
-        top.set_ylabel("µrad" if rotation else "µm")
-        top.set_title("orientations" if rotation else "positions", fontsize=9, loc="left", color="0.35")
+        _location_column(column, shown, truth, (1e6, "µrad") if rotation else (1e3, "µm"))
+        column[0].set_title("orientations" if rotation else "positions", fontsize=9, loc="left", color="0.35")
     figure.suptitle(f"{solution.machine.name}: location errors with U (k = 2)")
     return figure
+
+
+def _location_column(
+    panels: Any, shown: list[FunctionValue], truth: Mapping[str, float] | None, unit: tuple[float, str]
+) -> None:
+    """Bars of location errors of one unit; with `truth`, below them identified minus true values."""
+    x, (scale, name) = np.arange(len(shown)), unit
+    value, u = (scale * np.array([getattr(r, key) for r in shown]) for key in ("value", "u"))
+    panels[0].bar(x, value, yerr=K * u, color=COLUMNS[0], alpha=0.55, capsize=4, width=0.5, label="identified")
+    panels[0].set_ylabel(name)
+    if truth:
+        true = scale * np.array([truth.get(r.name, np.nan) for r in shown])
+        panels[0].plot(x, true, "_", color="black", ms=26, mew=1.6, label="truth")
+        panels[0].legend(fontsize=8, frameon=False, markerscale=0.6)
+        panels[1].errorbar(x, value - true, yerr=K * u, fmt="o", color=COLUMNS[0], capsize=4)
+        panels[1].set_ylabel(f"identified − truth / {name}")
+    for panel in panels:
+        panel.axhline(0.0, color="0.6", lw=0.8)
+        panel.set_xticks(x, [r.name for r in shown])
+        panel.set_xlim(-0.6, len(shown) - 0.4)
 
 
 def angle_map(solution: Solution, number: int = 0, held_out: bool = True) -> Figure:
@@ -131,19 +135,17 @@ def rotary_grid(grid: RotaryGrid) -> Figure:
     shape = tuple(len(n) for n in reversed(grid.nodes))
     figure, panels = _subplots(2, 3, figsize=(13, 6.2), sharex=True, sharey=True)
     for k, panel in enumerate(panels.ravel()):
-        values = (1e6 if k >= 3 else 1e3) * grid.values[:, k].reshape(shape)
+        scale, what, unit = (1e6, "rotation about", "µrad") if k >= 3 else (1e3, "translation in", "µm")
+        values = scale * grid.values[:, k].reshape(shape)
         largest = float(np.nanmax(np.abs(values)))
         levels = MaxNLocator(nbins=20, symmetric=True).tick_values(-largest, largest)
         colours = panel.contourf(grid.nodes[1], grid.nodes[0], values.T, levels=levels, cmap="RdBu_r")
         figure.colorbar(colours, ax=panel, ticks=MaxNLocator(nbins=8, symmetric=True))
-        unit = "µrad" if k >= 3 else "µm"
-        panel.set_title(
-            f"{'rotation about' if k >= 3 else 'translation in'} {'XYZ'[k % 3]} / {unit}", fontsize=9, loc="left"
-        )
-        if k >= 3:
-            panel.set_xlabel(f"{grid.axes[1]} / °")
-        if k % 3 == 0:
-            panel.set_ylabel(f"{grid.axes[0]} / °")
+        panel.set_title(f"{what} {'XYZ'[k % 3]} / {unit}", fontsize=9, loc="left")
+    for panel in panels[-1]:
+        panel.set_xlabel(f"{grid.axes[1]} / °")
+    for panel in panels[:, 0]:
+        panel.set_ylabel(f"{grid.axes[0]} / °")
     point = ", ".join(f"{c:g}" for c in grid.reference_point)
     figure.suptitle(f"{grid.type}, {grid.side}: error of the point ({point}) mm in the {grid.frame} frame")
     return figure

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from volid.fitting.solution import FunctionValue, Solution
+from volid.fitting.results import FunctionValue
+from volid.fitting.solution import Solution
 from volid.model.iso230 import parse
 from volid.uncertainty.budget import Line
 from volid.uncertainty.coverage import coverage_intervals

@@ -13,46 +13,63 @@ from typing import Any
 
 import numpy as np
 
-from volid.campaign import Campaign, ObservationSet
-from volid.compensation.grids.linear import describe_datum, linear_grid
+from volid.campaign import Campaign
+from volid.compensation.grids.linear import linear_grid
 from volid.compensation.grids.parts import left_out
 from volid.compensation.grids.rotary import rotary_grids
 from volid.compensation.residual.volume import predict_residual, volumetric_summary
 from volid.exceptions import InputError, NotDeterminedError
 from volid.fitting.diagnosis.adequacy import SuspectReading
-from volid.fitting.diagnosis.hold_out import by_angle, rotary_poses, total
-from volid.fitting.solution import FunctionValue, Solution
-from volid.model.iso230 import DIRECTIONS, LINEAR_AXES, ROTARY_AXES, ROTATIONS, SPINDLE, describe, parse
+from volid.fitting.diagnosis.hold_out import by_angle, total
+from volid.fitting.results import FunctionValue
+from volid.fitting.solution import Solution
+from volid.model.error_functions import describe_datum
+from volid.model.iso230 import DIRECTIONS, LINEAR_AXES, ROTARY_AXES, SPINDLE, describe, parse
 from volid.observations import KINDS
-from volid.observations.distance import sees_tool
+from volid.observations.base import DEGREES
 from volid.plausibility.checks import closures
 from volid.report.summary_text import format_summary
 from volid.uncertainty.lack_of_fit import lack_of_fit
 
 FORMAT = "volid-summary/1"
 K = 2.0
-ANGLES = (", azimuth", ", elevation")
 _POINTS = 101  # of each function, for its range and largest u
 
 
-def most_used_tool(campaign: Campaign) -> tuple[float, float, float]:
-    """The tool vector of most readings [mm]; of equally frequent ones the first in the campaign."""
-    with_tool = [s for s in campaign.sets if sees_tool(s)] or campaign.sets
-    tools = np.concatenate([s.tool for s in with_tool])
-    values, first, counts = np.unique(np.round(tools, 6), axis=0, return_index=True, return_counts=True)
-    best = max(range(len(values)), key=lambda i: (counts[i], -first[i]))
-    x, y, z = (values[best] + 0.0).tolist()
-    return x, y, z
-
-
 def summary_data(solution: Solution, tool: Sequence[float] | None = None) -> dict[str, Any]:
-    """The summary as plain objects, mm and rad; `tool`: tool vector [mm] of the volumetric numbers, default: the most used."""
-    at = most_used_tool(solution.campaign) if tool is None else (float(tool[0]), float(tool[1]), float(tool[2]))
-    adequacy, statistics, lack = solution.adequacy, solution.statistics, lack_of_fit(solution)
+    """The summary as plain objects that JSON has, mm and rad; None is what is not determined.
+
+    Args:
+        solution: of a fit.
+        tool: tool vector (3,) of the volumetric numbers [mm]; None: the one of most readings.
+    """
+    x, y, z = solution.campaign.most_used_tool() if tool is None else map(float, tool)
     table = _tabulated(solution)
-    constants = [name for name in table if parse(name).location]
     data = {
         "format": FORMAT,
+        **_verdict(solution),
+        **_origin(solution),
+        "tool": [x, y, z],
+        **_constants(solution, [name for name in table if parse(name).location]),
+        "volume": _volume(solution, (x, y, z)),
+        "functions": [_function(solution, n, rows) for n, rows in table.items() if not parse(n).location],
+        "weakest": _weakest(row for rows in table.values() for row in rows),
+        "not_determined": list(solution.statements),
+        "held_tool_frame": list(solution.held_tool_rotation),
+        "outliers": [_reading(r) for r in solution.readings.outlier_readings],
+        "suspects": [_reading(r) for r in solution.adequacy.suspects],
+        "repeats": _repeats(solution.campaign),
+        "held_out": _held_out(solution),
+        "notes": list(solution.notes),
+        "provenance": dict(solution.provenance),
+    }
+    return {key: plain(value) for key, value in data.items()}
+
+
+def _verdict(solution: Solution) -> dict[str, Any]:
+    """Whether the model agrees with the data, and the numbers of the fit."""
+    adequacy, statistics, lack = solution.adequacy, solution.statistics, lack_of_fit(solution)
+    return {
         "accepted": adequacy.degrees_of_freedom > 0 and not adequacy.rejected,
         "rejected": adequacy.rejected,
         "verdict": adequacy.verdict,
@@ -64,28 +81,29 @@ def summary_data(solution: Solution, tool: Sequence[float] | None = None) -> dic
         "iterations": statistics.iterations,
         "n_readings": statistics.n_readings,
         "n_parameters": statistics.n_parameters,
+    }
+
+
+def _origin(solution: Solution) -> dict[str, Any]:
+    """What was measured: machine, axes, campaign, datum, sets."""
+    sets = range(len(solution.campaign.sets))
+    return {
         "machine": {"name": solution.machine.name, "structure": solution.machine.structure},
         "axes": _axes(solution),
         "campaign": solution.campaign.title,
-        "datum": describe_datum(solution),
-        "sets": [row for i in range(len(solution.campaign.sets)) for row in _set_rows(solution, i)],
-        "tool": list(at),
-        "squareness": [_constant(solution, n) for n in constants if parse(n).axis in LINEAR_AXES],
-        "location_errors": [_location_error(solution, n) for n in constants if parse(n).axis in ROTARY_AXES],
-        "tool_frame": [_constant(solution, n) for n in constants if parse(n).axis == SPINDLE],
-        "volume": _volume(solution, at),
-        "functions": [_function(solution, n, rows) for n, rows in table.items() if not parse(n).location],
-        "weakest": _weakest(row for rows in table.values() for row in rows),
-        "not_determined": list(solution.statements),
-        "held_tool_frame": list(solution.held_tool_rotation),
-        "outliers": [_reading(r) for r in solution.readings.outlier_readings],
-        "suspects": [_reading(r) for r in adequacy.suspects],
-        "repeats": _repeats(solution.campaign),
-        "held_out": _held_out(solution),
-        "notes": list(solution.notes),
-        "provenance": dict(solution.provenance),
+        "datum": describe_datum(solution.machine, solution.datum),
+        "sets": [row for i in sets for row in _set_rows(solution, i)],
     }
-    return {key: plain(value) for key, value in data.items()}
+
+
+def _constants(solution: Solution, names: Sequence[str]) -> dict[str, Any]:
+    """The constants by what they belong to."""
+    by_axis = {name: parse(name).axis for name in names}
+    return {
+        "squareness": [_constant(solution, n) for n, axis in by_axis.items() if axis in LINEAR_AXES],
+        "location_errors": [_location_error(solution, n) for n, axis in by_axis.items() if axis in ROTARY_AXES],
+        "tool_frame": [_constant(solution, n) for n, axis in by_axis.items() if axis == SPINDLE],
+    }
 
 
 def plain(value: Any) -> Any:
@@ -105,29 +123,11 @@ def _axes(solution: Solution) -> list[dict[str, Any]]:
     return sorted(found, key=lambda row: DIRECTIONS.index(row["axis"]))
 
 
-def _parts(readings: ObservationSet) -> Iterator[tuple[str, str, np.ndarray]]:
-    """Kind in words, unit and rows, or rows and columns, of the parts of a set whose readings share a unit."""
-    components, kind = readings.labels.get("component"), KINDS[readings.kind]
-    for unit in dict.fromkeys(kind.units):
-        columns = [u == unit for u in kind.units]
-        names = ", ".join(n for n, own in zip(kind.readings, columns, strict=True) if own)
-        yield f"{kind.file_kind or kind.name}, {names}", unit, np.tile(columns, (len(readings), 1))
-    if kind.units:
-        return
-    if components is None:
-        yield readings.kind, KINDS[readings.kind].unit, np.ones(len(readings), dtype=bool)
-        return
-    for unit, letters in (("mm", DIRECTIONS[:3]), ("rad", ROTATIONS)):
-        rows = np.isin(components, letters)
-        if rows.any():
-            yield f"{readings.kind} {''.join(sorted(set(components[rows])))}", unit, rows
-
-
 def _set_rows(solution: Solution, i: int) -> Iterator[dict[str, Any]]:
     readings, left = solution.campaign.sets[i], solution.readings
-    for kind, unit, rows in _parts(readings):
+    for kind, unit, rows in KINDS[readings.kind].parts(readings):
         used = ~left.outliers[i][rows]
-        to_rad = np.pi / 180.0 if unit == "degrees" else 1.0
+        to_rad = np.pi / 180.0 if unit == DEGREES else 1.0
         yield {
             "set": readings.name,
             "kind": kind,
@@ -135,7 +135,7 @@ def _set_rows(solution: Solution, i: int) -> Iterator[dict[str, Any]]:
             "n_outliers": int(used.size - used.sum()),
             "u_rms": to_rad * _rms(readings.u[rows][used]),
             "residual_rms": to_rad * _rms(left.residuals[i][rows][used]),
-            "unit": "rad" if unit == "degrees" else unit,
+            "unit": "rad" if unit == DEGREES else unit,
         }
 
 
@@ -172,27 +172,27 @@ def _volume(solution: Solution, tool: tuple[float, float, float]) -> dict[str, A
     }
     if found["left_out"]:
         return found | {"not_predicted": "the model leaves out error functions"}
-    rotary = any(not axis.is_linear for axis in solution.machine.axes)
     try:
-        grid = linear_grid(solution, tool=tool)
-        tables = rotary_grids(solution) if rotary else ()
+        after = _expected(solution, tool)
     except NotDeterminedError:
         return found
     except InputError:
         return found | {"not_predicted": "no grid holds the errors of these rotary axes"}
+    return found | {"not_predicted": None, "after": after} if math.isfinite(after["max"]) else found
+
+
+def _expected(solution: Solution, tool: tuple[float, float, float]) -> dict[str, Any]:
+    """What is expected to remain after L-VOL (and R-VOL) grids [mm]. Raises `NotDeterminedError`, `InputError`."""
+    grid = linear_grid(solution, tool=tool)
+    tables = () if all(axis.is_linear for axis in solution.machine.axes) else rotary_grids(solution)
     after = predict_residual(solution, grid, rotary=tables)
-    if not math.isfinite(after.maximum):
-        return found
-    return found | {
-        "not_predicted": None,
-        "after": {
-            "type": " + ".join(dict.fromkeys([grid.type, *(t.type for t in tables)])),
-            "nodes": [len(nodes) for nodes in grid.nodes],
-            "max": after.maximum,
-            "max_interval_95": after.interval,
-            "rms": after.rms,
-            "interpolation": after.interpolation,
-        },
+    return {
+        "type": " + ".join(dict.fromkeys([grid.type, *(t.type for t in tables)])),
+        "nodes": [len(nodes) for nodes in grid.nodes],
+        "max": after.maximum,
+        "max_interval_95": after.interval,
+        "rms": after.rms,
+        "interpolation": after.interpolation,
     }
 
 
@@ -234,24 +234,21 @@ def _weakest(rows: Iterable[FunctionValue]) -> dict[str, Any] | None:
 
 
 def _reading(reading: SuspectReading) -> dict[str, Any]:
-    rotation = any(f"component {letter}" in reading.label for letter in ROTATIONS)
-    angle = reading.label.endswith(ANGLES)  # degrees
-    rotation = rotation or angle
     return {
         "where": reading.where,
         "label": reading.label,
-        "residual": reading.residual * (np.pi / 180.0 if angle else 1.0),
+        "residual": reading.residual * (np.pi / 180.0 if reading.unit == DEGREES else 1.0),
         "normalised": reading.normalised,
-        "unit": "rad" if rotation else "mm",
+        "unit": "rad" if reading.unit == DEGREES else reading.unit,
     }
 
 
 def _held_out(solution: Solution) -> list[dict[str, Any]]:
     """Residuals of every set with rotary motion, within the fit and held out, all together (axis "") and by angle."""
     left, found = solution.readings, []
-    poses = rotary_poses(solution.campaign) if left.held_out else []
+    poses = solution.campaign.rotary_poses() if left.held_out else []
     for i, readings in enumerate(solution.campaign.sets if left.held_out else ()):
-        units = [unit for _, unit, _ in _parts(readings)]
+        units = [part.unit for part in KINDS[readings.kind].parts(readings)]
         held, residual = left.held_out[i], left.residuals[i]
         known = np.isfinite(held).all(axis=1)
         used = known & ~left.outliers[i].any(axis=1)
@@ -265,7 +262,7 @@ def _held_out(solution: Solution) -> list[dict[str, Any]]:
 
 def _repeats(campaign: Campaign) -> list[dict[str, Any]]:
     """How well readings repeated at one place agree: drift and repeatability, before any model."""
-    units = {s.name: [unit for _, unit, _ in _parts(s)] for s in campaign.sets}
+    units = {s.name: [part.unit for part in KINDS[s.kind].parts(s)] for s in campaign.sets}
     return [
         {
             "set": c.set,
@@ -282,5 +279,19 @@ def _repeats(campaign: Campaign) -> list[dict[str, Any]]:
 
 
 def summary(solution: Solution, tool: Sequence[float] | None = None) -> str:
-    """The summary as text for a terminal, about 60 lines of at most 100 characters; `tool` as in `summary_data`."""
+    """The summary as text for a terminal: about 60 lines of at most 100 characters, the verdict first.
+
+    Lengths in µm, rotations in µrad, expanded uncertainties with k = 2; "n.d." is what is not determined.
+
+    Args:
+        solution: of a fit.
+        tool: tool vector (3,) of the volumetric numbers [mm]; None: the one of most readings.
+
+    Source: ISO 230-1 for V_XYZ and the symbols.
+
+    >>> import volid
+    >>> solution = volid.fit(volid.load_campaign("datasets/published_positioning/campaign.toml"))
+    >>> print(volid.summary(solution).splitlines()[0])
+    No redundancy: the readings cannot test the model.
+    """
     return format_summary(summary_data(solution, tool))

@@ -76,25 +76,30 @@ def _set_lines(data: dict[str, Any]) -> list[str]:
         for s in data["sets"]
     ]
     lines = table(["set", "kind", "readings", "outliers", "stated u (RMS)", "residual RMS"], rows, left=2)
-    if data["degrees_of_freedom"] > 0:
-        fit = f"unit weight {data['unit_weight']:.2f} (1: residuals agree with the stated u), "
-        fit += f"probability {data['probability']:.2g}, "
-    else:
-        fit = "no redundancy, "
+    return [*lines, *_fit_lines(data), *_repeat_lines(data["repeats"])]
+
+
+def _fit_lines(data: dict[str, Any]) -> list[str]:
+    freedom = data["degrees_of_freedom"]
     counts = f"{data['n_readings']} readings, {data['n_parameters']} parameters, "
-    fit += f"{counts}{data['degrees_of_freedom']} degrees of freedom, {data['iterations']} iterations"
-    lines += paragraph(fit, "fit")
-    if data["degrees_of_freedom"] > 0:
-        lines += paragraph(f"lack of fit: {data['lack_of_fit']['words']}", " ")
-    for c in data["repeats"]:
+    counts += f"{freedom} degrees of freedom, {data['iterations']} iterations"
+    if freedom <= 0:
+        return paragraph(f"no redundancy, {counts}", "fit")
+    weight = f"unit weight {data['unit_weight']:.2f} (1: residuals agree with the stated u)"
+    lines = paragraph(f"{weight}, probability {data['probability']:.2g}, {counts}", "fit")
+    return lines + paragraph(f"lack of fit: {data['lack_of_fit']['words']}", " ")
+
+
+def _repeat_lines(repeats: list[dict[str, Any]]) -> list[str]:
+    lines, sets = [], [c["set"] for c in repeats]
+    for c in repeats:
         size = f"{c['rms_over_u']:.1f} times their u"
         if c["unit"]:
-            size = f"{micro(c['rms'], c['unit'], 2)} {unit_of(c['unit'])} RMS, {size}"
-            size += f"; largest {micro(c['max'], c['unit'], 2)} {unit_of(c['unit'])}"
-        rows_text = " and ".join(str(r) for r in c["rows"])
-        several = sum(other["set"] == c["set"] for other in data["repeats"]) > 1
-        name = f"{c['set']}, {c['reading']}" if several else c["set"]
-        lines += paragraph(f"set {name}: {c['n']} later minus first readings, {size} (rows {rows_text})", "repeats")
+            rms, largest = (f"{micro(c[key], c['unit'], 2)} {unit_of(c['unit'])}" for key in ("rms", "max"))
+            size = f"{rms} RMS, {size}; largest {largest}"
+        rows = " and ".join(str(r) for r in c["rows"])
+        name = f"{c['set']}, {c['reading']}" if sets.count(c["set"]) > 1 else c["set"]
+        lines += paragraph(f"set {name}: {c['n']} later minus first readings, {size} (rows {rows})", "repeats")
     return lines
 
 
@@ -184,38 +189,40 @@ def decimals(u: float) -> int:
 
 
 def _volume_lines(data: dict[str, Any]) -> list[str]:
-    volume, where = data["volume"], vector(data["tool"])
-    columns = [f"{letter} [{'µrad' if letter in ROTATIONS else 'µm'}]" for letter in DIRECTIONS]
-    units = ["rad" if letter in ROTATIONS else "mm" for letter in DIRECTIONS]
-    left_out = volume["left_out"]
-    ranges = [
-        "–" if left_out and volume["accuracy"][c] == 0.0 else micro(volume["accuracy"][c], unit, 1)
-        for c, unit in zip(DIRECTIONS, units, strict=True)
-    ]
-    name = "V_" + "".join(a["axis"] for a in data["axes"])
-    lines = table([f"volume, tool {where} mm", *columns], [[f"{name}, ranges (ISO 230-1)", *ranges]])
-    if left_out:
-        more = f", … ({len(left_out)} functions)" if len(left_out) > _NAMED else ""
-        lines += paragraph(
-            f"not in the model: {', '.join(left_out[:_NAMED])}{more}; their effect is not in these numbers"
-        )
-    before, after = volume["before"], volume["after"]
+    lines, before = _range_lines(data), data["volume"]["before"]
     if before["max"] is None:
         return [*lines, "deviation of the functional point: not determined for this tool vector"]
+    return [*lines, *_deviation_lines(before, data["volume"])]
+
+
+def _range_lines(data: dict[str, Any]) -> list[str]:
+    """Volumetric accuracy of ISO 230-1, component by component, and what of it is not in the model."""
+    accuracy, left_out = data["volume"]["accuracy"], data["volume"]["left_out"]
+    units = {letter: "rad" if letter in ROTATIONS else "mm" for letter in DIRECTIONS}
+    columns = [f"{letter} [{unit_of(unit)}]" for letter, unit in units.items()]
+    ranges = ["–" if left_out and accuracy[c] == 0.0 else micro(accuracy[c], unit, 1) for c, unit in units.items()]
+    name = "V_" + "".join(a["axis"] for a in data["axes"])
+    lines = table([f"volume, tool {vector(data['tool'])} mm", *columns], [[f"{name}, ranges (ISO 230-1)", *ranges]])
+    if left_out:
+        more = f", … ({len(left_out)} functions)" if len(left_out) > _NAMED else ""
+        names = f"{', '.join(left_out[:_NAMED])}{more}"
+        lines += paragraph(f"not in the model: {names}; their effect is not in these numbers")
+    return lines
+
+
+def _deviation_lines(before: dict[str, Any], volume: dict[str, Any]) -> list[str]:
+    """The deviation of the functional point before compensation, and as it is expected after it."""
+    after = volume["after"]
+    indent = 30 if after and "+" in after["type"] else 25
     place = ", ".join(f"{letter} {before['at'][letter]:g}" for letter in sorted(before["at"], key=DIRECTIONS.index))
     text = f"largest {micro(before['max'], 'mm', 1)} µm at {place}; RMS {micro(before['rms'], 'mm', 1)} µm"
-    indent = 30 if after and "+" in after["type"] else 25
-    lines += paragraph(text, "deviation", indent)
-    if after is not None:
-        low, high = (micro(v, "mm", 1) for v in after["max_interval_95"])
-        nodes = " × ".join(str(n) for n in after["nodes"])
-        text = (
-            f"largest {micro(after['max'], 'mm', 1)} µm (95 %: {low} … {high}); RMS {micro(after['rms'], 'mm', 1)} µm"
-        )
-        lines += paragraph(f"{text}; {nodes} nodes", f"after {after['type']}, expected", indent)
-    else:
-        lines += paragraph(f"not predicted: {volume['not_predicted']}", "after L-VOL, expected", indent)
-    return lines
+    lines = paragraph(text, "deviation", indent)
+    if after is None:
+        return lines + paragraph(f"not predicted: {volume['not_predicted']}", "after L-VOL, expected", indent)
+    low, high = (micro(v, "mm", 1) for v in after["max_interval_95"])
+    text = f"largest {micro(after['max'], 'mm', 1)} µm (95 %: {low} … {high}); RMS {micro(after['rms'], 'mm', 1)} µm"
+    nodes = " × ".join(str(n) for n in after["nodes"])
+    return lines + paragraph(f"{text}; {nodes} nodes", f"after {after['type']}, expected", indent)
 
 
 def _function_lines(data: dict[str, Any]) -> list[str]:
@@ -244,7 +251,7 @@ def _reading_lines(data: dict[str, Any]) -> list[str]:
     lines = []
     for key, what in (
         ("outliers", "readings set aside as outliers, and not used"),
-        ("suspects", "readings beyond the critical value, used all the same (--robust sets such aside)"),
+        ("suspects", "readings beyond the critical value, all used (a robust fit sets such aside)"),
     ):
         readings = data[key]
         if not readings:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
 import pickle
 import time
 from collections.abc import Callable, Generator, Mapping
@@ -14,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from volid.backend.processes import Died, cores, in_processes, single_threaded
+from volid.backend.processes import Died, cores, in_processes, single_threaded_environment
 from volid.campaign import Campaign, ObservationSet
 from volid.exceptions import InputError, VolidError
 from volid.fitting.fit import fit
@@ -235,20 +234,25 @@ def run_study(
     """
     if workers is not None and (scheduler or workers < 1):
         wrong = "the scheduler has its own; give one of both" if scheduler else "expected at least 1"
-        raise InputError(f"--workers {workers}: {wrong}")
-    records, report = dict(done or {}), progress or (lambda message: None)
+        raise InputError(f"`workers={workers}`: {wrong}")
+    records = dict(done or {})
     waiting = [task for task in study.tasks if task not in records]
-    total, failed = len(study.tasks), sum(bool(r["error"]) for r in records.values())
-    report(f"{total - len(waiting)} of {total} campaigns" if len(waiting) < total else f"{total} campaigns")
+    total, failed = len(study.tasks), sum(bool(record["error"]) for record in records.values())
+    report = progress or (lambda message: None)
+    report(_progress_of(len(records), total, failed) if records else f"{total} campaigns")
     with closing(_results(study, waiting, workers or cores(), scheduler)) as results:
         for task, record in results:
             records[task] = record
             if save is not None:
                 save(task, record)
             failed += bool(record["error"])
-            left = f", {failed} failed" if failed else ""
-            report(f"{len(records)} of {total} campaigns ({100 * len(records) // total} %){left}")
+            report(_progress_of(len(records), total, failed))
     return [records[task] for task in study.tasks]
+
+
+def _progress_of(done: int, total: int, failed: int) -> str:
+    text = f"{done} of {total} campaigns ({100 * done // total} %)"
+    return f"{text}, {failed} failed" if failed else text
 
 
 def _results(
@@ -268,7 +272,9 @@ def _results(
         except (GeneratorExit, KeyboardInterrupt, VolidError):
             raise
         except Exception as error:
-            raise VolidError(f"--scheduler {scheduler}: the cluster gave up: {error}; go on with --resume") from error
+            raise VolidError(
+                f"`scheduler={scheduler}`: the cluster gave up: {error}; go on with `resume=True`"
+            ) from error
 
 
 _STUDIES: dict[int, Study] = {}  # of this Dask worker, the last one only
@@ -280,10 +286,13 @@ def _campaign(study: Study, *task: Any) -> Record:
 
 
 def _campaign_of_worker(payload: bytes, *task: Any) -> Record:
-    """One campaign, in a Dask worker; in a fresh one JAX and NumPy take one thread."""
-    os.environ.update(single_threaded())
-    key = hash(payload)
-    if key not in _STUDIES:
-        _STUDIES.clear()
-        _STUDIES[key] = pickle.loads(payload)
-    return run_campaign(_STUDIES[key], Task(*task))
+    """One campaign, in a Dask worker; in a fresh one JAX and NumPy take one thread.
+
+    A worker may be a thread of the user's own process, whose environment stays as it was.
+    """
+    with single_threaded_environment():
+        key = hash(payload)
+        if key not in _STUDIES:
+            _STUDIES.clear()
+            _STUDIES[key] = pickle.loads(payload)
+        return run_campaign(_STUDIES[key], Task(*task))

@@ -135,7 +135,7 @@ def budget(solution: Solution) -> Budget:
         normal = centre.engine.equations(system).normal(np.asarray(centre.frozen.z))
         matrix = basis.T @ normal.matrix @ basis
         sources.append(f"readings of set '{s.name}'")
-        stated.append(_one_u(s.u.ravel(), list(KINDS[s.kind].units) or [KINDS[s.kind].unit]))
+        stated.append(_one_u(s.u.ravel(), [part.unit for part in KINDS[s.kind].parts(s)]))
         parts.append(covariance @ matrix @ covariance)
     for name, rows, u in _prior_sources(solution, centre):
         reach = rows @ covariance

@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from volid.fitting.prediction.deviations import THREADS, gradient_matrix
-from volid.fitting.solution import FunctionValue, Solution
+from volid.fitting.results import FunctionValue
+from volid.fitting.solution import Solution
 from volid.model.error_model import ErrorModel
 from volid.uncertainty.coverage import Intervals, coverage_intervals
 from volid.uncertainty.trials.samples import Samples

@@ -61,7 +61,7 @@ def headline_outputs(solution: Solution, tool: np.ndarray | None = None) -> Outp
         else:
             at = np.linspace(*solution.machine.axis(error.axis).travel, POSITIONS)
             own = solution.motion_rows(name, at, 0)
-        kept = ~solution.is_lost(own) & (name not in solution.held_tool_rotation)
+        kept = ~solution.is_not_determined(own) & (name not in solution.held_tool_rotation)
         rows += list(own[kept])
         names += [name] * int(kept.sum())
         positions += at[kept].tolist()

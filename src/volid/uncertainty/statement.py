@@ -101,25 +101,34 @@ def format_statement(found: Statement) -> str:
         f"Monte Carlo: {found.trials} refits{_how(found)}; {PROBABILITY:.0%} coverage intervals",
         "",
         f"{'':20s} {'value':>9s} {'u':>8s} {'u (MC)':>8s} {'U (k=2)':>8s}   {'symmetric':^19s}   {'shortest':^19s}",
+        *map(_line, worst.values()),
+        "",
+        _validity(found),
+        f"lack of fit: {found.lack_of_fit}",
     ]
-    for name, row in worst.items():
-        where = "" if np.isnan(row.position) else f" at {row.position:g}"
-        scale, unit = (1e6, "µrad") if row.unit == "rad" else (1e3, "µm")
-        numbers = [scale * v for v in row[3:11]]
-        u = f"{numbers[1]:8.3f}" if np.isfinite(numbers[1]) else f"{'–':>8s}"
-        mark = "" if row.valid or not row.decided or name in FIELD else "   propagation differs"
-        lines.append(
-            f"{name + where:20s} {numbers[0]:9.3f} {u} {numbers[2]:8.3f} {numbers[3]:8.3f}   "
-            f"{numbers[4]:9.3f} …{numbers[5]:9.3f}   {numbers[6]:9.3f} …{numbers[7]:9.3f} {unit}{mark}"
-        )
+    return "\n".join(lines)
+
+
+def _line(row: Row) -> str:
+    """One output in µm or µrad, with its intervals, and whether propagation gives another one."""
+    where = "" if np.isnan(row.position) else f" at {row.position:g}"
+    scale, unit = (1e6, "µrad") if row.unit == "rad" else (1e3, "µm")
+    numbers = [scale * v for v in row[3:11]]
+    u = f"{numbers[1]:8.3f}" if np.isfinite(numbers[1]) else f"{'–':>8s}"
+    mark = "" if row.valid or not row.decided or row.name in FIELD else "   propagation differs"
+    return (
+        f"{row.name + where:20s} {numbers[0]:9.3f} {u} {numbers[2]:8.3f} {numbers[3]:8.3f}   "
+        f"{numbers[4]:9.3f} …{numbers[5]:9.3f}   {numbers[6]:9.3f} …{numbers[7]:9.3f} {unit}{mark}"
+    )
+
+
+def _validity(found: Statement) -> str:
+    """For how many outputs propagation would have been enough."""
     linear = [row for row in found.rows if np.isfinite(row.u)]
     decided = [row for row in linear if row.decided]
-    valid = sum(row.valid for row in decided)
-    lines += ["", f"propagation would have been enough (JCGM 101, 8) for {valid} of {len(decided)} outputs"]
-    if len(decided) < len(linear):
-        lines[-1] += f"; {len(linear) - len(decided)} need more trials to tell"
-    lines.append(f"lack of fit: {found.lack_of_fit}")
-    return "\n".join(lines)
+    valid, open_ = sum(row.valid for row in decided), len(linear) - len(decided)
+    text = f"propagation would have been enough (JCGM 101, 8) for {valid} of {len(decided)} outputs"
+    return f"{text}; {open_} need more trials to decide" if open_ else text
 
 
 def _how(found: Statement) -> str:

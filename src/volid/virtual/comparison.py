@@ -6,13 +6,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from volid.backend.even_points import even_points
-from volid.fitting.datum import rigid_motion_rows, tool_rotation_rows
 from volid.fitting.prediction.deviations import deviation_values, gradient_matrix
-from volid.fitting.prediction.spread import linear_uncertainty
+from volid.fitting.prediction.spread import covariance_root, linear_uncertainty
+from volid.fitting.prediction.working_volume import spread_positions
 from volid.fitting.solution import Solution
 from volid.model.error_functions import reference_of
 from volid.model.iso230 import SPINDLE, parse
+from volid.model.jacobian import rigid_motion_rows, tool_rotation_rows
 from volid.virtual.truth import Truth
 
 POINTS = 64  # of the deviation field, over the travel (Halton)
@@ -22,11 +22,14 @@ NOTHING = 1e-6  # of the largest u of a function: below, the datum fixes the val
 
 
 class Comparison(NamedTuple):
-    """Solution minus truth; NaN where the data do not determine the value.
+    """Solution minus truth, and the standard uncertainty of the solution; NaN where the data do not determine the value.
 
-    `field`, `field_u`: deviation at `POINTS` places, shape (POINTS, 3) [mm], gauge removed from difference and covariance.
-    `functions`, `functions_u`: by name, in the stated datum, at `POSITIONS` places of the travel, or one value of a constant
-    [mm or rad].
+    Attributes:
+        field: Difference of the deviations at `POINTS` places, shape (POINTS, 3) [mm], without the gauge.
+        field_u: Its standard uncertainty, shape (POINTS, 3) [mm], from the covariance without the gauge.
+        functions: Difference by name, in the stated datum, at `POSITIONS` places of the travel, or one value of a constant
+            [mm or rad].
+        functions_u: Their standard uncertainties, of the same shapes.
     """
 
     field: np.ndarray
@@ -40,6 +43,19 @@ def compare(solution: Solution, truth: Truth) -> Comparison:
 
     d = (I - Q Qᵀ)(e_solution - e_truth), u² = diag((I - Q Qᵀ) G C Gᵀ (I - Q Qᵀ)), with Q the gauge (`gauge_basis`) and G the
     gradient of the field with respect to the parameters. Tool vectors are those of the campaign, in turn.
+
+    Args:
+        solution: Of a campaign on the virtual machine, in any datum.
+        truth: Of that machine, as `simulate` returns it.
+
+    Example:
+        >>> import volid
+        >>> from volid.io import read_machine
+        >>> plan = volid.standard_plan(read_machine("models/wYXbZt_vertical.toml"), n_per_station=60)
+        >>> campaign, truth = volid.simulate(plan, seed=1)
+        >>> found = compare(volid.fit(campaign), truth)
+        >>> found.field.shape, found.functions["EXX"].shape
+        ((64, 3), (7,))
     """
     if solution.datum != truth.machine.datum:
         solution = solution.in_datum(truth.machine.datum)
@@ -78,10 +94,8 @@ def gauge_basis(solution: Solution, positions: np.ndarray, tool: np.ndarray) -> 
 
 def _field(solution: Solution, truth: Truth) -> tuple[np.ndarray, np.ndarray]:
     """Difference of the deviation fields and its u, (POINTS, 3) each."""
-    low = np.array([axis.travel[0] for axis in solution.machine.axes])
-    length = np.array([axis.length for axis in solution.machine.axes])
-    positions = low + even_points(POINTS, len(low)) * length
-    vectors = np.unique(np.round(np.concatenate([s.tool for s in solution.campaign.sets]), 6), axis=0)
+    positions = spread_positions(solution.machine, POINTS)
+    vectors = solution.campaign.tool_vectors()
     tool, still = vectors[np.arange(POINTS) % len(vectors)], np.zeros_like(positions)
     known: np.ndarray = np.ones(POINTS, dtype=bool)
     if not solution.fully_determined:
@@ -94,15 +108,14 @@ def _field(solution: Solution, truth: Truth) -> tuple[np.ndarray, np.ndarray]:
     found = deviation_values(solution.model, theta, positions, tool, still)[:, :3]
     plain = (found - truth.deviation(positions, tool)[:, :3])[known].ravel()
     gradient = gradient_matrix(solution.model, theta, positions, tool, still)[known, :3].reshape(len(plain), -1)
-    values, directions = np.linalg.eigh(solution.parameter_covariance)
-    root = gradient @ (directions * np.sqrt(np.maximum(values, 0.0)))
+    root = gradient @ covariance_root(solution.parameter_covariance)
     difference[known] = (plain - basis @ (basis.T @ plain)).reshape(-1, 3)
     u[known] = np.linalg.norm(root - basis @ (basis.T @ root), axis=1).reshape(-1, 3)
     return difference, u
 
 
 def _function(solution: Solution, truth: Truth, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Difference of one function and its u; NaN where lost."""
+    """Difference of one function and its u; NaN where the data do not determine it."""
     error = parse(name)
     if error.location:
         found = solution.location(name)
@@ -114,5 +127,6 @@ def _function(solution: Solution, truth: Truth, name: str) -> tuple[np.ndarray, 
     if name in truth.cross:
         other, function = truth.cross[name]
         true = true + function(at, np.full(POSITIONS, reference_of(solution.machine, solution.datum, other)))
-    lost = solution.is_lost(rows)
-    return np.where(lost, np.nan, rows @ np.asarray(solution.parameters) - true), np.where(lost, np.nan, u)
+    open_rows = solution.is_not_determined(rows)
+    difference = rows @ np.asarray(solution.parameters) - true
+    return np.where(open_rows, np.nan, difference), np.where(open_rows, np.nan, u)

@@ -46,14 +46,29 @@ def random_truth(
     reversal: Collection[str] | None = None,
     cross: Mapping[str, str] | None = None,
 ) -> Truth:
-    """A random virtual machine, reproducible by `seed`.
+    """A random virtual machine, reproducible by `seed`: smooth errors as a good machine has them.
 
     Largest value over the travel: translations 3 … 15 µm, plus a slope up to 30 µm/m for positioning; rotations
     10 … 30 µrad; cross effects 3 … 8 µm or 5 … 15 µrad; reversal 1 … 4 µm or 2 … 6 µrad. Squareness 20 … 40 µrad, tool
     frame 30 … 70 µrad and 5 … 25 µm. Rotary axes: translations 2 … 8 µm, location errors 5 … 25 µm and 20 … 40 µrad.
-    `scale` multiplies all of it. The shortest wave is 0.45 travels / `waviness`; on a full turn the harmonics are 1 … 3 times
-    `waviness`. Functions that the machine file leaves out are zero. `reversal`: names that have it; `cross`: name -> second
-    axis, for functions that depend on two; both default to what the machine file models.
+    Functions that the machine file leaves out are zero.
+
+    Args:
+        machine: The machine.
+        seed: Of the random numbers, a whole number from 0.
+        scale: Multiplies every error.
+        waviness: The shortest wave is 0.45 travels / `waviness`; on a full turn the harmonics are 1 … 3 times `waviness`.
+        reversal: Symbols of the error motions that depend on the direction of approach; None: those that the machine file models.
+        cross: By symbol, the letter of a second axis that an error motion depends on; None: those that the machine file models.
+
+    Raises:
+        InputError: a negative seed, or a symbol that the machine does not have.
+
+    Example:
+        >>> from volid.io import read_machine
+        >>> truth = random_truth(read_machine("models/wYXbZt_vertical.toml"), seed=1)
+        >>> sorted(truth.constants)
+        ['EA0S', 'EA0Z', 'EB0S', 'EB0Z', 'EC0S', 'EC0Y']
     """
     names = motion_names(machine)
     if reversal is None:

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from volid.campaign import Campaign, Effect, ObservationSet, Station, standard_uncertainty
-from volid.effects.base import Extended, effect_samples, groups_of
 from volid.effects.distributions import standardised
+from volid.effects.prediction import Extended, effect_samples, groups_of
 from volid.effects.random import random_parts, split_normal
 from volid.exceptions import InputError
 from volid.fitting.equations.choice import engine_for_readings
@@ -36,26 +36,36 @@ def simulate(
     noise: bool = True,
     station_error: float | None = STATION_ERROR,
 ) -> tuple[Campaign, Truth]:
-    """The campaign that a plan gives on a virtual machine, and the whole truth about it.
+    """The campaign that a plan gives on a virtual machine, and everything that is true about it.
 
     reading = prediction(true errors, true stations, true dead paths) + u·N(0, 1), u constant and proportional to the
-    reading as the plan states. `plan`: readings it holds are replaced; a machine stands for its `standard_plan`. `truth`:
-    a `random_truth` from `seed` by default; its machine is the one that is measured, and must have the plan's axes.
+    reading as the plan states.
 
-    The plan says where stations and spheres truly stand (stations it leaves open, the truth places). What truth and plan
-    leave open is drawn from `seed`: dead paths, offsets, calibrated lengths, the placement of known stations; they stand in
-    `instruments` of the truth that is returned, beside the spheres. Positions of unknown stations in the campaign are the
-    true ones plus `station_error` · N(0, 1) per coordinate [mm], left out when None; so are those of spheres, but never left
-    out. `noise` False: readings without noise, u as stated. Systematic effects of a set are drawn too, once per scope.
+    The plan says where stations and spheres truly stand; where it does not place a station, the truth does. What truth and
+    plan leave open is drawn from `seed`: dead paths, offsets, calibrated lengths, the placement of known stations. Systematic
+    effects of a set are drawn too, once for each scope. The resolution of an instrument and hidden lines of sight are not
+    simulated.
 
-    Raises `InputError` for axes that differ, a station without position, or a set whose u cannot be known. Not
-    simulated: the resolution of an instrument, hidden lines of sight.
+    Args:
+        plan: A campaign, whose readings are replaced if it has any; a machine stands for its `standard_plan`.
+        truth: What is measured: its machine must have the axes of the plan; None: a `random_truth` from `seed`.
+        seed: Of the random numbers, a whole number from 0.
+        noise: Whether readings have noise; u is as stated either way.
+        station_error: Standard deviation of each coordinate of the approximate positions of unknown stations and of spheres
+            that the campaign holds [mm]; None: stations without position, spheres where they truly are.
 
-    >>> from volid.io import read_machine
-    >>> machine = read_machine("models/wYXbZt_vertical.toml")
-    >>> campaign, truth = simulate(machine, seed=1)
-    >>> campaign.n_readings, len(truth.stations)
-    (2400, 6)
+    Returns:
+        The campaign with readings, and the truth with `stations` and `instruments` filled in.
+
+    Raises:
+        InputError: the axes differ, a station has no position, or the u of a set cannot be known.
+
+    Example:
+        >>> from volid.io import read_machine
+        >>> machine = read_machine("models/wYXbZt_vertical.toml")
+        >>> campaign, truth = simulate(machine, seed=1)
+        >>> campaign.n_readings, len(truth.stations)
+        (2400, 6)
     """
     plan = standard_plan(plan) if isinstance(plan, Machine) else plan
     truth = random_truth(plan.machine, seed) if truth is None else truth
@@ -85,9 +95,9 @@ class _Drawn(NamedTuple):
     values: np.ndarray
 
     def recorded(self) -> dict[str, float]:
-        """What was left to chance, and where spheres stand, by name."""
-        entries = zip(self.table.keys, self.table.entries, self.values.tolist(), strict=True)
-        return {e.name: value for key, e, value in entries if _is_open(e) or key[0] == "sphere"}
+        """What was left to chance, and what a truth always records, by name."""
+        entries = zip(self.table.entries, self.values.tolist(), strict=True)
+        return {e.name: value for e, value in entries if e.recorded or _is_open(e)}
 
 
 def _draw_instruments(engine: Engine, real: Campaign, truth: Truth, seed: int) -> _Drawn:
@@ -141,18 +151,15 @@ def _approximate(station: Station, seed: int, error: float | None) -> Station:
 
 
 def _about(readings: ObservationSet, seed: int, error: float | None) -> ObservationSet:
-    """The set with its spheres (or nests) standing about where they do."""
-    given = readings.options.get("sphere")
-    if not given or not error:
+    """The set with what stands on the workpiece (spheres, nests) standing about where it does."""
+    if not error:
         return readings
 
     def near(name: str, place: Any) -> list[float]:
         offset = error * generator(seed, "approximate sphere", name).standard_normal(3)
         return [float(c) for c in np.round(np.asarray(place, dtype=float) + offset, 3)]
 
-    several = isinstance(given, Mapping)
-    spheres = {n: near(n, p) for n, p in given.items()} if several else near(readings.name, given)
-    return replace(readings, options={**readings.options, "sphere": spheres})
+    return KINDS[readings.kind].approximate(readings, near)
 
 
 class _Exact(NamedTuple):

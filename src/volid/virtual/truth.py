@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
 
-from volid.backend.lazy import jnp
 from volid.exceptions import InputError
 from volid.fitting.solution import Solution
 from volid.model.iso230 import DIRECTIONS, LINEAR_AXES, ROTATIONS, SPINDLE, parse
@@ -24,10 +23,19 @@ POINTS_ACROSS = 81  # over the second axis of a cross effect
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """f(q) by interpolation in a table.
+    """A function f(q) of one axis by interpolation in a table.
 
-    `positions`: shape (n,), increasing [mm or degrees]. `values`: shape (n,) [mm or rad]. `degree`: 3 for the cubic
-    spline through the points (not-a-knot ends), 1 for straight lines between them. Beyond the ends the last piece goes on.
+    Beyond the ends the last piece goes on.
+
+    Attributes:
+        positions: Array, shape (n,), increasing [mm or degrees].
+        values: Array, shape (n,) [mm or rad].
+        degree: 3 for the cubic spline through the points (not-a-knot ends), 1 for straight lines between them.
+
+    Example:
+        >>> straightness = Table(np.array([0.0, 500.0, 1000.0]), np.array([0.0, 0.004, 0.0]), degree=1)
+        >>> straightness(np.array([250.0, 500.0]))
+        array([0.002, 0.004])
     """
 
     positions: np.ndarray
@@ -39,16 +47,24 @@ class Table:
         return make_interp_spline(self.positions, self.values, k=self.degree)
 
     def __call__(self, q: np.ndarray) -> np.ndarray:
-        """Values at `q`, same shape."""
+        """Values at positions `q` [mm or degrees], of the same shape [mm or rad]."""
         return np.asarray(self._spline(np.asarray(q, dtype=float)))
 
 
 @dataclass(frozen=True, eq=False)
 class CrossTable:
-    """f(own axis, other axis) by tensor-product interpolation.
+    """A function f(own axis, other axis) by tensor-product interpolation in a table.
 
-    `positions`: shape (n,), of the own axis; `across`: shape (p,), of the other one. `values`: shape (n, p). `degree`: as
-    in `Table`, for both.
+    Attributes:
+        positions: Array, shape (n,), of the own axis, increasing [mm or degrees].
+        across: Array, shape (p,), of the other axis, increasing [mm or degrees].
+        values: Array, shape (n, p) [mm or rad].
+        degree: As in `Table`, for both axes.
+
+    Example:
+        >>> roll = CrossTable(np.array([0.0, 500.0]), np.array([0.0, 800.0]), np.array([[0.0, 0.0], [0.0, 8e-6]]), degree=1)
+        >>> roll(np.array([250.0]), np.array([400.0]))
+        array([2.e-06])
     """
 
     positions: np.ndarray
@@ -64,21 +80,39 @@ class CrossTable:
         return unit[0], unit[1], other.c.T
 
     def __call__(self, q: np.ndarray, other: np.ndarray) -> np.ndarray:
-        """Values at own positions `q` (m,) and other positions (m,), shape (m,)."""
+        """Values at own positions `q` and positions `other` of the other axis, each of shape (m,) [mm or degrees]; shape (m,)."""
         own, across, coefficients = self._splines
         return np.asarray(np.einsum("mi,ij,mj->m", own(q), coefficients, across(other)))
 
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """The true errors of a machine and, once it was measured, the true values of everything else unknown.
+    """The true errors of a machine and, once it was measured, the true values of everything else that was unknown.
 
-    `functions`: error motion by ISO 230-1 symbol, any function of an array of positions of its own axis [mm or rad].
-    `cross`: symbol -> (other axis, f(own, other)), added to `functions`. `reversal`: B(q), E(q, ±) = E(q) ± B(q)/2.
-    `constants`: squareness, location errors, tool-frame constants [mm or rad]. Every absent name is zero. `stations`: true
-    positions [mm], each on its body. `instruments`: true dead paths, offsets … by the names they have in a solution.
-    `seed`: that its random errors came from. Raises `InputError` for a name this machine does not have, or a table that
-    does not cover the travel. Not modelled: systematic effects of instruments, drift, thermal change.
+    Every absent name is zero. Drift and thermal change of the machine are not modelled.
+
+    Attributes:
+        machine: The machine that has these errors.
+        functions: Error motion by its ISO 230-1 symbol: any function of an array of positions of its own axis
+            [mm or degrees -> mm or rad].
+        cross: By symbol, the letter of a second axis and a function of own and other positions, added to `functions`.
+        reversal: By symbol, a function B(q) with E(q, ±) = E(q) ± B(q)/2 for the direction of approach [mm or rad].
+        constants: Squareness, location errors and constants of the tool frame by symbol [mm or rad].
+        stations: True positions, (x, y, z) on the body of each station [mm].
+        instruments: True dead paths, offsets and the like, by the names that they have in a solution.
+        seed: Of the random numbers that the errors came from, if they did.
+        source: Where the truth comes from, for messages.
+
+    Raises:
+        InputError: a name that this machine does not have, or a table that does not cover the travel.
+
+    Example:
+        >>> from volid.io import read_machine
+        >>> machine = read_machine("models/wYXbZt_vertical.toml")
+        >>> truth = Truth(machine, functions={"EXX": lambda x: 1e-5 * x}, constants={"EC0Y": 2e-5})
+        >>> position = machine.order(X=300.0, Y=100.0, Z=-200.0)  # the reference of Y is 300 mm
+        >>> truth.deviation(position, (0.0, 0.0, -150.0))[0, :3].round(6)  # 1e-5 · 300 - 2e-5 · (100 - 300)
+        array([0.007, 0.   , 0.   ])
     """
 
     machine: Machine
@@ -104,9 +138,10 @@ class Truth:
                 self._check_range(name, parse(name).axis, getattr(function, "positions", None))
 
     def errors(self, positions: np.ndarray, directions: np.ndarray | None = None) -> np.ndarray:
-        """Error values as the kinematics takes them, shape (6·(n_axes + 1), m) [mm, rad].
+        """Error values as the kinematics takes them, shape (6·(n_axes + 1), m) [mm, rad]. CONVENTIONS 3.
 
-        `positions`, `directions`: shape (m, n_axes), machine axis order. CONVENTIONS 3.
+        `positions`: shape (m, n_axes), machine axis order [mm or degrees]. `directions`: of approach, +1, -1 or 0 (the mean of
+        both), shape (m, n_axes).
         """
         q = np.asarray(positions, dtype=float)
         way = np.zeros_like(q) if directions is None else np.broadcast_to(np.asarray(directions, dtype=float), q.shape)
@@ -127,15 +162,15 @@ class Truth:
     def deviation(self, positions: np.ndarray, tool: np.ndarray, directions: np.ndarray | None = None) -> np.ndarray:
         """True deviation of the functional point and orientation, shape (m, 6) [mm, rad]. CONVENTIONS 5.
 
-        `positions`: (m, n_axes), machine axis order; `tool`: (m, 3) or (3,) [mm]; `directions`: +1, -1, 0 (mean).
+        `positions`: shape (m, n_axes), machine axis order [mm or degrees]. `tool`: shape (m, 3) or (3,) [mm]. `directions`: of
+        approach, +1, -1 or 0 (the mean of both), shape (m, n_axes).
         """
         q = np.atleast_2d(np.asarray(positions, dtype=float))
         tools = np.broadcast_to(np.asarray(tool, dtype=float), (len(q), 3)).T
-        errors = jnp.asarray(self.errors(q, directions))
-        return np.asarray(deviation(self.machine, jnp.asarray(q.T), tuple(jnp.asarray(tools)), errors)).T  # type: ignore[arg-type]
+        return np.asarray(deviation(self.machine, q.T, tuple(tools), self.errors(q, directions))).T  # type: ignore[arg-type]
 
     def tabulated(self) -> Truth:
-        """The same truth with every function as a table over the travel, as files hold it."""
+        """The same truth with every function as a table over the travel of its axes, as files hold it."""
 
         def of(name: str, function: Any) -> Table:
             q = np.linspace(*self.machine.axis(parse(name).axis).travel, POINTS)
@@ -209,7 +244,14 @@ class Truth:
 def truth_of_solution(solution: Solution) -> Truth:
     """The identified machine as a virtual one: mean functions, cross effects, reversal and constants of a solution.
 
-    Undetermined combinations are zero, as in the solution. Stations and dead paths are left open.
+    Combinations that are not determined are zero, as in the solution. Stations and dead paths are left open.
+
+    Example:
+        >>> import volid
+        >>> solution = volid.fit(volid.load_campaign("datasets/vertical_multilateration/campaign.toml"))
+        >>> truth = truth_of_solution(solution)
+        >>> abs(truth.constants["EC0Y"] - solution.location("EC0Y").value) < 1e-12
+        True
     """
     if solution.datum != solution.machine.datum:
         solution = solution.in_datum(solution.machine.datum)

@@ -14,6 +14,19 @@ def period_of(axis: Axis, nodes: np.ndarray) -> float:
     return 360.0 if axis.is_full_turn and nodes[-1] - nodes[0] >= 360.0 - 1e-6 else 0.0
 
 
+def grid_positions(nodes: tuple[np.ndarray, ...]) -> np.ndarray:
+    """All nodes of a regular grid, shape (n, k), the first axis varying fastest."""
+    mesh = np.meshgrid(*reversed(nodes), indexing="ij")
+    return np.stack([m.ravel() for m in reversed(mesh)], axis=1)
+
+
+def into_period(x: np.ndarray, low: float, high: float, period: float) -> np.ndarray:
+    """Positions beyond low … high counted back by whole periods; as they are with `period` 0."""
+    if not period:
+        return x
+    return np.where((x < low) | (x > high), low + np.mod(x - low, period), x)
+
+
 def interpolate(nodes: tuple[np.ndarray, ...], table: np.ndarray, positions: np.ndarray) -> np.ndarray:
     """Values at `positions` (m, k) of a `table` (n_1, …, n_k, c) over increasing `nodes` (n_i,); shape (m, c).
 

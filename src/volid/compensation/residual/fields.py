@@ -6,15 +6,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from volid.backend.even_points import even_points
-from volid.compensation.base import Base, model_errors
+from volid.compensation.base import Base, deviation_rows
 from volid.compensation.orientation import SPINDLE_AXIS, orientation_between
 from volid.exceptions import NotDeterminedError
 from volid.fitting.diagnosis.identifiability import parameter_units
 from volid.fitting.prediction.deviations import ESTIMABLE
+from volid.fitting.prediction.working_volume import spread_positions
 from volid.fitting.solution import Solution
+from volid.model.jacobian import rigid_motion_rows
+from volid.model.kinematics import nominal_point, side_rotation
 from volid.model.machine import Machine
-from volid.model.nominal import influence, nominal_point, side_rotation
 
 POINTS = 512
 LENGTHS = ("largest", "95 %", "RMS", "X", "Y", "Z")
@@ -31,10 +32,23 @@ class Places(NamedTuple):
 
 def volume_places(machine: Machine, points: int = POINTS, seed: int = 0) -> Places:
     """Points spread evenly over the travel (Halton), approach directions at random."""
-    low = np.array([a.travel[0] for a in machine.axes])
-    length = np.array([a.length for a in machine.axes])
-    positions = low + even_points(points, len(low), seed) * length
+    positions = spread_positions(machine, points, seed)
     return Places(positions, np.random.default_rng(seed).choice([-1.0, 1.0], positions.shape))
+
+
+class WorkpieceMotion:
+    """The rigid motion of the workpiece frame that is in fields over some places for one tool vector (CONVENTIONS 4)."""
+
+    def __init__(self, machine: Machine, positions: np.ndarray, tool: np.ndarray) -> None:
+        self.rows = rigid_motion_rows(machine, positions, tool)
+        translations = self.rows[:, :3].reshape(-1, 6)
+        scale = np.linalg.norm(translations, axis=0)
+        self.inverse = np.linalg.pinv(translations / scale) / scale[:, None]
+
+    def removed_from(self, fields: np.ndarray) -> np.ndarray:
+        """Fields (s, m, 6) or translations (s, m, 3) less the rigid motion that fits their translations best."""
+        motion = fields[:, :, :3].reshape(len(fields), -1) @ self.inverse.T
+        return np.asarray(fields - np.einsum("mij,sj->smi", self.rows[:, : fields.shape[2]], motion))
 
 
 class Field:
@@ -42,18 +56,11 @@ class Field:
 
     def __init__(self, solution: Solution, places: Places, tool: np.ndarray, base: Base) -> None:
         self.places, self.tool, self.machine = places, np.asarray(tool, dtype=float), solution.machine
-        self.gradient = _gradient(solution, places, self.tool, base)
+        self.gradient = deviation_rows(solution, places.positions, places.directions, self.tool, base.turn)
         self.estimate = self.gradient @ np.asarray(solution.parameters)
         self.tool_axis = side_rotation(self.machine, places.positions, False) @ SPINDLE_AXIS
-        self.rigid = rigid_rows(solution.machine, places.positions, self.tool)
-        scale = np.linalg.norm(self.rigid[:, :3].reshape(-1, 6), axis=0)
-        self.inverse = np.linalg.pinv(self.rigid[:, :3].reshape(-1, 6) / scale) / scale[:, None]
+        self.without_rigid_motion = WorkpieceMotion(self.machine, places.positions, self.tool).removed_from
         self.angles_known = self._require_determined(solution)
-
-    def without_rigid_motion(self, fields: np.ndarray) -> np.ndarray:
-        """Fields (s, m, 6) less the rigid motion that fits their translations best."""
-        motion = fields[:, :, :3].reshape(len(fields), -1) @ self.inverse.T
-        return np.asarray(fields - np.einsum("mij,sj->smi", self.rigid, motion))
 
     def _require_determined(self, solution: Solution) -> bool:
         """Whether the orientation is determined. Raises `NotDeterminedError` when the functional point's deviation is not."""
@@ -62,32 +69,13 @@ class Field:
         units = parameter_units(solution.model)
         null, _ = np.linalg.qr(np.asarray(solution.null_space) / units[:, None])
         moved = self.without_rigid_motion((self.gradient @ (units[:, None] * null)).transpose(2, 0, 1))
-        whole = np.abs(self.gradient * units)
-        if np.abs(moved[:, :, :3]).max() > ESTIMABLE * whole[:, :3].max():
+        possible = np.abs(self.gradient * units)
+        if np.abs(moved[:, :, :3]).max() > ESTIMABLE * possible[:, :3].max():
             where = ", ".join(f"{v:g}" for v in self.tool)
             raise NotDeterminedError(
                 f"residual: the data do not determine the deviation for tool vector ({where}) mm. {' '.join(solution.statements)}"
             )
-        return bool(np.abs(moved[:, :, 3:]).max() <= ESTIMABLE * whole[:, 3:].max())
-
-
-def _gradient(solution: Solution, places: Places, tool: np.ndarray, base: Base) -> np.ndarray:
-    parts = []
-    for start in range(0, len(places.positions), 256):
-        rows = slice(start, start + 256)
-        errors = model_errors(solution, places.positions[rows], places.directions[rows], lambda _: True, base.turn)
-        parts.append(influence(solution.machine, places.positions[rows], tool) @ errors)
-    return np.concatenate(parts)
-
-
-def rigid_rows(machine: Machine, positions: np.ndarray, tool: np.ndarray) -> np.ndarray:
-    """Deviation by a rigid motion (t, ω) of the workpiece frame, R_wᵀ(t + ω × f) and R_wᵀ ω, (m, 6, 6) (CONVENTIONS 4)."""
-    f = nominal_point(machine, positions, tool)
-    rows = np.zeros((len(f), 6, 6))
-    rows[:, :3, :3] = rows[:, 3:, 3:] = np.eye(3)
-    rows[:, :3, 3:] = np.cross(np.eye(3)[None], f[:, None, :]).transpose(0, 2, 1)
-    back = side_rotation(machine, positions, True).transpose(0, 2, 1)
-    return np.concatenate([back @ rows[:, :3], back @ rows[:, 3:]], axis=1)
+        return bool(np.abs(moved[:, :, 3:]).max() <= ESTIMABLE * possible[:, 3:].max())
 
 
 def moved_by(machine: Machine, commanded: np.ndarray, altered: np.ndarray, tool: np.ndarray) -> np.ndarray:

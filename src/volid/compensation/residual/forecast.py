@@ -15,21 +15,25 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from volid.compensation.base import Base
-from volid.compensation.control import Control, Motion, asked_motion
-from volid.compensation.grids.by_effects import Rule
+from volid.compensation.grids.request import Rule
+from volid.compensation.motion import Motion, asked_motion
 from volid.compensation.package import Compensation, compensate
 from volid.compensation.residual.fields import LENGTHS, Field, Places, moved_by, quantities, volume_places
 from volid.compensation.reversal import NONE as NO_REVERSAL
 from volid.compensation.reversal import reversal_text
 from volid.compensation.tables.sampling import Sampling
+from volid.fitting.prediction.spread import covariance_root
 from volid.fitting.solution import Solution
 from volid.model.machine import Machine
 from volid.uncertainty.coverage import coverage_intervals
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 DRAWS = 400
 MOST_SAMPLES = 2000
@@ -64,8 +68,19 @@ class Column:
 
 @dataclass(frozen=True, eq=False)
 class Forecast:
-    """Columns from "none" to the last list of types. `tools`: tool vectors (k, 3) [mm]. `draws`: how many, `source`: from
-    where."""
+    """What `forecast` predicts.
+
+    Args:
+        columns: one for each list of types, after "none".
+        tools: tool vectors, shape (k, 3) [mm].
+        draws: number of draws of the parameters.
+        source: where the draws come from, in words.
+        notes: what else a user should know.
+
+    >>> import numpy as np
+    >>> Forecast((), np.zeros((1, 3)), 400, "the covariance of the solution").draws
+    400
+    """
 
     columns: tuple[Column, ...]
     tools: np.ndarray
@@ -78,7 +93,7 @@ def forecast(
     solution: Solution,
     lists: Sequence[Sequence[str]],
     base: Base,
-    tools: np.ndarray | None = None,
+    tools: Float[np.ndarray, "k 3"] | None = None,
     *,
     places: Places | None = None,
     tables: Sampling | None = None,
@@ -91,11 +106,28 @@ def forecast(
     seed: int = 0,
     ranges: Mapping[str, tuple[float, float]] | None = None,
 ) -> Forecast:
-    """Predictions for each list of types, after "none", for each tool vector (default: the base tool).
+    """Predictions for each list of types, after "none", for each tool vector.
 
-    `control`: options of `Control`: increment, clamped, poles, correct_motion. `tool_error`: what the control believes less
-    the true tool vector [mm]. Others as in `compensate`. Raises `InputError`, and `NotDeterminedError` when the data do not
-    determine the deviation of the functional point over the volume.
+    Args:
+        solution: of `fit`.
+        lists: lists of types of ISO/TR 16907, such as [["L-VOL"], ["L-POS", "L-STR"]].
+        base: on what they are based, see `volid.compensation_base`.
+        tools: tool vectors, shape (k, 3) [mm], default the base tool.
+        places: where the working volume is looked at, default 512 places over the travels.
+        tables, grids, points, form, rule, ranges: as in `compensate`.
+        control: options of `Control`: increment, clamped, poles, correct_motion.
+        tool_error: what the control believes less the true tool vector, (3,) [mm].
+        seed: of the draws.
+
+    Raises `InputError`, and `NotDeterminedError` when the data do not determine the deviation of the functional point over the
+    volume. Source: ISO/TR 16907 11.1.
+
+    >>> import volid
+    >>> solution = volid.fit(volid.load_campaign("datasets/five_axis_rtest/campaign.toml"))
+    >>> base = volid.compensation_base(solution, (0.0, 0.0, -150.0))
+    >>> before, after = volid.forecast(solution, [["R-VOL"]], base, points=9).columns
+    >>> after.name, bool(after.predictions[0].value[0] < 0.5 * before.predictions[0].value[0])
+    ('R-VOL', True)
     """
     tools = base.tool[None] if tools is None else np.atleast_2d(tools)
     places = volume_places(solution.machine) if places is None else places
@@ -115,9 +147,10 @@ def forecast(
             uncertainty=False,
             ranges=ranges,
         )
-        columns.append(
-            _column(solution.machine, names, made, fields, draws, dict(control or {}), np.asarray(tool_error))
+        predictions, motion, unintended = _column(
+            solution.machine, made, fields, draws, control or {}, np.asarray(tool_error)
         )
+        columns.append(Column(" + ".join(names) or NONE, predictions, motion, unintended, made))
     return Forecast(tuple(columns), tools, len(draws), source, _notes(solution, columns))
 
 
@@ -132,8 +165,7 @@ def parameter_draws(solution: Solution, seed: int = 0) -> tuple[np.ndarray, str]
     if solution.samples is not None:
         values = solution.samples.outputs(lambda x: x[:, : len(theta)])[:MOST_SAMPLES]
         return values - theta, "Monte Carlo samples of the solution"
-    values, vectors = np.linalg.eigh(solution.parameter_covariance)
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    root = covariance_root(solution.parameter_covariance)
     return np.random.default_rng(seed).standard_normal(
         (DRAWS, root.shape[1])
     ) @ root.T, "the covariance of the solution"
@@ -141,37 +173,29 @@ def parameter_draws(solution: Solution, seed: int = 0) -> tuple[np.ndarray, str]
 
 def _column(
     machine: Machine,
-    names: Sequence[str],
     made: Compensation,
     fields: Sequence[Field],
     draws: np.ndarray,
-    options: dict[str, Any],
+    options: Mapping[str, Any],
     tool_error: np.ndarray,
-) -> Column:
+) -> tuple[tuple[Prediction, ...], Motion, float]:
+    """Predictions for each tool vector, the motions asked for with the first one, and the largest unintended motion."""
     found, unintended = [], 0.0
     for own in fields:
-        acting = made.control(machine, **_told(options, own.tool, tool_error))
-        altered = acting.command(own.places.positions, own.tool, own.places.directions)
-        found.append(_prediction(own, moved_by(machine, own.places.positions, altered, own.tool), draws))
-        unintended = max(
-            unintended, float(np.linalg.norm(acting.unintended_motion(own.places.positions, own.tool), axis=1).max())
-        )
-    motion = asked_motion(
-        _told_control(made, machine, options, fields[0], tool_error), fields[0].places.positions, fields[0].tool
-    )
-    return Column(" + ".join(names) or NONE, tuple(found), motion, unintended, made)
+        q, acting = own.places.positions, made.control(machine, **_believing(options, own.tool, tool_error))
+        altered = acting.command(q, own.tool, own.places.directions)
+        found.append(_prediction(own, moved_by(machine, q, altered, own.tool), draws))
+        unintended = max(unintended, float(np.linalg.norm(acting.unintended_motion(q, own.tool), axis=1).max()))
+    first = fields[0]
+    # without the steps of the least increment, which have no speed
+    smooth = {k: v for k, v in _believing(options, first.tool, tool_error).items() if k != "increment"}
+    motion = asked_motion(made.control(machine, **smooth), first.places.positions, first.tool)
+    return tuple(found), motion, unintended
 
 
-def _told(options: dict[str, Any], tool: np.ndarray, tool_error: np.ndarray) -> dict[str, Any]:
-    return {**options, "tool": tuple(tool + tool_error)} if tool_error.any() else options
-
-
-def _told_control(
-    made: Compensation, machine: Machine, options: dict[str, Any], own: Field, tool_error: np.ndarray
-) -> Control:
-    """The control whose motions are looked at: without the steps of its least increment, which have no speed."""
-    smooth = {k: v for k, v in _told(options, own.tool, tool_error).items() if k != "increment"}
-    return made.control(machine, **smooth)
+def _believing(options: Mapping[str, Any], tool: np.ndarray, tool_error: np.ndarray) -> dict[str, Any]:
+    """Options of a control with the tool vector that it believes in, where that is not the true one."""
+    return {**options, "tool": tuple(tool + tool_error)} if tool_error.any() else dict(options)
 
 
 def _prediction(own: Field, moved: np.ndarray, draws: np.ndarray) -> Prediction:

@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from volid.backend.even_points import even_points
-from volid.compensation.grids.linear import Grid
-from volid.compensation.grids.rotary import RotaryGrid, deviation_from_grids
-from volid.fitting.datum import rigid_motion_rows
+from volid.compensation.grids.grid import Grid, RotaryGrid
+from volid.compensation.grids.rotary import deviation_from_grids
+from volid.compensation.residual.fields import WorkpieceMotion, volume_places
 from volid.fitting.prediction.deviations import deviation_values, gradient_matrix
+from volid.fitting.prediction.spread import covariance_root
 from volid.fitting.prediction.working_volume import volume_positions
 from volid.fitting.solution import Solution
 
@@ -20,7 +20,7 @@ SAMPLES = 200
 
 
 class VolumeSummary(NamedTuple):
-    """The working volume in a few numbers, for one tool vector; lengths [mm], rotations [rad], NaN if undetermined.
+    """The working volume in a few numbers, for one tool vector; lengths [mm], rotations [rad], NaN where not determined.
 
     `accuracy`: ranges of the six components, ISO 230-1 V_XYZ. `before_max`, `before_rms`: deviation of the functional point
     (3-D length) in the stated datum, `before_at` its place, machine axis order.
@@ -46,15 +46,20 @@ class ResidualPrediction(NamedTuple):
     interpolation: float
 
 
-def _travel(solution: Solution) -> tuple[np.ndarray, np.ndarray]:
-    low = np.array([axis.travel[0] for axis in solution.machine.axes])
-    return low, np.array([axis.length for axis in solution.machine.axes])
-
-
 def volumetric_summary(solution: Solution, tool: tuple[float, float, float]) -> VolumeSummary:
-    """Volumetric accuracy and largest deviation over the travel. ISO 230-1:2012 3.8.
+    """Volumetric accuracy and largest deviation over the travel, at the positions of `volume_positions`.
 
-    At the positions of `working_volume`.
+    Args:
+        solution: of `fit`.
+        tool: tool vector, (3,) [mm].
+
+    Source: ISO 230-1:2012 3.8.
+
+    >>> import volid
+    >>> solution = volid.fit(volid.load_campaign("datasets/five_axis_rtest/campaign.toml"))
+    >>> found = volid.volumetric_summary(solution, (0.0, 0.0, -150.0))
+    >>> found.accuracy.shape, found.before_at.shape, bool(found.before_rms < found.before_max)
+    ((6,), (5,), True)
     """
     positions = volume_positions(solution.machine)
     found = solution.evaluate(positions, np.asarray(tool, dtype=float))
@@ -66,46 +71,41 @@ def volumetric_summary(solution: Solution, tool: tuple[float, float, float]) -> 
     return VolumeSummary(accuracy, float(size[worst]), float(np.sqrt(np.mean(size**2))), positions[worst])
 
 
-def without_rigid_motion(solution: Solution, positions: np.ndarray, tool: np.ndarray, field: np.ndarray) -> np.ndarray:
-    """Fields (..., m, 3) less their least-squares rigid motion of the workpiece frame (CONVENTIONS 4, last rule)."""
-    rows = rigid_motion_rows(solution.machine, positions, tool)[:, :3, :].reshape(-1, 6)
-    rows = rows / np.linalg.norm(rows, axis=0)
-    q, _ = np.linalg.qr(rows)
-    flat = field.reshape(*field.shape[:-2], -1)
-    return np.asarray((flat - (flat @ q) @ q.T).reshape(field.shape))
-
-
 def predict_residual(
     solution: Solution, grid: Grid, seed: int = 0, *, rotary: Sequence[RotaryGrid] = ()
 ) -> ResidualPrediction:
     """What should remain of the deviation when a control applies `grid`: uncertainty and interpolation together.
 
     e_after = e_true - e_interpolated, with e_true drawn from the solution's covariance, for the tool vector of `grid` and random
-    approach directions, whose reversal a grid leaves. `rotary`:
-    the grids of the rotary axes; without them a five-axis machine keeps the errors of its rotary axes. Least increment,
-    repeatability and temperature are not included. ISO/TR 16907 11.1.
+    approach directions, whose reversal a grid leaves. Least increment, repeatability and temperature are not included.
+
+    Args:
+        solution: of `fit`.
+        grid: of the linear axes, over their entire travel.
+        seed: of the draws, the places and the approach directions.
+        rotary: grids of the rotary axes; without them a five-axis machine keeps the errors of its rotary axes.
+
+    Source: ISO/TR 16907 11.1.
+
+    >>> import volid
+    >>> solution = volid.fit(volid.load_campaign("datasets/five_axis_rtest/campaign.toml"))
+    >>> grid = volid.linear_grid(solution, points=2, tool=(0.0, 0.0, -150.0))
+    >>> left = volid.predict_residual(solution, grid, rotary=volid.rotary_grids(solution, points=25))
+    >>> 0.0 < left.rms < left.interval[0] < left.maximum < left.interval[1] < 0.1
+    True
     """
-    low, length = _travel(solution)
-    unit = even_points(POINTS, len(low), seed)
-    positions = low + unit * length
+    machine, (positions, ways) = solution.machine, volume_places(solution.machine, POINTS, seed)
     tool = np.broadcast_to(np.asarray(grid.tool), (POINTS, 3))
-    theta = np.asarray(solution.parameters)
-    still, ways = np.zeros_like(positions), np.random.default_rng(seed).choice([-1.0, 1.0], positions.shape)
-    held = deviation_from_grids(solution.machine, grid, rotary, positions, tool)[:, :3]
+    theta, still = np.asarray(solution.parameters), np.zeros_like(positions)
+    held = deviation_from_grids(machine, grid, rotary, positions, tool)[:, :3]
     mean, exact = (deviation_values(solution.model, theta, positions, tool, d)[:, :3] - held for d in (still, ways))
-    interpolation = without_rigid_motion(solution, positions, tool, mean)
+    without = WorkpieceMotion(machine, positions, tool).removed_from
     gradient = gradient_matrix(solution.model, theta, positions, tool, ways)
-    values, vectors = np.linalg.eigh(solution.parameter_covariance)
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    root = covariance_root(solution.parameter_covariance)
     draws = np.random.default_rng(seed).standard_normal((SAMPLES, root.shape[1])) @ root.T
-    translations = gradient[:, :3].reshape(-1, draws.shape[1])
-    fields = (draws @ translations.T).reshape(SAMPLES, POINTS, 3) + exact
-    size = np.linalg.norm(without_rigid_motion(solution, positions, tool, fields), axis=2)
+    spread = (draws @ gradient[:, :3].reshape(-1, draws.shape[1]).T).reshape(SAMPLES, POINTS, 3)
+    size = np.linalg.norm(without(spread + exact), axis=2)
     largest = size.max(axis=1)
-    bounds = np.quantile(largest, [0.025, 0.975])
-    return ResidualPrediction(
-        float(np.sqrt(np.mean(size**2))),
-        float(largest.mean()),
-        (float(bounds[0]), float(bounds[1])),
-        float(np.linalg.norm(interpolation, axis=1).max()),
-    )
+    low, high = np.quantile(largest, [0.025, 0.975]).tolist()
+    interpolation = float(np.linalg.norm(without(mean[None])[0], axis=1).max())
+    return ResidualPrediction(float(np.sqrt(np.mean(size**2))), float(largest.mean()), (low, high), interpolation)

@@ -8,7 +8,7 @@ go through its kinematic model (lever arms of the current tool); R-POS moves the
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,17 +16,31 @@ from volid.compensation.alignment import alignment_notes
 from volid.compensation.base import Base, condensed
 from volid.compensation.effects import axis_errors, tool_frame_errors
 from volid.compensation.grids.interpolation import period_of
-from volid.compensation.grids.linear import describe_datum
 from volid.compensation.tables.axes import judged_axes, polygon_knots, reach
 from volid.compensation.tables.error_table import ITSELF, MODEL, ErrorTable
 from volid.compensation.tables.sampling import DENSE, Sampling, choose_nodes, interpolation_error
 from volid.compensation.types import LINEAR_EFFECTS, ROTARY_EFFECTS, TABLES, CompensationType
 from volid.exceptions import InputError, NotDeterminedError
+from volid.fitting.prediction.spread import linear_uncertainty
 from volid.fitting.solution import Solution
+from volid.model.error_functions import describe_datum
 from volid.model.iso230 import DIRECTIONS, SPINDLE, parse
+from volid.model.kinematics import ROWS
 from volid.model.machine import Axis, Machine
 
 NEGLIGIBLE = 1e-9  # mm at the offset: a function that is nowhere larger needs no table
+MEAN_DIRECTION = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class TableRequest:
+    """What is asked of tables: types, base and sampling; `zero` and `ranges` by axis letter, as of `error_tables`."""
+
+    types: Sequence[CompensationType]
+    base: Base
+    sampling: Sampling
+    zero: Mapping[str, float]
+    ranges: Mapping[str, tuple[float, float]]
 
 
 def error_tables(
@@ -39,25 +53,37 @@ def error_tables(
 ) -> tuple[ErrorTable, ...]:
     """Tables of every function that the `types` correct by tables, axis by axis.
 
-    `zero`: by axis letter, where the values of its tables are to be zero (mean of both directions) instead of at the lines'
-    crossing. `ranges`: lowest and highest position by axis letter, default the travel [mm or °]. Raises `InputError` for a
-    type without tables or a limit too small for the stated error; `NotDeterminedError` when the data do not determine a
-    function. ISO/TR 16907 8.2, Table 1.
+    Args:
+        solution: of `fit`.
+        types: of ISO/TR 16907, out of `volid.COMPENSATION_TYPES`.
+        base: on what they are based, see `volid.compensation_base`.
+        sampling: of each table, default 21 points, or the knots of a polygon.
+        zero: by axis letter, where the values of its tables are to be zero (mean of both directions) instead of at the lines'
+            crossing [mm or °].
+        ranges: lowest and highest position by axis letter, default the travel [mm or °].
+
+    Raises `InputError` for a type without tables or a limit too small for the stated error; `NotDeterminedError` when the data
+    do not determine a function. Source: ISO/TR 16907 8.2, Table 1.
+
+    >>> import volid
+    >>> solution = volid.fit(volid.load_campaign("datasets/five_axis_rtest/campaign.toml"))
+    >>> base = volid.compensation_base(solution, (0.0, 0.0, -150.0))
+    >>> tables = volid.error_tables(solution, [volid.COMPENSATION_TYPES["R-POS"]], base)
+    >>> [(t.function, t.applied) for t in tables]
+    [('ECC', 'the axis itself'), ('EAA', 'the axis itself')]
     """
     for t in types:
         if TABLES not in t.forms:
-            raise InputError(
-                f"--type {t.name} has no tables of single functions; it is a grid: volid grid --type {t.name}"
-            )
+            raise InputError(f"{t.name} has no tables of single functions; it is a grid")
     for letter in zero or {}:
         solution.machine.index(letter)
-    sampling = Sampling() if sampling is None else sampling
+    request = TableRequest(types, base, Sampling() if sampling is None else sampling, zero or {}, ranges or {})
     tables: list[ErrorTable] = []
-    covariance = solution.parameter_covariance
     for axis in solution.machine.axes:
-        own = (ranges or {}).get(axis.letter, axis.travel)
-        tables += _axis_tables(solution, axis, types, base, sampling, (zero or {}).get(axis.letter), covariance, own)
-    return tuple(tables + _tool_frame(solution, types, base, covariance))
+        chosen = _own(axis, types)
+        if chosen:
+            tables += _AxisTables(solution, axis, chosen, request).tables()
+    return tuple(tables + _tool_frame(solution, request))
 
 
 def _own(axis: Axis, types: Sequence[CompensationType]) -> list[CompensationType]:
@@ -65,117 +91,93 @@ def _own(axis: Axis, types: Sequence[CompensationType]) -> list[CompensationType
     return [t for t in types if set(t.effects) & set(group)]
 
 
-def _axis_tables(
-    solution: Solution,
-    axis: Axis,
-    types: Sequence[CompensationType],
-    base: Base,
-    sampling: Sampling,
-    zero: float | None,
-    covariance: np.ndarray,
-    own: tuple[float, float],
-) -> list[ErrorTable]:
-    chosen = _own(axis, types)
-    if not chosen:
-        return []
-    knots = polygon_knots(solution, axis, own)
-    dense = np.linspace(*own, DENSE)
-    dense = dense if knots is None else np.union1d(dense, knots)
-    small, plain = condensed(solution, base)
-    ways = [axis_values(small, axis, chosen, plain, dense, w).sum(axis=3) for w in (1.0, -1.0)]  # (types, m, 6)
-    arm = reach(solution.machine, axis, base) if sampling.offset is None else sampling.offset
-    tables = []
-    rows = _Rows(solution, axis, base)
-    for itself in (False, True):
-        group = [k for k, t in enumerate(chosen) if (t.name == "R-POS") == itself]
-        for component, direction in enumerate(DIRECTIONS):
-            scale = arm if component >= 3 else 1.0
-            held = [k for k in group if np.abs(scale * np.stack([w[k, :, component] for w in ways])).max() > NEGLIGIBLE]
-            if held:
-                name = f"E{direction}{axis.letter}"
-                curve = np.stack([w[held, :, component].sum(axis=0) for w in ways], axis=1)
-                nodes = choose_nodes(name, dense, scale * curve, sampling, knots)
-                table = _table(rows, [chosen[k] for k in held], component, nodes, zero, covariance)
-                off = float(interpolation_error(dense, curve, nodes).max())
-                tables.append(replace(table, interpolation=off, applied=ITSELF if itself else MODEL))
-    return tables
+class _AxisTables:
+    """The tables of one axis; the linear maps of its error values serve all six components."""
 
+    def __init__(
+        self, solution: Solution, axis: Axis, chosen: Sequence[CompensationType], request: TableRequest
+    ) -> None:
+        self.solution, self.axis, self.chosen, self.request = solution, axis, chosen, request
+        own = request.ranges.get(axis.letter, axis.travel)
+        self.knots = polygon_knots(solution, axis, own)
+        dense = np.linspace(*own, DENSE)
+        self.dense = dense if self.knots is None else np.union1d(dense, self.knots)
+        self._known: dict[tuple[str, bytes, float], np.ndarray] = {}
 
-def axis_values(
-    solution: Solution, axis: Axis, types: Sequence[CompensationType], base: Base, own: np.ndarray, direction: float
-) -> np.ndarray:
-    """Error values of each type along the axis as linear map of θ, (types, m, 6, n)."""
-    ways = np.full(len(own), direction)
-    return np.stack([axis_errors(solution, axis, t.effects, base, own, ways) for t in types])
+    def tables(self) -> list[ErrorTable]:
+        """One table for each function that some type moves; R-POS, which the axis itself corrects, has its own."""
+        small, plain = condensed(self.solution, self.request.base)
+        ways = [self._values(small, plain, w) for w in (1.0, -1.0)]  # (types, m, 6) each
+        offset = self.request.sampling.offset
+        arm = reach(self.solution.machine, self.axis, self.request.base) if offset is None else offset
+        tables = []
+        for itself in (False, True):
+            group = [k for k, t in enumerate(self.chosen) if (t.name == "R-POS") == itself]
+            for component in range(ROWS):
+                scale = arm if component >= 3 else 1.0
+                curves = np.stack([way[:, :, component] for way in ways])  # (ways, types, m)
+                held = [k for k in group if np.abs(scale * curves[:, k]).max() > NEGLIGIBLE]
+                if held:
+                    table = self._table([self.chosen[k] for k in held], component, curves[:, held].sum(axis=1).T, scale)
+                    tables.append(replace(table, applied=ITSELF if itself else MODEL))
+        return tables
 
+    def _values(self, solution: Solution, base: Base, way: float) -> np.ndarray:
+        """Error values of each type along the axis approached in one direction, (types, m, 6)."""
+        ways = np.full(len(self.dense), way)
+        found = [axis_errors(solution, self.axis, t.effects, base, self.dense, ways) for t in self.chosen]
+        return np.stack(found).sum(axis=3)
 
-@dataclass(frozen=True, eq=False)
-class _Rows:
-    """Linear maps of one axis's tables, kept for its six components."""
-
-    solution: Solution
-    axis: Axis
-    base: Base
-    known: dict[tuple[str, bytes, float], np.ndarray] = field(default_factory=dict)
-
-    def __call__(self, types: Sequence[CompensationType], nodes: np.ndarray, way: float, component: int) -> np.ndarray:
-        """Rows (m, n) of the types' sum."""
+    def _rows(self, types: Sequence[CompensationType], nodes: np.ndarray, way: float, component: int) -> np.ndarray:
+        """One component of the types' sum as linear map of θ, (m, n)."""
         total = np.zeros((len(nodes), self.solution.model.n_parameters))
         for t in types:
             key = (t.name, nodes.tobytes(), way)
-            if key not in self.known:
-                self.known[key] = axis_values(self.solution, self.axis, [t], self.base, nodes, way)[0]
-            total += self.known[key][:, component]
+            if key not in self._known:
+                ways = np.full(len(nodes), way)
+                self._known[key] = axis_errors(self.solution, self.axis, t.effects, self.request.base, nodes, ways)
+            total += self._known[key][:, component]
         return total
 
-
-def _table(
-    rows: _Rows,
-    types: Sequence[CompensationType],
-    component: int,
-    nodes: np.ndarray,
-    zero: float | None,
-    covariance: np.ndarray,
-) -> ErrorTable:
-    solution, axis, base = rows.solution, rows.axis, rows.base
-    name = f"E{DIRECTIONS[component]}{axis.letter}"
-    both = [rows(types, nodes, way, component) for way in (1.0, -1.0)]
-    if zero is not None:
-        origin = [rows(types, np.array([zero]), way, component) for way in (1.0, -1.0)]
-        both = [own - 0.5 * (origin[0] + origin[1]) for own in both]
-    _require_determined(solution, name, np.concatenate(both))
-    theta = np.asarray(solution.parameters)
-    positions = np.tile(base.at, (len(nodes), 1))
-    positions[:, solution.machine.index(axis.letter)] = nodes
-    crossing = base.at[solution.machine.index(axis.letter)] if zero is None else zero
-    return ErrorTable(
-        type=" + ".join(t.name for t in types),
-        function=name,
-        positions=nodes,
-        forward=both[0] @ theta,
-        reverse=both[1] @ theta,
-        u=np.stack([propagated(own, covariance) for own in both], axis=1),
-        outside=solution.outside(positions, judged_axes(solution, axis)),
-        applied=MODEL,
-        interpolation=0.0,
-        basis=_basis(solution.machine, axis, base),
-        zero=f"{axis.letter} = {crossing:g} {axis.unit}",
-        datum=describe_datum(solution),
-        period=period_of(axis, nodes),
-        notes=(*alignment_notes(solution, base, axis.letter), *_notes(solution, axis)),
-    )
-
-
-def propagated(rows: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """Standard uncertainty of rows · θ, rows (..., n): sqrt(a C aᵀ)."""
-    return np.asarray(np.sqrt(np.maximum(np.sum((rows @ covariance) * rows, axis=-1), 0.0)))
+    def _table(self, types: Sequence[CompensationType], component: int, curve: np.ndarray, scale: float) -> ErrorTable:
+        """The table of one component; `curve` (m, 2): both directions on the dense sampling, `scale`: what makes it mm."""
+        solution, axis, base = self.solution, self.axis, self.request.base
+        name = f"E{DIRECTIONS[component]}{axis.letter}"
+        nodes = choose_nodes(name, self.dense, scale * curve, self.request.sampling, self.knots)
+        both = [self._rows(types, nodes, way, component) for way in (1.0, -1.0)]
+        zero = self.request.zero.get(axis.letter)
+        crossing = base.at[solution.machine.index(axis.letter)] if zero is None else zero
+        if zero is not None:
+            shift = self._rows(types, np.array([zero]), MEAN_DIRECTION, component)
+            both = [rows - shift for rows in both]
+        for rows in both:
+            _require_determined(solution, name, rows)
+        theta, covariance = np.asarray(solution.parameters), solution.parameter_covariance
+        positions = np.tile(base.at, (len(nodes), 1))
+        positions[:, solution.machine.index(axis.letter)] = nodes
+        return ErrorTable(
+            type=" + ".join(t.name for t in types),
+            function=name,
+            positions=nodes,
+            forward=both[0] @ theta,
+            reverse=both[1] @ theta,
+            u=np.stack([linear_uncertainty(rows, covariance) for rows in both], axis=1),
+            outside=solution.outside(positions, judged_axes(solution, axis)),
+            applied=MODEL,
+            interpolation=float(interpolation_error(self.dense, curve, nodes).max()),
+            basis=_basis(solution.machine, axis, base),
+            zero=f"{axis.letter} = {crossing:g} {axis.unit}",
+            datum=describe_datum(solution.machine, solution.datum),
+            period=period_of(axis, nodes),
+            notes=(*alignment_notes(solution, base, axis.letter), *_notes(solution, axis)),
+        )
 
 
 def _require_determined(solution: Solution, name: str, rows: np.ndarray) -> None:
-    if solution.is_lost(rows).any():
+    if solution.is_not_determined(rows).any():
         raise NotDeterminedError(
             f"tables: the data do not determine {name} on this line. {' '.join(solution.statements)} Measure what is missing, "
-            "or choose another line (--at), tool vector (--tool) or type."
+            "or choose another line (`at`), tool vector (`tool`) or type."
         )
 
 
@@ -195,33 +197,41 @@ def _notes(solution: Solution, axis: Axis) -> tuple[str, ...]:
     crossed = [name for name in crossed if parse(name).axis == axis.letter]
     if crossed:
         notes.append(
-            f"{', '.join(crossed)}: depends on a second axis too; held at the line. --rigid finds what is best overall"
+            f"{', '.join(crossed)}: depends on a second axis too; held at the line. best_rigid finds what is best overall"
         )
     if solution.adequacy.rejected:
         notes.append("MODEL REJECTED BY THE DATA: " + solution.adequacy.verdict)
     return tuple(notes)
 
 
-def _tool_frame(
-    solution: Solution, types: Sequence[CompensationType], base: Base, covariance: np.ndarray
-) -> list[ErrorTable]:
+def _tool_frame(solution: Solution, request: TableRequest) -> list[ErrorTable]:
     """Constants of the tool frame, one row each."""
-    theta = np.asarray(solution.parameters)
-    holding = [t for t in types if t.needs_tool]
+    theta, tool = np.asarray(solution.parameters), ", ".join(f"{v:g}" for v in request.base.tool)
+    rows = [
+        (t.name, tool_frame_errors(solution, t.effects, request.base)) for t in request.types if t.needs_tool
+    ]  # (6, n) of each type
     tables = []
     for component, direction in enumerate(DIRECTIONS):
-        rows = [tool_frame_errors(solution, t.effects, base)[component] for t in holding]
-        used = [(t, row) for t, row in zip(holding, rows, strict=True) if np.any(row)]
-        if used:
-            total = sum(row for _, row in used)[None]  # type: ignore[index]
-            name = f"E{direction}0{SPINDLE}"
-            _require_determined(solution, name, total)
-            value, u = total @ theta, np.full((1, 2), propagated(total, covariance)[0])
-            types_of = " + ".join(t.name for t, _ in used)
-            basis = {"tool vector": f"{', '.join(f'{v:g}' for v in base.tool)} mm"}
-            zero, at, inside = "a constant", np.zeros(1), np.zeros(1, dtype=bool)
-            datum = describe_datum(solution)
-            tables.append(
-                ErrorTable(types_of, name, at, value, value.copy(), u, inside, MODEL, 0.0, basis, zero, datum)
+        used = {name: own[component] for name, own in rows if np.any(own[component])}
+        if not used:
+            continue
+        total, function = np.sum(list(used.values()), axis=0)[None], f"E{direction}0{SPINDLE}"
+        _require_determined(solution, function, total)
+        value, u = total @ theta, linear_uncertainty(total, solution.parameter_covariance)
+        tables.append(
+            ErrorTable(
+                type=" + ".join(used),
+                function=function,
+                positions=np.zeros(1),
+                forward=value,
+                reverse=value.copy(),
+                u=np.full((1, 2), u[0]),
+                outside=np.zeros(1, dtype=bool),
+                applied=MODEL,
+                interpolation=0.0,
+                basis={"tool vector": f"{tool} mm"},
+                zero="a constant",
+                datum=describe_datum(solution.machine, solution.datum),
             )
+        )
     return tables

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from volid.compensation.grids.interpolation import into_period
 from volid.model.iso230 import parse
+
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Float
 
 MODEL, ITSELF = "kinematic model", "the axis itself"
 COLUMNS, VALUE, DIFFERENCE = "columns", "value", "difference"
@@ -17,20 +22,36 @@ COLUMNS, VALUE, DIFFERENCE = "columns", "value", "difference"
 class ErrorTable:
     """One error function as a control holds it.
 
-    `function`: ISO 230-1 symbol; `type`: the compensation types whose effects it holds. `positions`: (n,) [mm or °]. `forward`,
-    `reverse`: ERROR values approached in + and -, (n,) [mm or rad]; `u`: standard uncertainties (n, 2). `outside`: (n,) True
-    where a position lies outside what was measured. `applied`: "kinematic model" or "the axis itself". `interpolation`: largest
-    deviation of linear interpolation between the points [mm or rad]. `basis`: lines, tool vector or elevation, in words. `zero`:
-    where values are zero. `period`: 360 for a full turn, else 0.
+    Args:
+        type: the compensation types whose effects it holds.
+        function: ISO 230-1 symbol.
+        positions: rising, shape (n,) [mm or °].
+        forward: ERROR values approached in +, shape (n,) [mm or rad].
+        reverse: approached in -.
+        u: standard uncertainties of both, shape (n, 2).
+        outside: True where a position lies outside what was measured, shape (n,).
+        applied: "kinematic model" or "the axis itself".
+        interpolation: largest deviation of linear interpolation between the points [mm or rad].
+        basis: lines, tool vector or elevation, in words.
+        zero: where values are zero, in words.
+        datum: in words.
+        period: 360 for a full turn, else 0 [°].
+        notes: what else a user should know.
+
+    >>> import numpy as np
+    >>> x, e = np.array([0.0, 100.0]), np.array([0.0, 0.010])
+    >>> table = ErrorTable("L-POS", "EXX", x, e, e - 0.002, np.zeros((2, 2)), x > 100.0, "kinematic model", 0.0)
+    >>> table.at(np.array([50.0, 50.0, 50.0]), np.array([1.0, -1.0, 0.0])).round(6).tolist()
+    [0.005, 0.003, 0.004]
     """
 
     type: str
     function: str
-    positions: np.ndarray
-    forward: np.ndarray
-    reverse: np.ndarray
-    u: np.ndarray
-    outside: np.ndarray
+    positions: Float[np.ndarray, " n"]
+    forward: Float[np.ndarray, " n"]
+    reverse: Float[np.ndarray, " n"]
+    u: Float[np.ndarray, "n 2"]
+    outside: Bool[np.ndarray, " n"]
     applied: str
     interpolation: float
     basis: Mapping[str, str] = field(default_factory=dict)
@@ -54,12 +75,9 @@ class ErrorTable:
         """Unit of the values."""
         return parse(self.function).unit
 
-    def at(self, positions: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    def at(self, positions: Float[np.ndarray, " m"], direction: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
         """Error value by linear interpolation, (m,): end values held outside; direction 0 or unknown: mean of both."""
-        x = np.asarray(positions, dtype=float)
-        if self.period:
-            beyond = (x < self.positions[0]) | (x > self.positions[-1])
-            x = np.where(beyond, self.positions[0] + np.mod(x - self.positions[0], self.period), x)
+        x = into_period(np.asarray(positions, dtype=float), self.positions[0], self.positions[-1], self.period)
         up, down = (np.interp(x, self.positions, v) for v in (self.forward, self.reverse))
         return np.asarray(0.5 * (up + down) + 0.5 * np.sign(direction) * (up - down))
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from volid.backend.even_points import every_step
 from volid.exceptions import InputError
 
 POINTS = 21  # of a table when nothing is asked for
@@ -36,23 +37,23 @@ class Sampling:
 
     def __post_init__(self) -> None:
         if self.step is not None and (self.max_points is not None or self.max_error is not None):
-            raise InputError("--step stands alone; take it, or --max-points and --max-error")
-        for name, value in (("--step", self.step), ("--max-error", self.max_error), ("--offset", self.offset)):
+            raise InputError("`step` stands alone; take it, or `max_points` and `max_error`")
+        for name in ("step", "max_error", "offset"):
+            value = getattr(self, name)
             if value is not None and not value > 0:
-                raise InputError(f"{name} {value:g}; expected a distance > 0")
+                raise InputError(f"`{name}={value:g}`: expected a distance > 0")
         if self.max_points is not None and not 2 <= self.max_points <= LARGEST:
-            raise InputError(f"--max-points {self.max_points}; expected 2 … {LARGEST}")
+            raise InputError(f"`max_points={self.max_points}`: expected 2 … {LARGEST}")
         if self.spacing not in (EQUAL, FREE):
-            raise InputError(f"--spacing '{self.spacing}'; expected {EQUAL} or {FREE}")
+            raise InputError(f"`spacing={self.spacing}`: expected {EQUAL} or {FREE}")
 
 
 def stepped(travel: tuple[float, float], step: float) -> np.ndarray:
     """Every `step` from the lower end, and the upper end."""
     low, high = travel
     if (high - low) / step > LARGEST:
-        raise InputError(f"--step {step:g}: more than {LARGEST} points over {low:g} … {high:g}; take a larger step")
-    inner = low + step * np.arange(int(np.floor((high - low) / step + 1e-9)) + 1)
-    return inner if high - inner[-1] < 1e-6 * step else np.append(inner, high)
+        raise InputError(f"`step={step:g}`: more than {LARGEST} points over {low:g} … {high:g}; take a larger step")
+    return every_step(low, high, step)
 
 
 def interpolation_error(dense: np.ndarray, values: np.ndarray, nodes: np.ndarray) -> np.ndarray:
@@ -86,7 +87,7 @@ def choose_nodes(
         needed = f"{len(found)} points" if found is not None else f"more than {LARGEST} points"
         raise InputError(
             f"{name}: {needed} needed to interpolate within {1e3 * sampling.max_error:.3g} µm; the limit of {limit} leaves "
-            f"{1e3 * left:.3g} µm. Allow more points, a larger error, or --spacing {FREE}"
+            f"{1e3 * left:.3g} µm. Allow more points, a larger error, or `spacing={FREE}`"
         )
     return found
 

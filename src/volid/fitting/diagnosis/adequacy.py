@@ -35,12 +35,13 @@ class GroupTest:
 
 @dataclass(frozen=True)
 class SuspectReading:
-    """A reading whose normalised residual exceeds the critical value: where, residual [reading's unit], normalised."""
+    """A reading whose normalised residual exceeds the critical value: where, residual in its `unit`, normalised."""
 
     where: str
     label: str
     residual: float
     normalised: float
+    unit: str = "mm"
 
 
 @dataclass(frozen=True)
@@ -72,10 +73,8 @@ def _groupings(
     """
     m = len(observations)
     yield f"set '{observations.name}'", np.ones(m, dtype=bool)
-    for label in ("station", "line", "component", "sphere"):
-        values = dict.fromkeys(like.labels.get(label, ()))
-        for value in values if label != "sphere" or len(values) > 1 else ():
-            yield f"{label} {value}", observations.labels[label] == value
+    for label, value in KINDS[observations.kind].groups_by(like):
+        yield f"{label} {value}", observations.labels[label] == value
     columns = KINDS[observations.kind].readings
     for k, name in enumerate(columns if len(columns) > 1 else ()):
         yield f"direction {name}", np.tile(np.arange(len(columns)) == k, (m, 1))
@@ -123,8 +122,19 @@ def _test(what: str, total: float, dof: float, n: float) -> GroupTest | None:
 def reading_label(observations: ObservationSet, i: int, k: int) -> str:
     """What a reading belongs to, in words; where a row's readings have different units, with the name of reading `k`."""
     kind = KINDS[observations.kind]
-    texts = [f"{key} {v[i]}" for key, v in observations.labels.items() if key in ("station", "component", "line")]
+    texts = [f"{label} {observations.labels[label][i]}" for label in kind.named_by]
     return ", ".join([*texts, *(kind.readings[k : k + 1] if kind.units else ())])
+
+
+def suspect(observations: ObservationSet, i: int, k: int, whitened: float, normalised: float) -> SuspectReading:
+    """Reading `k` of row `i` with its whitened residual, named."""
+    return SuspectReading(
+        observations.where(i),
+        reading_label(observations, i, k),
+        whitened * float(observations.u[i, k]),
+        normalised,
+        KINDS[observations.kind].unit_at(observations, i, k),
+    )
 
 
 def assess(
@@ -192,9 +202,7 @@ def _suspects(
     for s, r, f, a in zip(campaign.sets, residuals, redundancy, active, strict=True):
         normalised = np.where(a & (f > 1e-6), r / np.sqrt(np.maximum(f, 1e-6)), 0.0)
         for i, k in zip(*np.nonzero(np.abs(normalised) > limit), strict=True):
-            result.append(
-                SuspectReading(s.where(i), reading_label(s, i, k), float(r[i, k] * s.u[i, k]), float(normalised[i, k]))
-            )
+            result.append(suspect(s, int(i), int(k), float(r[i, k]), float(normalised[i, k])))
     return result
 
 

@@ -14,23 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from volid.campaign import Campaign, ObservationSet
+from volid.campaign import SAME_ANGLE, Campaign, ObservationSet
 from volid.fitting.equations.problem import Problem
 from volid.model.machine import Machine
 
-SAME_ANGLE = 1e-3  # degrees: rotary positions nearer than this are one
 CARRIED_ALONE = 1e-6  # eigenvalue of I - H_gg below which a group alone carries something
 LARGEST = 50_000_000  # numbers of the projected Jacobian that are kept in memory at once
 BINS = 6
 LISTED = 8  # distinct positions that are listed one by one
-
-
-def rotary_poses(campaign: Campaign) -> list[np.ndarray]:
-    """Number of the combination of rotary positions of every row, (m,) per set; 0 everywhere without rotary axes."""
-    columns = [i for i, axis in enumerate(campaign.machine.axes) if not axis.is_linear]
-    angles = np.concatenate([s.positions[:, columns] for s in campaign.sets])
-    _, pose = np.unique(np.round(angles / SAME_ANGLE), axis=0, return_inverse=True)
-    return np.split(np.asarray(pose).ravel(), np.cumsum([len(s) for s in campaign.sets])[:-1])
 
 
 def held_out_residuals(
@@ -47,7 +38,7 @@ def held_out_residuals(
         return ()
     blocks = problem.equations.projected(z, root.T)
     rows = _rows(problem, campaign, blocks)
-    poses = rotary_poses(campaign)
+    poses = campaign.rotary_poses()
     group = np.concatenate([np.repeat(p, r.shape[1]) for p, r in zip(poses, whitened, strict=True)])
     residual = np.concatenate([r.ravel() for r in whitened])
     held = np.empty_like(residual)
@@ -108,7 +99,7 @@ def by_angle(
 ) -> list[AngleBin]:
     """Bins of every rotary axis that moves in a set, axis by axis from the workpiece.
 
-    `poses`: (m,) as `rotary_poses` gives. `residual`, `held`: (m, k) in the reading's unit. `used`: (m,) bool.
+    `poses`: (m,) as `Campaign.rotary_poses` gives. `residual`, `held`: (m, k) in the reading's unit. `used`: (m,) bool.
     """
     result = []
     for i, axis in enumerate(machine.axes):

@@ -18,9 +18,8 @@ from volid.fitting.equations.problem import Problem
 from volid.model.error_functions import motion_names, settings_for
 from volid.model.error_model import LOCATION, ErrorModel
 from volid.model.iso230 import parse
-from volid.model.kinematics import nominal_point
 from volid.model.machine import Machine
-from volid.observations.distance import sees_tool
+from volid.observations import KINDS
 
 UNIT = 0.1  # mm; the rotations' unit follows by dividing by 1 m
 ROTATION_UNIT = 1e-4  # rad
@@ -30,7 +29,6 @@ RELATIVE = 1e-9
 # determined. They mean nothing: setting such a combination to 0 changes those by less than their uncertainty.
 HELD = 0.1  # cosine to the null space from which a tool rotation is part of it
 NAMED = 1e-4  # squared component from which a function is part of it
-SAME_SPHERE = 2.0  # mm: nominal points closer than this belong to one sphere; sensors reach about as far
 
 
 @dataclass(frozen=True)
@@ -213,8 +211,8 @@ def explain(model: ErrorModel, null: np.ndarray, campaign: Campaign, held: bool 
     if place:
         whole = [n for n in whole if n not in place]
         lines.append(
-            f"{', '.join(place)}: same as the unknown place of the sphere on the workpiece. No reading tells them apart, and "
-            f"no compensation needs them; set {place[0]} = false and the like."
+            f"{', '.join(place)}: same as the unknown place of the {_standing(campaign)} on the workpiece. No reading tells them "
+            f"apart, and no compensation needs them; set {place[0]} = false and the like."
         )
     if whole:
         first = whole[0].split(" (")[0].split(",")[0]
@@ -233,7 +231,12 @@ def _is_place_of_workpiece(campaign: Campaign, name: str) -> bool:
     if not error.location or error.is_rotation or error.axis not in machine.letters:
         return False
     axis = machine.axis(error.axis)
-    return not axis.is_linear and not axis.primed and all(s.kind == "displacement" for s in campaign.sets)
+    return not axis.is_linear and not axis.primed and all(KINDS[s.kind].standing for s in campaign.sets)
+
+
+def _standing(campaign: Campaign) -> str:
+    """What stands on the workpiece at an unknown place, in words."""
+    return " or ".join(dict.fromkeys(KINDS[s.kind].standing for s in campaign.sets))
 
 
 def _segment_reasons(model: ErrorModel, campaign: Campaign, names: list[str]) -> list[str]:
@@ -256,22 +259,9 @@ def _segment_reasons(model: ErrorModel, campaign: Campaign, names: list[str]) ->
 def likely_reasons(campaign: Campaign) -> list[str]:
     """Facts of a campaign that usually leave functions undetermined: tool vectors, stations, positions."""
     reasons = []
-    sets = [s for s in campaign.sets if s.kind == "distance" and sees_tool(s)]
-    if sets:
-        stations = {name for s in sets for name in s.labels["station"]}
-        if len(stations) < 3:
-            named = "one station" if len(stations) == 1 else "two stations"
-            reasons.append(f"distances from {named} only; at least three are needed")
-        tools = np.unique(np.round(np.concatenate([s.tool for s in sets]), 3), axis=0)
-        if len(tools) == 1:
-            reasons.append(f"a single tool vector {_vector(tools[0])} was used; use three that do not lie on one line")
-        elif np.linalg.matrix_rank(tools - tools[0], tol=1.0) == 1:
-            if np.ptp(tools[:, :2], axis=0).max() < 1.0:
-                reasons.append("every tool vector lies on the spindle axis; add one with a lateral offset")
-            else:
-                said = "both" if len(tools) == 2 else f"all {len(tools)}"
-                reasons.append(f"{said} tool vectors lie on one line; add one that does not lie on it")
-    reasons += _sphere_reasons(campaign)
+    for name, kind in KINDS.items():
+        sets = [s for s in campaign.sets if s.kind == name]
+        reasons += kind.advice(sets, campaign) if sets else []
     for i, letter in enumerate(campaign.machine.letters):
         values = np.concatenate([s.positions[:, i] for s in campaign.sets])
         count = len(np.unique(np.round(values, 3)))
@@ -287,34 +277,3 @@ def likely_reasons(campaign: Campaign) -> list[str]:
 def reversals(machine: Machine) -> list[str]:
     """Error motions that the machine file models with reversal."""
     return [name for name in motion_names(machine) if settings_for(machine, name).reversal]
-
-
-def _sphere_reasons(campaign: Campaign) -> list[str]:
-    """The same for spheres: how many, where they lie, with which tool vectors, and whether the nest is known."""
-    sets = [s for s in campaign.sets if s.kind == "displacement"]
-    if not sets:
-        return []
-    reasons, machine = [], campaign.machine
-    points = np.concatenate([nominal_point(machine, s.positions, s.tool) for s in sets])
-    places = np.unique(np.round(points / SAME_SPHERE), axis=0) * SAME_SPHERE
-    spread = np.linalg.norm(places - places[0], axis=1).max()
-    if spread < 2.0 * SAME_SPHERE:
-        reasons.append("one sphere place only; use three that do not lie on one line")
-    for axis in machine.axes:
-        if not axis.is_linear and axis.primed:
-            direction = np.asarray(axis.unit_vector)
-            if machine.index(axis.letter) == 0:  # only the line of the axis next to the workpiece stands still in it
-                off = np.linalg.norm(np.cross(places - np.asarray(axis.point), direction), axis=1).max()
-                if off < 2.0 * SAME_SPHERE:
-                    reasons.append(f"every sphere lies on the axis line of {axis.letter}; add one far from it")
-    tools = np.unique(np.round(np.concatenate([s.tool for s in sets]), 3), axis=0)
-    if len(tools) == 1:
-        reasons.append(f"a single tool vector {_vector(tools[0])} was used; use three that do not lie on one line")
-    unknown = [s.name for s in sets if not np.isfinite(float(s.options.get("nest_u", 0.0)))]
-    if unknown:
-        reasons.append(f"the place of the nest of set {', '.join(unknown)} is unknown (nest_u = inf); calibrate it")
-    return reasons
-
-
-def _vector(v: np.ndarray) -> str:
-    return "(" + ", ".join(f"{x:g}" for x in v) + ") mm"

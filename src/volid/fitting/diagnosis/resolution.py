@@ -51,15 +51,6 @@ class Resolution:
     at_limit: tuple[str, ...] = ()
 
 
-def distinct_positions(campaign: Campaign) -> dict[str, int]:
-    """Number of distinct commanded positions on every axis (equal within 1e-4 of the travel)."""
-    counts = {}
-    for i, axis in enumerate(campaign.machine.axes):
-        values = np.concatenate([s.positions[:, i] for s in campaign.sets])
-        counts[axis.letter] = len(np.unique(np.round((values - axis.travel[0]) / (1e-4 * axis.length))))
-    return counts
-
-
 def _finest(machine: Machine, name: str, letter: str, n_positions: int) -> int:
     """Finest resolution that the positions carry: no more coefficients than positions.
 
@@ -91,7 +82,7 @@ def limits(campaign: Campaign, given: Segments | None = None) -> tuple[Segments,
     `given`: resolutions fixed by a prior; they are not chosen again.
     """
     given = given or {}
-    machine, counts = campaign.machine, distinct_positions(campaign)
+    machine, counts = campaign.machine, campaign.distinct_positions()
     carrier: Segments = {}
     automatic = set()
     for name in motion_names(machine):
@@ -124,7 +115,7 @@ def first_guess(carrier: Segments, automatic: set[str]) -> Segments:
 
 def _folds(campaign: Campaign, rng: np.random.Generator) -> list[np.ndarray]:
     """Fold number (m,) of every row of every set; rows at one machine position share their fold."""
-    positions = np.concatenate([s.positions for s in campaign.sets])
+    positions = campaign.positions
     lengths = np.array([axis.length for axis in campaign.machine.axes])
     _, point = np.unique(np.round(positions / (1e-4 * lengths)), axis=0, return_inverse=True)
     point = np.asarray(point).ravel()

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
-from volid.effects.base import Form
+from volid.effects.prediction import Form
 from volid.fitting.equations.cells import cell_numbers, count_cells, finest_segments, window_width
 from volid.fitting.equations.columns import Columns
 from volid.fitting.equations.system import Block, flat
@@ -28,13 +29,18 @@ PER_FLOP, PER_NUMBER, PER_TILE, PER_SUM = 2.5e-11, 6e-10, 3e-4, 2.5e-9
 
 
 class Tile(NamedTuple):
-    """Rows `first` to `last`, first coefficient and width of every window, and the nuisance parameters that occur."""
+    """Rows `first` to `last`, first coefficient and width of every window, and the nuisance parameters that occur.
+
+    `columns`: numbers of all columns, ascending; `parts`: runs of consecutive ones, where they stand and which they are.
+    """
 
     first: int
     last: int
     starts: tuple[int, ...]
     widths: tuple[int, ...]
     nuisance: np.ndarray
+    columns: np.ndarray
+    parts: list[tuple[slice, slice]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,19 +116,6 @@ class Arranged:
         )
         return replace(found, tiles=_tiles(found))
 
-    def width(self, tile: Tile) -> int:
-        """Number of columns of a tile."""
-        windows = zip(self.columns.windows, tile.widths, strict=True)
-        others = sum(run.width * run.size for run in self.columns.others)
-        return sum(run.width * size for run, size in windows) + others + len(tile.nuisance)
-
-    def numbers_of_columns(self, tile: Tile) -> np.ndarray:
-        """Numbers of the columns of a tile, ascending."""
-        windows = zip(self.columns.windows, tile.starts, tile.widths, strict=True)
-        ends = [(run.start + start * run.width, size * run.width) for run, start, size in windows]
-        ends += [(run.start, run.size * run.width) for run in self.columns.others]
-        return np.concatenate([*(np.arange(a, a + n) for a, n in ends), self.columns.n_curves + tile.nuisance])
-
     @property
     def bytes_of_bases(self) -> int:
         """Memory that all basis values take."""
@@ -183,11 +176,28 @@ def _tiles(rows: Arranged) -> tuple[Tile, ...]:
     last = np.maximum.reduceat(rows.intervals, first, axis=1).T if len(rows.intervals) else starts
     degree = np.array([run.spline.degree for run in rows.columns.windows if run.spline], dtype=np.int64)
     widths = last - starts + degree + 1
+    n, found = rows.columns.n_nuisance, []
     ends = zip(first.tolist(), rows.bounds[1:].tolist(), strict=True)
-    return tuple(
-        Tile(a, b, tuple(s), tuple(w), np.unique(rows.slots[:, a:b]))
-        for (a, b), s, w in zip(ends, starts.tolist(), widths.tolist(), strict=True)
-    )
+    for (a, b), start, width in zip(ends, starts.tolist(), widths.tolist(), strict=True):
+        nuisance = np.flatnonzero(np.bincount(rows.slots[:, a:b].ravel(), minlength=n))
+        columns = _columns(rows.columns, start, width, nuisance)
+        found.append(Tile(a, b, tuple(start), tuple(width), nuisance, columns, _parts(columns)))
+    return tuple(found)
+
+
+def _columns(columns: Columns, starts: list[int], widths: list[int], nuisance: np.ndarray) -> np.ndarray:
+    """Numbers of the columns of a tile, ascending."""
+    windows = zip(columns.windows, starts, widths, strict=True)
+    ends = [(run.start + start * run.width, size * run.width) for run, start, size in windows]
+    ends += [(run.start, run.size * run.width) for run in columns.others]
+    return np.concatenate([*(np.arange(a, a + n) for a, n in ends), columns.n_curves + nuisance])
+
+
+def _parts(columns: np.ndarray) -> list[tuple[slice, slice]]:
+    """Runs of consecutive numbers: where they stand in `columns`, and the numbers themselves."""
+    ends = [0, *(np.flatnonzero(np.diff(columns) != 1) + 1).tolist(), len(columns)]
+    runs = ((a, b, int(columns[a])) for a, b in pairwise(ends) if b > a)
+    return [(slice(a, b), slice(first, first + b - a)) for a, b, first in runs]
 
 
 def _cells(columns: Columns, intervals: np.ndarray, m: int, k: int) -> tuple[np.ndarray, int]:

@@ -17,20 +17,17 @@ from volid.model.splines import Spline
 
 
 class Run(NamedTuple):
-    """Terms with one basis. `spline`: the one it has a window of; None where all its columns are taken. `size`: coefficients of a
-    term, unrolled. `start`: of its columns. `rows`, `signs` (terms,): error values the terms add to, and how."""
+    """Terms with one basis. `spline`: the one it has a window of; None where all its columns are taken. `width`: number of terms.
+    `size`: coefficients of a term, unrolled. `start`: of its columns. `rows`, `signs` (terms,): error values the terms add to,
+    and how."""
 
     terms: tuple[Term, ...]
     spline: Spline | None
+    width: int
     size: int
     start: int
     rows: np.ndarray
     signs: np.ndarray
-
-    @property
-    def width(self) -> int:
-        """Number of terms."""
-        return len(self.terms)
 
 
 def window_of(run: list[Term]) -> Spline | None:
@@ -56,7 +53,7 @@ class Columns:
             unrolled = np.arange(size + (spline.degree if spline is not None and spline.periodic else 0)) % size
             source.append((np.array([t.start for t in run]) + unrolled[:, None]).ravel())
             rows, signs = np.array([t.row for t in run]), np.array([[t.sign] for t in run])
-            self.runs.append(Run(tuple(run), spline, len(unrolled), start, rows, signs))
+            self.runs.append(Run(tuple(run), spline, len(run), len(unrolled), start, rows, signs))
             start += len(run) * len(unrolled)
         self.n_curves = start
         self.source = np.concatenate([*source, layout.n_coefficients + np.arange(n_nuisance)]).astype(np.int64)

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from volid.backend.lazy import jax, jnp
-from volid.effects.base import Form
+from volid.effects.prediction import Form
 from volid.fitting.equations import programs
 from volid.fitting.equations.engine import Calls, PointFunction, slices, taken
 from volid.fitting.equations.system import Block, Normal, System, flat

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from volid.effects.base import Form
+from volid.effects.prediction import Form
 from volid.fitting.equations.system import Normal, System
 from volid.model.error_model import Layout
 from volid.model.machine import Machine

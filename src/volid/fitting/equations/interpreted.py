@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from volid.backend.reverse import Recorded, gradients
-from volid.effects.base import Form, predict_readings
+from volid.effects.prediction import Form, predict_readings
 from volid.fitting.equations.arranged import Arranged, arranged
 from volid.fitting.equations.columns import columns_of
 from volid.fitting.equations.engine import Calls, PointFunction, slices, taken
@@ -218,8 +218,8 @@ class InterpretedEquations:
             if own is not None:
                 for piece in map(partial(Piece, own), own.pieces()):
                     partials = piece.linearised(self.system.machine, values).partials
-                    for tile, rows, columns in piece.jacobians(partials, np.float64):
-                        part = function(rows, columns)
+                    for tile, rows in piece.jacobians(partials, np.float64):
+                        part = function(rows, tile.columns)
                         result[..., own.numbers[tile.first : tile.last]] = part.reshape(*lead, k, -1)
             found.append(_chunked(result, block))
         return found

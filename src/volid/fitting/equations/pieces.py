@@ -7,13 +7,12 @@ of a reading.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from volid.backend.reverse import Recorded, gradients
-from volid.effects.base import predict_readings
+from volid.effects.prediction import predict_readings
 from volid.fitting.equations.arranged import Arranged, Tile
 from volid.model.error_model import ROWS, add_curves
 from volid.model.machine import Machine
@@ -91,11 +90,10 @@ class Piece(NamedTuple):
 
     def add_squares(self, linear: Linear, total: np.ndarray, kind: Any) -> None:
         """Adds JᵀJ to the upper triangle of `total`, in all columns, from products in numbers of type `kind`."""
-        for _, rows, columns in self.jacobians(linear.partials, kind):
+        for tile, rows in self.jacobians(linear.partials, kind):
             product = rows @ rows.T
-            parts = _slices(columns)
-            for i, (own, target) in enumerate(parts):
-                for other, place in parts[i:]:
+            for i, (own, target) in enumerate(tile.parts):
+                for other, place in tile.parts[i:]:
                     total[target, place] += product[own, other]
 
     def add_nuisance(self, linear: Linear, total: Any) -> None:
@@ -107,8 +105,8 @@ class Piece(NamedTuple):
         total.gradient += whole @ linear.residual.ravel()
         total.matrix += whole @ whole.T
 
-    def jacobians(self, partials: np.ndarray, kind: Any) -> Iterator[tuple[Tile, np.ndarray, np.ndarray]]:
-        """Every tile with its Jacobian (columns, k · rows) in numbers of type `kind`, and the numbers of its columns.
+    def jacobians(self, partials: np.ndarray, kind: Any) -> Iterator[tuple[Tile, np.ndarray]]:
+        """Every tile with its Jacobian (columns, k · rows) in numbers of type `kind`.
 
         The next tile takes the memory of the one before.
         """
@@ -118,9 +116,9 @@ class Piece(NamedTuple):
         runs = block.columns.runs
         signed = [partials[run.rows] * run.signs[:, :, None].astype(kind) for run in runs]
         bases = [block.basis(i, self.rows).astype(kind, copy=False) for i in range(len(runs))]
-        room = np.empty(max(block.width(t) * (t.last - t.first) for t in self.tiles) * k, dtype=kind)
+        room = np.empty(max(len(t.columns) * (t.last - t.first) for t in self.tiles) * k, dtype=kind)
         for tile in self.tiles:
-            own, count, width = slice(tile.first - first, tile.last - first), tile.last - tile.first, block.width(tile)
+            own, count, width = slice(tile.first - first, tile.last - first), tile.last - tile.first, len(tile.columns)
             rows, place = room[: width * k * count].reshape(width, k, count), 0
             for i, run in enumerate(runs):
                 size = tile.widths[i] if run.spline is not None else run.size
@@ -130,7 +128,7 @@ class Piece(NamedTuple):
             rows[place:] = 0.0
             number = np.searchsorted(tile.nuisance, block.slots[:, tile.first : tile.last])
             _add_slots(rows[place:], number, slots[:, :, own])
-            yield tile, rows.reshape(width, -1), block.numbers_of_columns(tile)
+            yield tile, rows.reshape(width, -1)
 
 
 def _add_slots(rows: np.ndarray, numbers: np.ndarray, partials: np.ndarray) -> None:
@@ -138,10 +136,3 @@ def _add_slots(rows: np.ndarray, numbers: np.ndarray, partials: np.ndarray) -> N
     place = np.arange(numbers.shape[1])
     for number, extra in zip(numbers, partials, strict=True):
         rows[number, :, place] += extra.T
-
-
-def _slices(columns: np.ndarray) -> list[tuple[slice, slice]]:
-    """Runs of consecutive numbers: where they stand in `columns`, and the numbers themselves."""
-    ends = [0, *(np.flatnonzero(np.diff(columns) != 1) + 1).tolist(), len(columns)]
-    parts = ((a, b, int(columns[a])) for a, b in pairwise(ends) if b > a)
-    return [(slice(a, b), slice(first, first + b - a)) for a, b, first in parts]

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from volid.campaign import Campaign, Effect
-from volid.effects.base import Extended, groups_of
+from volid.effects.prediction import Extended, groups_of
 from volid.effects.random import random_parts
 from volid.fitting.equations.choice import engine_for_fit
 from volid.fitting.equations.engine import Engine, Equations

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from volid.backend.elementary import in_rows
 from volid.backend.lazy import jax, jit, jnp
-from volid.effects.base import Form, predict_readings
+from volid.effects.prediction import Form, predict_readings
 from volid.fitting.equations.system import Block, Normal, System
 from volid.fitting.equations.tiles import Tiles, assemble_tiles
 from volid.model.error_model import ROWS, coefficient_rows, error_rows, evaluate_bases, summed_rows

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from volid.backend.reverse import Recorded, gradients
-from volid.effects.base import predict_readings
+from volid.effects.prediction import predict_readings
 from volid.fitting.equations.system import Block, System
 from volid.model.error_model import error_values, evaluate_bases
 

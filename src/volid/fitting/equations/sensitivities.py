@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from volid.campaign import ObservationSet
-from volid.effects.base import Extended
+from volid.effects.prediction import Extended
 from volid.fitting.equations.engine import Engine
 from volid.model.machine import Machine
 

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from volid.backend.pytrees import STATIC, map_arrays, register_dataclass
-from volid.effects.base import Form
+from volid.effects.prediction import Form
 from volid.model.error_model import Layout
 from volid.model.machine import Machine
 

@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from volid.fitting.datum import rigid_motion_rows
 from volid.fitting.diagnosis.identifiability import parameter_units
 from volid.fitting.prediction.deviations import (
     ESTIMABLE,
@@ -20,7 +19,9 @@ from volid.fitting.prediction.deviations import (
     gradient_matrix,
     standard_uncertainties,
 )
+from volid.fitting.prediction.spread import covariance_root
 from volid.model.error_model import ErrorModel
+from volid.model.jacobian import rigid_motion_rows
 
 NODES = 4  # per axis, of the field that is compared with a rigid motion
 MOST_TOOLS = 16
@@ -64,15 +65,20 @@ def _by_tool(tool: np.ndarray) -> list[np.ndarray]:
 def known_deviations(
     model: ErrorModel,
     theta: np.ndarray,
-    covariance: np.ndarray,
+    covariance: np.ndarray | None,
     null_space: np.ndarray,
     positions: np.ndarray,
     tool: np.ndarray,
     direction: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, Determination]:
-    """Deviations and u, (m, 6), NaN where not determined; fields known up to a rigid motion in their own frame."""
+    """Deviations and u, (m, 6), NaN where not determined; fields known up to a rigid motion in their own frame.
+
+    Without a `covariance` u is NaN; the values are the same.
+    """
     values = deviation_values(model, theta, positions, tool, direction)
-    u = standard_uncertainties(model, theta, covariance, positions, tool, direction)
+    u = np.full_like(values, np.nan)
+    if covariance is not None:
+        u = standard_uncertainties(model, theta, covariance, positions, tool, direction)
     found = determination(model, null_space, positions, tool, direction)
     for rows in _by_tool(tool) if found.rigid.any() else []:
         if found.rigid[rows[0]]:
@@ -120,7 +126,7 @@ def _rigid_motion(model: ErrorModel, null: np.ndarray, tool: np.ndarray) -> np.n
 def in_own_frame(
     model: ErrorModel,
     theta: np.ndarray,
-    covariance: np.ndarray,
+    covariance: np.ndarray | None,
     positions: np.ndarray,
     tool: np.ndarray,
     direction: np.ndarray,
@@ -134,15 +140,15 @@ def in_own_frame(
     inverse = mesh.scale[:, None] * np.linalg.pinv(mesh.rigid)
     motion, slope = inverse @ field.ravel(), inverse @ _translation_gradient(model, theta, mesh)
     values = deviation_values(model, theta, positions, tool, direction)
-    variances, vectors = np.linalg.eigh(covariance)
-    root = vectors * np.sqrt(np.maximum(variances, 0.0))
-    u = np.empty_like(values)
+    root = None if covariance is None else covariance_root(covariance)
+    u = np.full_like(values, np.nan)
     for start in range(0, len(positions), 1024):
         rows = slice(start, start + 1024)
         rigid = rigid_motion_rows(model.machine, positions[rows], tool[rows])
-        gradient = gradient_matrix(model, theta, positions[rows], tool[rows], direction[rows]) - rigid @ slope
         values[rows] -= rigid @ motion
-        u[rows] = np.linalg.norm(gradient @ root, axis=2)
+        if root is not None:
+            gradient = gradient_matrix(model, theta, positions[rows], tool[rows], direction[rows]) - rigid @ slope
+            u[rows] = np.linalg.norm(gradient @ root, axis=2)
     return values, u
 
 

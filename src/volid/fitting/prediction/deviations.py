@@ -142,9 +142,8 @@ def standard_uncertainties(
     direction: np.ndarray,
 ) -> np.ndarray:
     """u of the deviation at m points, shape (m, 6) [mm, rad]: sqrt(g C gᵀ) with the gradient g with respect to θ."""
-    values, vectors = np.linalg.eigh(covariance)
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
-    factor, coefficients = (model.parametrisation @ root).T, model.parametrisation @ theta
+    factor = (model.parametrisation @ spread.covariance_root(covariance)).T
+    coefficients = model.parametrisation @ theta
     found = _squares(model, coefficients, factor, _Points(positions, tool, direction))
     return np.sqrt(np.maximum(found, 0.0)).T
 

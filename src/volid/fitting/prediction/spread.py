@@ -27,6 +27,12 @@ def linear_uncertainty(rows: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     return np.asarray(np.sqrt(np.maximum(np.sum((rows @ covariance) * rows, axis=-1), 0.0)))
 
 
+def covariance_root(covariance: np.ndarray) -> np.ndarray:
+    """A root R, R Rᵀ = C, of a covariance C (n, n), whose smallest eigenvalues may be below 0 by rounding; shape (n, n)."""
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
+
+
 class Tables(NamedTuple):
     """What the error values of one group of axes spread: `rows` of the error values, `number` (m,) of the distinct position of
     every point, `table` (distinct positions, rows, r)."""

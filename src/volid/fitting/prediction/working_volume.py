@@ -11,6 +11,11 @@ NODES = 9  # per axis, of up to three axes
 MANY = 2048  # points with more than three axes, beside the corners
 
 
+def spread_positions(machine: Machine, n: int, seed: int = 0) -> np.ndarray:
+    """`n` positions spread evenly over the travels (Halton), shape (n, n_axes) [mm or degrees], machine axis order."""
+    return _over_travels(machine, even_points(n, len(machine.axes), seed))
+
+
 def volume_positions(machine: Machine) -> np.ndarray:
     """Positions (m, n_axes) [mm or degrees] over the whole travels, corners included, machine axis order.
 
@@ -22,5 +27,10 @@ def volume_positions(machine: Machine) -> np.ndarray:
     unit = np.stack([m.ravel() for m in np.meshgrid(*([nodes] * n_axes), indexing="ij")], axis=1)
     if n_axes > 3:
         unit = np.concatenate([unit, even_points(MANY, n_axes)])
+    return _over_travels(machine, unit)
+
+
+def _over_travels(machine: Machine, unit: np.ndarray) -> np.ndarray:
+    """Positions at fractions (m, n_axes) of the travels."""
     low, length = np.array([a.travel[0] for a in machine.axes]), np.array([a.length for a in machine.axes])
     return np.asarray(low + unit * length)

@@ -121,7 +121,7 @@ def _refuse_existing(path: Path, overwrite: bool, folder: bool = False) -> None:
     if os.path.isdir(path) and not folder:  # False for a name too long, which Path.is_dir raises for
         raise OutputError(f"{path} is a folder; name a file")
     if os.path.lexists(path) and not overwrite:
-        raise OutputError(f"{path} exists; choose another name or pass --force")
+        raise OutputError(f"{path} exists; choose another name or pass `overwrite=True`")
 
 
 def _cannot_write(path: Path, error: OSError) -> OutputError:

@@ -8,40 +8,29 @@ from typing import Any
 import numpy as np
 
 from volid.campaign import Effect
-from volid.effects.base import COMPONENTS, FORMS, SCOPES, TYPES
+from volid.effects import TYPES, EffectType
+from volid.effects.base import COMPONENTS, POINT, Choice, FileKey, Letters, Number, PerAxis, labelled_scopes
 from volid.effects.distributions import DISTRIBUTIONS, HALF_WIDTH, NORMAL, SAMPLES
 from volid.io.basics.csv_table import read_csv
 from volid.io.basics.toml_table import REQUIRED, Table, is_number
 from volid.model.machine import Machine
 
 _COMMON = ("name", "type", "u", "per", "distribution", "half_width", "samples", "file")
-_OWN = {
-    "scale": ("components",),
-    "drift": ("form",),
-    "tool_length": ("components",),
-    "temperature": ("expansion", "u_expansion", "temperature"),
-    "repeatability": ("axes",),
-}
 
 
 def read_effect(table: Table, folder: Path, machine: Machine) -> Effect:
     """A systematic effect from its table; a sample file is looked for in `folder`. Raises `InputError` naming the key."""
-    kind = table.text("type", choices=TYPES)
-    table.only((*_COMMON, *_OWN.get(kind, ())))
+    kind = TYPES[table.text("type", choices=tuple(TYPES))]
+    table.only((*_COMMON, *kind.keys))
     options, u = _distribution(table, folder)
+    scopes = kind.scopes(labelled_scopes())
     return Effect(
         name=table.text("name"),
-        type=kind,
+        type=kind.name,
         u=u,
-        per=table.text("per", "point" if kind == "repeatability" else REQUIRED, choices=_scopes(kind)),
+        per=table.text("per", POINT if kind.always_random else REQUIRED, choices=scopes),
         options=options | _own_options(table, kind, machine),
     )
-
-
-def _scopes(kind: str) -> tuple[str, ...]:
-    if kind == "repeatability":
-        return ("point",)
-    return tuple(s for s in SCOPES if not (kind == "drift" and s == "point"))
 
 
 def _distribution(table: Table, folder: Path) -> tuple[dict[str, Any], float]:
@@ -79,22 +68,34 @@ def _samples(table: Table, folder: Path) -> np.ndarray:
     return values
 
 
-def _own_options(table: Table, kind: str, machine: Machine) -> dict[str, Any]:
-    """Keys of one type of effect, checked."""
-    options: dict[str, Any] = {key: table.data[key] for key in _OWN.get(kind, ()) if key in table.data}
-    if kind == "drift":
-        options["form"] = table.text("form", FORMS[0], choices=FORMS)
-    if "components" in options:
-        text = options["components"]
-        if not isinstance(text, str) or not text or set(text) - set(COMPONENTS) or len(set(text)) < len(text):
-            raise table.wrong("components", 'one or several of X, Y, Z, such as "Z" or "XYZ"')
-    if kind == "temperature":
-        options["expansion"] = table.number("expansion", above=0.0)
-        for key in ("u_expansion", "temperature"):
-            if key in options:
-                options[key] = table.number(key, least=0.0 if key == "u_expansion" else -273.15)
-    if "axes" in options:
-        axes = Table(table.table("axes").data, f"{table.where}, axes")
-        axes.only(machine.letters)
-        options["axes"] = {letter: axes.number(letter, least=0.0) for letter in axes.data}
-    return options
+def _own_options(table: Table, kind: EffectType, machine: Machine) -> dict[str, Any]:
+    """Keys of one type of effect, checked; those left out that have a default get it."""
+    found = {name: _value(table, name, key, machine) for name, key in kind.keys.items()}
+    return {name: value for name, value in found.items() if value is not None}
+
+
+def _value(table: Table, name: str, key: FileKey, machine: Machine) -> Any:
+    """Value of one key as its declaration says; None where it may be left out and is."""
+    if isinstance(key, Choice):
+        return table.text(name, key.texts[0], choices=key.texts)
+    if name not in table.data and not (isinstance(key, Number) and key.required):
+        return None
+    if isinstance(key, Number):
+        bounds = {bound: value for bound, value in (("above", key.above), ("least", key.least)) if value is not None}
+        return table.number(name, **bounds)
+    if isinstance(key, Letters):
+        return _letters(table, name)
+    return _per_axis(table, name, key, machine)
+
+
+def _letters(table: Table, name: str) -> str:
+    text = table.data[name]
+    if not isinstance(text, str) or not text or set(text) - set(COMPONENTS) or len(set(text)) < len(text):
+        raise table.wrong(name, 'one or several of X, Y, Z, such as "Z" or "XYZ"')
+    return text
+
+
+def _per_axis(table: Table, name: str, key: PerAxis, machine: Machine) -> dict[str, float]:
+    axes = Table(table.table(name).data, f"{table.where}, {name}")
+    axes.only(machine.letters)
+    return {letter: axes.number(letter, least=key.least) for letter in axes.data}

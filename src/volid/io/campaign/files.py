@@ -15,10 +15,20 @@ from volid.model.machine import Machine
 
 
 def load_campaign(*paths: str | Path, plan: bool = False) -> Campaign:
-    """The campaign in `paths`: HDF5 files and text manifests in any mixture, merged when there are several.
+    """A campaign from files, as `datasets/README.md` describes them; several are merged.
 
-    Merging needs the same machine in all of them; stations of one name must be defined alike, sets must have different
-    names. With `plan`, manifests may lack readings (see `read_manifest`). Raises `InputError` otherwise.
+    Args:
+        paths: HDF5 files and text manifests (TOML) in any mixture. All have the same machine; stations of one name are
+            defined alike, and sets have different names.
+        plan: manifests may lack readings, which are NaN then.
+
+    Raises:
+        InputError: naming file and row or key, for anything that is missing, unknown, contradictory or of the wrong type.
+
+    >>> import volid
+    >>> campaign = volid.load_campaign("datasets/five_axis_rtest/campaign.toml")
+    >>> campaign.n_readings, campaign.sets[0].kind
+    (4329, 'displacement')
     """
     if not paths:
         raise InputError("no campaign was given; name a manifest (TOML) or a campaign file (HDF5)")

@@ -33,7 +33,21 @@ from volid.observations import KINDS
 def write_campaign(campaign: Campaign, path: str | Path, *, overwrite: bool = False) -> None:
     """Write a campaign, its machine included, to one HDF5 file.
 
-    Raises `OutputError` when `path` exists (unless `overwrite`) or cannot be written; then nothing is written.
+    Args:
+        campaign: readings or a plan.
+        path: of the file, ending in .h5.
+        overwrite: replace an existing file.
+
+    Raises:
+        OutputError: `path` exists, or cannot be written; then nothing is written.
+
+    >>> import volid
+    >>> from pathlib import Path
+    >>> from tempfile import mkdtemp
+    >>> path = Path(mkdtemp()) / "campaign.h5"
+    >>> volid.save_campaign(volid.load_campaign("datasets/published_positioning/campaign.toml"), path)
+    >>> volid.load_campaign(path).n_readings
+    70
     """
     with atomic_output(path, overwrite) as temporary, h5py.File(temporary, "w") as file:
         write_campaign_group(campaign, file)
@@ -74,7 +88,7 @@ def _write_set(group: h5py.Group, readings: ObservationSet) -> None:
     for name in ("readings", "u"):
         dataset = write_array(group, name, getattr(readings, name))
         dataset.attrs["columns"] = list(kind.readings)
-        dataset.attrs["unit"] = ", ".join(kind.units) or kind.unit
+        dataset.attrs["unit"] = kind.unit_words
     labels = group.create_group("labels")
     for name, values in readings.labels.items():
         write_text(labels, name, values)

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from volid.campaign import Campaign, ObservationSet, Station
-from volid.effects.base import check_effects
+from volid.effects.prediction import check_effects
 from volid.exceptions import InputError
 from volid.io.basics.toml_table import nearest
 from volid.model.machine import BED, TOOL, WORKPIECE, Machine
@@ -90,7 +90,7 @@ def check_stations_of(readings: ObservationSet, stations: Iterable[Station]) -> 
 
 def check_target(readings: ObservationSet, campaign: Campaign) -> None:
     """Raises `InputError` for a target on a body that the machine has not, or on the body that its station stands on."""
-    body = readings.options.get("target_body", TOOL)
+    body = KINDS[readings.kind].target_body(readings.options)
     known = bodies(campaign.machine)
     if body not in known:
         raise InputError(
@@ -114,9 +114,7 @@ def check_whole(campaign: Campaign) -> Campaign:
         check_station(station, campaign.machine, f"{campaign.source}, station '{station.name}'")
     for readings in campaign.sets:
         check_stations_of(readings, campaign.stations)
-        check = KINDS[readings.kind].check
-        if check is not None:
-            check(readings)
+        KINDS[readings.kind].check(readings)
         check_target(readings, campaign)
         check_effects(readings)
     return campaign

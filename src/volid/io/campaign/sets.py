@@ -21,7 +21,6 @@ from volid.observations import KINDS, Kind
 
 TOOL_COLUMNS = ("tool_x", "tool_y", "tool_z")
 _SET_KEYS = ("name", "kind", "file", "columns", "ignore", "tool", "effect")
-_CENTRES = "displacement"  # the kind that can be fed with sphere centres
 _RECORDED = {"time": "s", "temperature": "°C"}
 
 
@@ -35,7 +34,7 @@ def read_set(table: Table, folder: Path, machine: Machine, *, plan: bool) -> Obs
     """
     csv = _csv(table, folder)
     kind = _form(find_kind(table.text("kind"), table.where), table, csv)
-    extra = probe_centres.KEYS if kind.name == _CENTRES else ()
+    extra = probe_centres.KEYS if kind.takes_centres else ()
     table.only((*_SET_KEYS, *extra, *uncertainty_keys(kind.readings), *kind.options, *kind.optional))
     purpose = f"every row of a '{kind.name}' set needs one"
     content = _centres(table, csv, kind, machine, purpose, plan) or _content(table, csv, kind, machine, purpose, plan)
@@ -101,12 +100,12 @@ def _content(table: Table, csv: CsvTable, kind: Kind, machine: Machine, purpose:
     _check_columns(csv, kind, machine, purpose, plan)
     positions = np.stack([csv.numbers(a.letter, a.unit, purpose) for a in machine.axes], axis=1)
     readings, labels = _readings(csv, kind, purpose), _labels(csv, kind, purpose)
-    return _Content(positions, _tool(table, csv, purpose), readings, labels, {})
+    return _Content(positions, _tool(table, csv, kind, purpose), readings, labels, {})
 
 
 def _centres(table: Table, csv: CsvTable, kind: Kind, machine: Machine, purpose: str, plan: bool) -> _Content | None:
     """Sphere centres as displacements of 0 at their axis positions; None for a set of other readings."""
-    if kind.name != _CENTRES or not probe_centres.asked_for(table):
+    if not kind.takes_centres or not probe_centres.asked_for(table):
         return None
     if plan:
         raise InputError(f"{table.where}: centres = true is for centres that were found; a plan holds none, remove it")
@@ -117,13 +116,13 @@ def _centres(table: Table, csv: CsvTable, kind: Kind, machine: Machine, purpose:
     known = (*known, *(key for key in uncertainty_keys(kind.readings) if key != "u"))
     csv.require(required, "every row of centres needs one", known)
     csv.only(known)
-    tool, labels = _tool(table, csv, purpose), _labels(csv, kind, purpose)
+    tool, labels = _tool(table, csv, kind, purpose), _labels(csv, kind, purpose)
     if tip:
         positions = probe_centres.axis_positions(csv, machine, tool, table, purpose)
     else:
         positions = np.stack([csv.numbers(a.letter, a.unit, purpose) for a in machine.axes], axis=1)
-    found = probe_centres.places(machine, positions, tool, labels["sphere"])
-    options = {} if "sphere" in table.data else {"sphere": found}
+    found = probe_centres.places(machine, positions, tool, labels[kind.standing])
+    options = {} if kind.standing in table.data else {kind.standing: found}
     return _Content(positions, tool, np.zeros((len(csv), len(kind.readings))), labels, options)
 
 
@@ -168,14 +167,14 @@ def read_directions(csv: CsvTable, machine: Machine) -> np.ndarray:
     return result
 
 
-def _tool(table: Table, csv: CsvTable, purpose: str) -> np.ndarray:
+def _tool(table: Table, csv: CsvTable, kind: Kind, purpose: str) -> np.ndarray:
     """Tool vectors, shape (m, 3) [mm], from three columns or from the key `tool` of the set."""
     if any(name in csv for name in TOOL_COLUMNS):
         if "tool" in table.data:
             raise InputError(f"{table.where}: tool stands here and in {csv.source}; keep the key or the columns")
         csv.require(TOOL_COLUMNS, "a tool vector has three coordinates", tuple(csv.columns))
         return np.stack([csv.numbers(name, "mm", purpose) for name in TOOL_COLUMNS], axis=1)
-    if "tool" not in table.data and table.data.get("target_body", TOOL) != TOOL:
+    if "tool" not in table.data and kind.target_body(table.data) != TOOL:
         return np.zeros((len(csv), 3))  # no tool takes part
     if "tool" not in table.data:
         raise InputError(

@@ -16,14 +16,28 @@ from volid.io.campaign.hdf5 import read_outline, read_set, set_groups
 from volid.io.campaign.rules import FORMAT, check_whole
 
 PART = 2**17  # rows read at once
-EACH = 25  # rows that a sample has at least of every station and segment, sphere, line or component
+EACH = 25  # rows that a sample has at least of every combination of labels: station and segment, sphere, …
 
 
 class CampaignStream:
-    """A campaign in an HDF5 file, of which no more than some rows are in memory at a time.
+    """A campaign in an HDF5 file that is read part by part, so that it need not fit into memory.
 
-    `rows`: number of rows in all sets; `n_readings`: of scalar readings. Raises `InputError` when the file is missing, no HDF5
-    file, of another type, or incomplete.
+    Args:
+        path: of a file that `volid.save_campaign` or `volid import` has written.
+
+    Attributes: `rows`, the number of rows in all sets, and `n_readings`, that of scalar readings.
+
+    Raises:
+        InputError: the file is missing, no HDF5 file, of another type, or incomplete.
+
+    >>> import volid
+    >>> from pathlib import Path
+    >>> from tempfile import mkdtemp
+    >>> path = Path(mkdtemp()) / "campaign.h5"
+    >>> volid.save_campaign(volid.load_campaign("datasets/vertical_multilateration/campaign.toml"), path)
+    >>> stream = volid.CampaignStream(path)
+    >>> stream.rows, [part.n_readings for part in stream.parts(rows=1000)]
+    (2400, [1000, 1000, 400])
     """
 
     def __init__(self, path: str | Path) -> None:

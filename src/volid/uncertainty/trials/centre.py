@@ -13,7 +13,7 @@ import numpy as np
 
 from volid.backend.lazy import jax, jnp
 from volid.campaign import Campaign
-from volid.effects.base import groups_of
+from volid.effects.prediction import groups_of
 from volid.fitting.equations.choice import engine_for_trials
 from volid.fitting.equations.engine import Engine
 from volid.fitting.equations.problem import Problem, build_problem, reweight, with_random_effects
@@ -196,7 +196,7 @@ def _starts(solution: Solution) -> dict[Any, float]:
     for observations in campaign.sets:
         groups_of(observations, campaign, table)
     placed = any(station.known and station.frame != "machine" for station in campaign.stations)
-    if placed or [e.name for e in table.entries] != [e.name for e in solution.nuisance_table]:
+    if placed or list(table.keys) != [e.key for e in solution.nuisance_table]:
         return find_starts(campaign)
     return {key: solution.nuisance_table[number].start for key, number in table.keys.items()}
 

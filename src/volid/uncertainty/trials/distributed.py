@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import pickle
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -11,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from volid.backend.processes import single_threaded
+from volid.backend.processes import single_threaded_environment
 from volid.exceptions import InputError
 from volid.fitting.solution import Solution
 from volid.uncertainty.trials.monte_carlo import BATCH, Progress, batches_to_do, run_of, run_trials
@@ -26,11 +25,11 @@ def cluster(address: str) -> Iterator[Any]:
     try:
         from distributed import Client
     except ImportError:
-        raise InputError("--scheduler needs Dask: pip install 'volid[distributed]'") from None
+        raise InputError("`scheduler` needs Dask: pip install 'volid[distributed]'") from None
     try:
         client = Client(address, timeout="10s")
     except (OSError, ValueError, TimeoutError) as error:
-        raise InputError(f"--scheduler {address}: no Dask scheduler answers there ({error or 'time out'})") from None
+        raise InputError(f"`scheduler={address}`: no Dask scheduler answers there ({error or 'time out'})") from None
     try:
         yield client
     finally:
@@ -70,9 +69,12 @@ def carry_out_on(solution: Solution, seed: int, address: str) -> Callable[[Trial
 
 
 def _batch(payload: bytes, key: str, seed: int, first: int, count: int) -> dict[str, np.ndarray]:
-    """One batch, in a worker; in a fresh one JAX and NumPy take one thread, so that all workers make the same last digits."""
-    os.environ.update(single_threaded())
-    if key not in _RUNS:
-        _RUNS.clear()
-        _RUNS[key] = run_of(pickle.loads(payload), seed)
-    return run_trials(_RUNS[key]._replace(seed=seed), first, count)
+    """One batch, in a worker; in a fresh one JAX and NumPy take one thread, so that all workers make the same last digits.
+
+    A worker may be a thread of the user's own process, whose environment stays as it was.
+    """
+    with single_threaded_environment():
+        if key not in _RUNS:
+            _RUNS.clear()
+            _RUNS[key] = run_of(pickle.loads(payload), seed)
+        return run_trials(_RUNS[key]._replace(seed=seed), first, count)

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from volid.backend.threads import one_blas_thread
-from volid.effects.base import effect_samples
+from volid.effects.prediction import effect_samples
 from volid.exceptions import InputError
 from volid.fitting.equations.problem import random_effects
 from volid.fitting.solution import Solution
@@ -88,6 +88,11 @@ def monte_carlo(
     with the samples); an interrupted run goes on with `resume`. `scheduler`: address of a Dask scheduler.
 
     Raises `InputError` for a solution without redundancy, numbers below 1, or a folder that holds another run.
+
+    >>> import volid
+    >>> solution = volid.fit(volid.load_campaign("datasets/five_axis_rtest/campaign.toml"))
+    >>> volid.monte_carlo(solution, 20, seed=1).samples.trials
+    20
     """
     progress = progress or (lambda message: None)
     _check(solution, trials, digits, seed)

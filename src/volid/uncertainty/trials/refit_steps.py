@@ -13,7 +13,7 @@ import numpy as np
 
 from volid.backend.lazy import jax, jit, jnp
 from volid.backend.pytrees import map_arrays, register_dataclass
-from volid.effects.base import predict_readings
+from volid.effects.prediction import predict_readings
 from volid.fitting.equations.programs import residual_rows
 from volid.fitting.equations.system import Block, System
 from volid.model.error_model import ROWS as ROWS_PER_BODY

@@ -86,7 +86,9 @@ class TrialFolder:
         if existing.exists():
             found = json.loads(existing.read_text(encoding="utf-8"))
             if not resume:
-                raise InputError(f"{path} holds the trials of an interrupted run; go on with --resume, or remove it")
+                raise InputError(
+                    f"{path} holds the trials of an interrupted run; go on with `resume=True`, or remove it"
+                )
             if found != record:
                 different = ", ".join(k for k in record if found.get(k) != record[k])
                 raise InputError(

@@ -1,0 +1,93 @@
+"""The public names for type checkers. `_PUBLIC` in `__init__.py` says the same to Python; a test compares the two."""
+
+from volid.campaign import Campaign, ObservationSet, Station
+from volid.compensation.base import base_of as compensation_base
+from volid.compensation.control import Control
+from volid.compensation.grids.grid import Grid, RotaryGrid
+from volid.compensation.grids.linear import linear_grid
+from volid.compensation.grids.rotary import rotary_grids
+from volid.compensation.package import Compensation, compensate
+from volid.compensation.residual.forecast import Forecast, forecast
+from volid.compensation.residual.volume import predict_residual, volumetric_summary
+from volid.compensation.rigid import best_rigid
+from volid.compensation.tables.by_function import error_tables
+from volid.compensation.tables.error_table import ErrorTable
+from volid.compensation.types import TYPES as COMPENSATION_TYPES
+from volid.exceptions import InputError, NotDeterminedError, OutputError, VolidError
+from volid.fitting.datum import parse_datum
+from volid.fitting.fit import fit
+from volid.fitting.location_errors import LocationError, location_errors
+from volid.fitting.solution import Solution
+from volid.fitting.streamed import fit_streamed
+from volid.io import load_campaign
+from volid.io import read_machine as load_machine
+from volid.io import write_campaign as save_campaign
+from volid.io.campaign.stream import CampaignStream
+from volid.io.compensations import load_control, save_compensation
+from volid.io.grid_reader import read_grid as load_grid
+from volid.io.grids import save_grid
+from volid.io.solutions import read_solution as load_solution
+from volid.io.solutions import write_solution as save_solution
+from volid.io.table_reader import read_table as load_table
+from volid.model.machine import Datum, Machine
+from volid.planning.standard import standard_plan
+from volid.plausibility.checks import check_campaign, closures
+from volid.report.summary import summary
+from volid.uncertainty.trials.monte_carlo import monte_carlo
+from volid.virtual.random_truth import random_truth
+from volid.virtual.simulate import simulate
+from volid.virtual.truth import Truth
+
+__all__ = [  # noqa: RUF022
+    "load_machine",
+    "Machine",
+    "Datum",
+    "load_campaign",
+    "save_campaign",
+    "Campaign",
+    "Station",
+    "ObservationSet",
+    "check_campaign",
+    "closures",
+    "standard_plan",
+    "random_truth",
+    "Truth",
+    "simulate",
+    "fit",
+    "CampaignStream",
+    "fit_streamed",
+    "parse_datum",
+    "Solution",
+    "save_solution",
+    "load_solution",
+    "summary",
+    "location_errors",
+    "LocationError",
+    "monte_carlo",
+    "linear_grid",
+    "Grid",
+    "rotary_grids",
+    "RotaryGrid",
+    "save_grid",
+    "load_grid",
+    "COMPENSATION_TYPES",
+    "compensation_base",
+    "compensate",
+    "Compensation",
+    "error_tables",
+    "ErrorTable",
+    "load_table",
+    "save_compensation",
+    "load_control",
+    "Control",
+    "best_rigid",
+    "volumetric_summary",
+    "predict_residual",
+    "forecast",
+    "Forecast",
+    "VolidError",
+    "InputError",
+    "OutputError",
+    "NotDeterminedError",
+]
+__version__: str

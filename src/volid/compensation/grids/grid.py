@@ -1,0 +1,232 @@
+"""Spatial grids as objects: error values at the nodes of a regular grid over the axes of one side (ISO/TR 16907 7.5).
+
+`Grid` is of the linear axes (Table 2), `RotaryGrid` of the rotary axes of one side (Table 3). A control interpolates linearly
+between the nodes, holds end values outside them, and carries the rotations to its tool by a lever arm,
+
+    e(q, tool) = d(q) + ω(q) × (lever point - reference),
+
+where the lever point is the rotated tool vector (linear axes, head) or the nominal functional point (table), see `lever_points`.
+What is left is of second order: about |ω|·|e| plus |ω|²·lever arm. CONVENTIONS 5.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from volid.compensation.grids.interpolation import interpolate, into_period
+from volid.compensation.grids.sides import HEAD, LINEAR, TABLE, lever_points
+from volid.model.iso230 import DIRECTIONS
+from volid.model.machine import Machine
+
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Float
+
+IN_DEGREES = np.array(
+    [1.0] * 3 + [180.0 / np.pi] * 3
+)  # six components as people and controls read them: mm and degrees
+_LEVER = {
+    TABLE: "lever arm = nominal functional point of the linear axes (their positions + rotated tool vector) - reference point",
+    HEAD: "lever arm = tool vector turned by the rotary axes of the head - reference point",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class SpatialGrid(ABC):
+    """What grids of linear and of rotary axes have in common; see `Grid` and `RotaryGrid`.
+
+    Args:
+        type: compensation type of ISO/TR 16907 whose effects the values hold, such as "L-VOL".
+        axes: letters, in the order X, Y, Z or A, B, C.
+        nodes: positions per axis, each rising [mm or °].
+        positions: of all n nodes, the first axis varying fastest, shape (n, k) [mm or °].
+        values: ERROR values, actual - nominal, machine frame: translations [mm] at the reference, rotations [rad]; shape (n, 6).
+            NaN where the data do not determine a component.
+        u: their standard uncertainties, shape (n, 6); NaN where not asked for.
+        outside: True where a node lies outside what was measured, shape (n,).
+    """
+
+    type: str
+    axes: tuple[str, ...]
+    nodes: tuple[np.ndarray, ...]
+    positions: Float[np.ndarray, "n k"]
+    values: Float[np.ndarray, "n 6"]
+    u: Float[np.ndarray, "n 6"]
+    outside: Bool[np.ndarray, " n"]
+
+    if (
+        TYPE_CHECKING
+    ):  # a property of Grid, but a field of RotaryGrid, for which a property here would be a default value
+
+        @property
+        def side(self) -> str:
+            """Whose axes' errors the grid holds: "linear", "table" or "head"."""
+
+    @property
+    @abstractmethod
+    def reference(self) -> Float[np.ndarray, " 3"]:
+        """Where the translations hold as they stand [mm]: tool vector of a linear grid, reference point of a rotary one."""
+
+    @property
+    def periods(self) -> tuple[float, ...]:
+        """Per axis 360 [°] where the nodes close a full turn, else 0."""
+        return (0.0,) * len(self.axes)
+
+    @property
+    def compensation(self) -> Float[np.ndarray, "n 6"]:
+        """Compensation values, minus the error values [mm, rad] (CONVENTIONS 5)."""
+        return -self.values
+
+    def interpolate(self, positions: Float[np.ndarray, "m k"]) -> Float[np.ndarray, "m 6"]:
+        """Error values by linear interpolation, as a control does it, at positions in `axes` order [mm, rad].
+
+        Full turns are counted back into the nodes. Raises `ValueError` for a position outside the nodes.
+        """
+        x = np.array(positions, dtype=float).reshape(-1, len(self.axes))
+        for k, (nodes, period) in enumerate(zip(self.nodes, self.periods, strict=True)):
+            x[:, k] = into_period(x[:, k], nodes[0], nodes[-1], period)
+        table = self.values.reshape(*(len(n) for n in reversed(self.nodes)), 6)
+        return interpolate(tuple(reversed(self.nodes)), table, x[:, ::-1])
+
+    def held(self, positions: Float[np.ndarray, "m k"]) -> Float[np.ndarray, "m 6"]:
+        """As `interpolate`, end values held outside the nodes."""
+        x = np.array(positions, dtype=float).reshape(-1, len(self.axes))
+        for k, (nodes, period) in enumerate(zip(self.nodes, self.periods, strict=True)):
+            if not period:
+                x[:, k] = np.clip(x[:, k], nodes[0], nodes[-1])
+        return self.interpolate(x)
+
+    def own_positions(self, machine: Machine, positions: Float[np.ndarray, "m axes"]) -> Float[np.ndarray, "m k"]:
+        """The columns of the grid's own axes."""
+        return positions[:, [machine.index(a) for a in self.axes]]
+
+    def lever_arms(
+        self, machine: Machine, positions: Float[np.ndarray, "m axes"], tool: Float[np.ndarray, "*m 3"]
+    ) -> Float[np.ndarray, "m 3"]:
+        """Lever arms that a control takes at positions of all axes with tool vectors [mm]."""
+        return np.asarray(lever_points(machine, self.side, positions, tool) - self.reference)
+
+    def _table(self, errors: bool) -> tuple[tuple[str, ...], np.ndarray]:
+        columns = ("n", *self.axes, *(f"Δ{letter}" for letter in DIRECTIONS))
+        values = (self.values if errors else self.compensation) * IN_DEGREES
+        return columns, np.column_stack([np.arange(1, len(values) + 1), self.positions, values])
+
+
+@dataclass(frozen=True, eq=False)
+class Grid(SpatialGrid):
+    """Deviations at the nodes of a regular grid over the linear axes.
+
+    With rotary axes the grid holds the errors of the linear axes alone, and `tool` is a *rotated* tool vector: what the rotary
+    axes of the head make of the tool vector; `rotary_grids` hold the rest. A control gets another tool from
+    e(tool) = e(tool0) + rotation × (tool - tool0).
+
+    Args:
+        tool: tool vector of the translations [mm].
+        frame: "machine".
+        datum: in words.
+        notes: what else a user should know.
+        bands: ends of 95 % coverage intervals, symmetric and shortest, shape (4, n, 6), where asked for.
+
+    and those of `SpatialGrid`.
+
+    >>> import numpy as np
+    >>> x, values = np.array([0.0, 100.0]), np.zeros((2, 6))
+    >>> values[1, 0] = 0.010
+    >>> grid = Grid("L-VOL", ("X",), (x,), x[:, None], values, values, values[:, 0] > 1, (0.0, 0.0, 0.0), "machine", "X")
+    >>> grid.side, grid.interpolate(np.array([[25.0]]))[0, 0].round(6).item()
+    ('linear', 0.0025)
+    """
+
+    tool: tuple[float, float, float]
+    frame: str
+    datum: str
+    notes: tuple[str, ...] = ()
+    bands: np.ndarray | None = None
+
+    @property
+    def side(self) -> str:
+        """Whose axes' errors the grid holds: "linear"."""
+        return LINEAR
+
+    @property
+    def reference(self) -> Float[np.ndarray, " 3"]:
+        """The tool vector [mm]."""
+        return np.asarray(self.tool, dtype=float)
+
+    def table_2(self, *, errors: bool = False) -> tuple[tuple[str, ...], np.ndarray]:
+        """The table of ISO/TR 16907, Table 2: columns n, X, Y, Z [mm], ΔX, ΔY, ΔZ [mm], ΔA, ΔB, ΔC [°]; one row per node.
+
+        Compensation values, or error values (`errors`).
+        """
+        return self._table(errors)
+
+
+@dataclass(frozen=True, eq=False)
+class RotaryGrid(SpatialGrid):
+    """Rigid error of the rotary axes of one side at the nodes of a regular grid over their positions.
+
+    The head's grid includes the constants of the tool frame, which turn with it.
+
+    Args:
+        side: "table" or "head".
+        determined: False where the data do not determine a component, shape (n, 6).
+        reference_point: point whose translation the values hold [mm].
+        period: per axis, 360 for full turns, else 0 [°].
+        frame, datum, notes, bands: as of `Grid`.
+
+    and those of `SpatialGrid`.
+
+    >>> import numpy as np
+    >>> c, values, known = np.array([0.0, 180.0, 360.0]), np.zeros((3, 6)), np.ones((3, 6), bool)
+    >>> values[1, 0], at = 0.010, (0.0, 0.0, 0.0)
+    >>> given = dict(type="R-VOL", axes=("C",), nodes=(c,), positions=c[:, None], values=values, u=values, outside=~known[:, 0])
+    >>> grid = RotaryGrid(**given, side="table", determined=known, reference_point=at, period=(360.0,), frame="machine", datum="")
+    >>> grid.interpolate(np.array([[450.0], [-180.0]]))[:, 0].round(6).tolist()
+    [0.005, 0.01]
+    """
+
+    side: str
+    determined: Bool[np.ndarray, "n 6"]
+    reference_point: tuple[float, float, float]
+    period: tuple[float, ...]
+    frame: str
+    datum: str
+    notes: tuple[str, ...] = ()
+    bands: np.ndarray | None = None
+
+    @property
+    def reference(self) -> Float[np.ndarray, " 3"]:
+        """The reference point [mm]."""
+        return np.asarray(self.reference_point, dtype=float)
+
+    @property
+    def periods(self) -> tuple[float, ...]:
+        """Per axis 360 [°] where the nodes close a full turn, else 0."""
+        return self.period
+
+    @property
+    def lever_arm(self) -> str:
+        """What a control must take as lever arm, in words."""
+        return _LEVER[self.side]
+
+    def at_points(self, positions: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """Error values at functional points: e + ω × (point - reference), and ω; (m, 6) [mm, rad].
+
+        `positions`: (m, k) [°], `axes` order; `points`: (m, 3) [mm], see `lever_arm`.
+        """
+        values = self.interpolate(positions)
+        values[:, :3] += np.cross(values[:, 3:], points - self.reference)
+        return values
+
+    def table_3(self, *, errors: bool = False) -> tuple[tuple[str, ...], np.ndarray]:
+        """The table of ISO/TR 16907, Table 3: columns n, A (or B), C [°], ΔX, ΔY, ΔZ [mm], ΔA, ΔB, ΔC [°]; one row per node.
+
+        Compensation values, or error values (`errors`). A grid over one axis has one column of positions.
+        """
+        return self._table(errors)
+
+
+AnyGrid = Grid | RotaryGrid

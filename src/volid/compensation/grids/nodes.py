@@ -1,0 +1,99 @@
+"""Nodes of spatial grids: by step, by number, as stated, or the fewest that keep an interpolation error; and that error."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from volid.backend.even_points import every_step
+from volid.compensation.grids.evaluation import evaluate, field_values
+from volid.compensation.grids.grid import AnyGrid
+from volid.compensation.grids.interpolation import grid_positions
+from volid.compensation.grids.places import place_at
+from volid.compensation.grids.request import GridRequest
+from volid.compensation.grids.sides import HEAD, LINEAR, axes_of
+from volid.compensation.tables.sampling import choose_nodes
+from volid.exceptions import InputError
+from volid.fitting.solution import Solution
+from volid.model.machine import Machine
+
+POINTS, ROTARY_POINTS = 21, 37  # per axis when nothing is asked for
+LARGEST = 2_000_000  # nodes of a grid
+MOST = 20_000  # points at which the interpolation of a grid is looked at
+LINES = 401  # dense points of a line on which the number of nodes is decided
+
+
+def grid_nodes(solution: Solution, request: GridRequest, side: str) -> tuple[np.ndarray, ...]:
+    """Nodes of every axis of a side's grid: as stated, by number or by step, or by `max_error`, which the axes share.
+
+    Raises `InputError` for numbers that make no grid, or one of more than two million nodes.
+    """
+    if request.points is not None and request.points < 2:
+        raise InputError(f"grid: points = {request.points}; expected at least 2 per axis")
+    axes, sampling = axes_of(solution.machine, side), request.sampling
+    reach = {a.letter: a.travel for a in solution.machine.axes} | dict(request.ranges or {})
+    own = {a: np.asarray(n, dtype=float) for a, n in (request.nodes or {}).items()}
+    if sampling.max_error is None:
+        count = sampling.max_points or request.points or (POINTS if side == LINEAR else ROTARY_POINTS)
+        step = sampling.step
+        found = {a: np.linspace(*reach[a], count) if step is None else every_step(*reach[a], step) for a in axes}
+    else:
+        found = {a: _fewest_nodes(solution, request, side, a, reach) for a in axes if a not in own}
+    lines = tuple((found | own)[a] for a in axes)
+    size = int(np.prod([len(n) for n in lines]))
+    if size > LARGEST:
+        raise InputError(f"grid: {size} points asked for, more than {LARGEST}; take a larger step")
+    return lines
+
+
+def _fewest_nodes(
+    solution: Solution, request: GridRequest, side: str, letter: str, reach: Mapping[str, tuple[float, float]]
+) -> np.ndarray:
+    """The fewest nodes of one axis that keep its share of the interpolation error wherever the other axes stand."""
+    machine, axes = solution.machine, axes_of(solution.machine, side)
+    x, reference = np.linspace(*reach[letter], LINES), request.reference(machine, side)
+    curves = []
+    for at in _crossings(reach, axes, letter):
+        positions = np.stack([x if a == letter else np.full(len(x), at[a]) for a in axes], axis=1)
+        curves.append(field_values(solution, request, place_at(machine, side, positions, reference)))
+    values = np.concatenate(curves, axis=1)
+    values[:, np.arange(values.shape[1]) % 6 >= 3] *= _offset(machine, request, side)
+    share = replace(request.sampling, max_error=(request.sampling.max_error or 0.0) / len(axes), spacing="equal")
+    return choose_nodes(f"grid axis {letter}", x, values, share)
+
+
+def _offset(machine: Machine, request: GridRequest, side: str) -> float:
+    """Lever arm that rotations are weighed with [mm]: the tool offset asked for; else half the travel, or the tool of a head."""
+    if request.sampling.offset is not None:
+        return request.sampling.offset
+    if side == LINEAR:
+        return 0.0  # a grid of the linear axes already holds the translations at its tool vector
+    tool = float(np.linalg.norm(request.base.tool))
+    return tool if side == HEAD else 0.5 * float(np.linalg.norm([a.length for a in machine.linear]))
+
+
+def _crossings(reach: Mapping[str, tuple[float, float]], axes: tuple[str, ...], moving: str) -> list[dict[str, float]]:
+    """Where the other axes stand while one moves: all ends, and the middle."""
+    others = [a for a in axes if a != moving]
+    ends = np.stack(np.meshgrid(*([[0.0, 1.0]] * len(others)), indexing="ij"), axis=-1).reshape(-1, len(others))
+    places = np.vstack([ends, np.full(len(others), 0.5)])
+    return [
+        {a: reach[a][0] + f * (reach[a][1] - reach[a][0]) for a, f in zip(others, row, strict=True)} for row in places
+    ]
+
+
+def grid_interpolation(solution: Solution, request: GridRequest, grid: AnyGrid) -> float:
+    """Largest deviation of a grid's linear interpolation in X, Y or Z [mm], at the centres of its cells and of their edges.
+
+    There the interpolation of a smooth function is worst: h² |f''| / 8 along each axis, summed over the axes. `request`: what
+    the grid was made from; evaluated in the same words.
+    """
+    lines = [np.sort(np.concatenate([n, 0.5 * (n[1:] + n[:-1])])) for n in grid.nodes]
+    positions = grid_positions(tuple(lines))
+    if len(positions) > MOST:
+        positions = positions[np.random.default_rng(0).choice(len(positions), MOST, replace=False)]
+    place = place_at(solution.machine, grid.side, positions, grid.reference)
+    off = evaluate(solution, replace(request, uncertainty=False), place).values - grid.interpolate(positions)
+    return float(np.abs(off[:, :3]).max())

@@ -1,0 +1,147 @@
+"""From the optimum of a fit to a solution: parameters, covariance, residuals, statistics, and what is said about them."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from volid.campaign import Campaign
+from volid.fitting.diagnosis.adequacy import Adequacy, SuspectReading, assess, suspect
+from volid.fitting.diagnosis.identifiability import NAMED
+from volid.fitting.diagnosis.resolution import Resolution
+from volid.fitting.equations.problem import Problem
+from volid.fitting.equations.solver import Optimum
+from volid.fitting.fitter import Fitter
+from volid.fitting.results import Residuals, Statistics, read_only
+from volid.fitting.solution import Solution
+
+
+class Assembly:
+    """A fitter at its optimum, and what a solution takes from it. `outliers`: (m, k) bool per set, not used in the fit."""
+
+    def __init__(self, fitter: Fitter, resolution: Resolution, outliers: list[np.ndarray]) -> None:
+        self.fitter, self.resolution, self.outliers = fitter, resolution, outliers
+        self.problem: Problem = fitter.problem
+        self.campaign: Campaign = fitter.campaign
+        assert fitter.optimum is not None
+        self.optimum: Optimum = fitter.optimum
+        self.active = [~o for o in outliers]
+        self.n_used = sum(int(a.sum()) for a in self.active)
+
+    def solution(self, warnings: tuple[str, ...], options: dict[str, Any]) -> Solution:
+        """The solution. `warnings`: of the checks before the fit; `options`: what was asked of it."""
+        theta, root = self._parameters()
+        return Solution(
+            parameters=read_only(theta),
+            nuisance=read_only(self.optimum.z[self.problem.model.layout.n_coefficients :]),
+            covariance=read_only(root @ root.T),
+            null_space=read_only(self.fitter.found.null_space),
+            held_directions=read_only(self.fitter.found.tool_rotation),
+            model=self.problem.model,
+            campaign=self.campaign,
+            nuisance_table=self.problem.nuisance,
+            adequacy=self._adequacy(),
+            statistics=self._statistics(),
+            readings=self._readings(),
+            statements=self.fitter.found.statements,
+            undetermined=self.fitter.found.undetermined,
+            notes=(*self.campaign.warnings, *warnings, *self._notes()),
+            options=options,
+            prior_root=read_only(self._prior_rows()) if options["prior"] else None,
+        )
+
+    @cached_property
+    def _whitened(self) -> list[np.ndarray]:
+        return self.fitter.whitened()
+
+    @cached_property
+    def _leverages(self) -> list[np.ndarray]:
+        return self.fitter.leverages()
+
+    @cached_property
+    def _residuals(self) -> tuple[np.ndarray, ...]:
+        return tuple(r * s.u for r, s in zip(self._whitened, self.campaign.sets, strict=True))
+
+    def _parameters(self) -> tuple[np.ndarray, np.ndarray]:
+        """θ from the coefficients, and the square root of the covariance of (θ, ν).
+
+        P is block orthonormal only where carrier and chosen splines agree: solve with PᵀP instead of transposing.
+        """
+        n, root, basis = (
+            self.problem.model.layout.n_coefficients,
+            self.fitter.root(),
+            self.problem.model.parametrisation,
+        )
+        gram = basis.T @ basis
+        if not len(gram):
+            return np.zeros(0), root[n:]
+        factor = cho_factor(gram)
+        theta = cho_solve(factor, basis.T @ self.optimum.z[:n])
+        return theta, np.vstack([cho_solve(factor, basis.T @ root[:n]), root[n:]])
+
+    def _adequacy(self) -> Adequacy:
+        """The verdict; what is known beforehand counts as readings."""
+        system = self.problem.system
+        pseudo = np.asarray(system.prior_root) @ (self.optimum.z - np.asarray(system.prior_mean))
+        freedom = self.n_used + len(pseudo) - self.fitter.free.shape[1]
+        return assess(self.campaign, self._whitened, self._leverages, self.active, freedom, float(pseudo @ pseudo))
+
+    def _statistics(self) -> Statistics:
+        sets = zip(self.campaign.sets, self._residuals, self.active, strict=True)
+        rms = {s.name: float(np.sqrt(np.mean(r[a] ** 2))) if a.any() else float("nan") for s, r, a in sets}
+        return Statistics(
+            n_readings=self.n_used,
+            n_parameters=self.fitter.free.shape[1],
+            residual_rms=rms,
+            iterations=self.optimum.iterations,
+            converged=self.optimum.converged,
+            held_out_weight=self.resolution.weight,
+        )
+
+    def _readings(self) -> Residuals:
+        """Residuals of every reading, also normalised and predicted from the others."""
+        pairs = zip(self._whitened, self._leverages, strict=True)
+        return Residuals(
+            residuals=self._residuals,
+            normalised=tuple(r / np.sqrt(np.maximum(1.0 - h, 1e-9)) for r, h in pairs),
+            outliers=tuple(self.outliers),
+            outlier_readings=self._outlier_readings(),
+            held_out=tuple(h * s.u for h, s in zip(self.fitter.held_out(), self.campaign.sets, strict=False)),
+        )
+
+    def _outlier_readings(self) -> tuple[SuspectReading, ...]:
+        """The readings that were set aside, the largest residual first."""
+        found = []
+        for s, r, o in zip(self.campaign.sets, self._whitened, self.outliers, strict=True):
+            for i, k in np.argwhere(o).tolist():
+                found.append(suspect(s, i, k, float(r[i, k]), float(r[i, k])))
+        return tuple(sorted(found, key=lambda x: -abs(x.normalised)))
+
+    def _notes(self) -> list[str]:
+        notes, found, held = [], self.fitter.found, self._held()
+        if not self.optimum.converged:
+            notes.append("the iteration stopped before full convergence")
+        if held:
+            notes.append(
+                f"constant tool rotation {', '.join(held)}: not determined by these stations and tool vectors, held at 0"
+            )
+        if limited := self.resolution.at_limit:
+            notes.append(f"finest resolution on offer taken for {', '.join(limited)}: shorter waves may remain")
+        if found.nuisance_defect:
+            notes.append(f"{found.nuisance_defect} combinations of station or instrument parameters not determined")
+        return notes
+
+    def _held(self) -> list[str]:
+        """Tool-frame rotations that cannot be stated because part of them is held at 0."""
+        names = [f.name for f in self.problem.model.functions if f.name.endswith("0S")]
+        rows = self.fitter.found.tool_rotation
+        return [n for n, row in zip(names, rows, strict=False) if np.any(row**2 > NAMED)]
+
+    def _prior_rows(self) -> np.ndarray:
+        """Pseudo-readings of an earlier solution as rows on θ."""
+        known = sum(bool(np.isfinite(e.prior_u) and e.prior_u > 0) for e in self.problem.nuisance)
+        n = self.problem.model.layout.n_coefficients
+        return np.asarray(self.problem.system.prior_root)[known:, :n] @ self.problem.model.parametrisation

@@ -1,0 +1,135 @@
+"""Spatial grids read back from CSV or HDF5 (`volid-grid/1`), whatever they were written as; see `volid.io.grids`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from volid.compensation.grids.grid import IN_DEGREES, AnyGrid, Grid, RotaryGrid
+from volid.compensation.grids.interpolation import grid_positions
+from volid.compensation.grids.sides import HEAD, TABLE
+from volid.exceptions import InputError
+from volid.io.basics.csv_table import CsvTable, read_csv
+from volid.io.basics.hdf5_values import is_hdf5, reading
+from volid.io.functions_csv import OUTSIDE, read_flags
+from volid.io.grids import COLUMNS, FORMAT, INTERVAL_COLUMNS, U_COLUMNS
+from volid.io.record import SIGN, notes_of, read_header, require_keys
+from volid.model.iso230 import LINEAR_AXES, ROTARY_AXES
+
+_ROTARY = "R-VOL"
+_NAMED = ("format", "type", "values", "frame", "datum")
+
+
+def read_grid(path: str | Path) -> AnyGrid:
+    """A grid from CSV or HDF5, as error values in mm and rad whatever the file holds: `Grid`, or `RotaryGrid` for rotary axes.
+
+    Raises `InputError` when the file is damaged or of another format, a header line or column is missing, or the nodes
+    are no regular grid with the first axis varying fastest.
+
+    >>> path = getfixture("tmp_path") / "grid.csv"
+    >>> keys = ["format: volid-grid/1", "type: L-POS", "values: error", "frame: machine", "datum: X", "tool vector: 0, 0, 0 mm"]
+    >>> columns = "X,dX,dY,dZ,dA,dB,dC,u_dX,u_dY,u_dZ,u_dA,u_dB,u_dC,outside"
+    >>> rows = ["0" + ",0" * 13, "100,0.01" + ",0" * 12]
+    >>> _ = path.write_text(chr(10).join([*(f"# {key}" for key in keys), columns, *rows, ""]))
+    >>> grid = read_grid(path)
+    >>> grid.side, grid.values[:, 0].tolist()
+    ('linear', [0.0, 0.01])
+    """
+    return _read_hdf5(path) if is_hdf5(path) else _read_csv(path)
+
+
+def _read_hdf5(path: str | Path) -> AnyGrid:
+    with reading(path, "grid", FORMAT) as file:
+        header = {key.replace("_", " "): str(value) for key, value in file.attrs.items()}
+        axes = tuple(str(a) for a in file["positions"].attrs["columns"])
+        arrays = [np.asarray(file[name][()]) for name in ("positions", "values", "u", OUTSIDE)]
+    return _assemble(str(path), header, axes, *arrays)
+
+
+def _read_csv(path: str | Path) -> AnyGrid:
+    header, table = read_header(path), read_csv(path)
+    letters, unit = (ROTARY_AXES, "degrees") if "side" in header else (LINEAR_AXES, "mm")
+    axes = tuple(letter for letter in letters if letter in table)
+    known = (*axes, *COLUMNS, *U_COLUMNS, OUTSIDE)
+    table.only((*known, *INTERVAL_COLUMNS))
+    table.require((*COLUMNS, *U_COLUMNS, OUTSIDE), "a grid has them all", known)
+    if not axes:
+        raise InputError(f"{path}, header: there is no column of positions; expected {' or '.join(letters)}")
+    positions = np.stack([table.numbers(a, unit, "every node has a position") for a in axes], axis=1)
+    return _assemble(
+        str(path), header, axes, positions, _six(table, COLUMNS), _six(table, U_COLUMNS), read_flags(table, OUTSIDE)
+    )
+
+
+def _six(table: CsvTable, names: tuple[str, ...]) -> np.ndarray:
+    return np.stack([table.numbers(n, "mm or degrees", "or an empty cell", gaps=True) for n in names], axis=1)
+
+
+def _assemble(
+    path: str,
+    header: Mapping[str, str],
+    axes: tuple[str, ...],
+    positions: np.ndarray,
+    values: np.ndarray,
+    u: np.ndarray,
+    outside: np.ndarray,
+) -> AnyGrid:
+    rotary = "side" in header or header.get("type") == _ROTARY
+    own = ("side", "reference point", "period") if rotary else ("tool vector",)
+    require_keys(path, header, (*_NAMED, *own), f"a grid written by volid, '{FORMAT}'")
+    if header["format"] != FORMAT:
+        raise InputError(f"{path}: format is '{header['format']}'; this volid reads '{FORMAT}'")
+    if header["values"] not in SIGN:
+        raise InputError(f"{path}: values are '{header['values']}'; expected {' or '.join(SIGN)}")
+    nodes = tuple(np.unique(column) for column in positions.T)
+    if not np.array_equal(grid_positions(nodes), positions):
+        raise InputError(
+            f"{path}: the nodes are no regular grid with {axes[0]} varying fastest; expected every node once"
+        )
+    common: dict[str, Any] = {
+        "type": header["type"],
+        "axes": axes,
+        "nodes": nodes,
+        "positions": positions,
+        "values": SIGN[header["values"]] * values / IN_DEGREES,
+        "u": u / IN_DEGREES,
+        "outside": outside,
+        "frame": header["frame"],
+        "datum": header["datum"],
+        "notes": notes_of(header),
+    }
+    if not rotary:
+        return Grid(**common, tool=_vector(header, "tool vector", path))
+    if header["side"] not in (TABLE, HEAD):
+        raise InputError(f"{path}: side is '{header['side']}'; expected {TABLE} or {HEAD}")
+    return RotaryGrid(
+        **common,
+        side=header["side"],
+        determined=np.isfinite(values),
+        reference_point=_vector(header, "reference point", path),
+        period=_period(header["period"], axes, path),
+    )
+
+
+def _vector(header: Mapping[str, str], key: str, path: str) -> tuple[float, float, float]:
+    try:
+        x, y, z = (float(part) for part in header[key].split(" mm")[0].split(","))
+    except ValueError:
+        raise InputError(
+            f"{path}: {key} is '{header[key]}'; expected three numbers in mm, such as 0, 0, -150 mm"
+        ) from None
+    return x, y, z
+
+
+def _period(text: str, axes: tuple[str, ...], path: str) -> tuple[float, ...]:
+    try:
+        found = dict(part.split() for part in text.removesuffix(" degrees").split(","))
+        return tuple(float(found[axis]) for axis in axes)
+    except (ValueError, KeyError):
+        expected = ", ".join(f"{axis} 360" for axis in axes)
+        raise InputError(
+            f"{path}: period is '{text}'; expected one of every axis, such as {expected} degrees"
+        ) from None

@@ -1,0 +1,61 @@
+"""What written tables and grids say alike: the sense of their values, where they come from, notes; and how it is read back.
+
+A record is a header of lines "# key: value" in CSV, attributes in HDF5 (ISO/TR 16907 12).
+"""
+
+from __future__ import annotations
+
+import re
+import shlex
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from volid.exceptions import InputError
+from volid.fitting.solution import Solution
+from volid.io.basics.toml_table import read_text
+from volid.io.functions_csv import REJECTED, source_lines
+
+ERROR, COMPENSATION = "error", "compensation"
+SIGN = {ERROR: 1.0, COMPENSATION: -1.0}  # of written values, for error values in memory
+_SIGN_IN_WORDS = {
+    ERROR: "error value = actual - nominal; the compensation value is minus it",
+    COMPENSATION: "compensation value = -(actual - nominal); a control that adds it to the command removes the deviation",
+}
+
+
+def values_lines(values: str) -> dict[str, str]:
+    """Which values a file holds, and what their sign means; `values`: "error" or "compensation"."""
+    return {"values": values, "sign": _SIGN_IN_WORDS[values]}
+
+
+def closing_lines(
+    solution: Solution, source: str | Path | None, datum: str, command: Sequence[str], notes: Sequence[str]
+) -> dict[str, str]:
+    """Where the numbers come from, the words of the command line, notes.
+
+    A verdict that the model is rejected stands in the notes, which a reader gets back, and then not beside them.
+    """
+    lines = source_lines(solution, source) | {"datum": datum}
+    if command:
+        lines["command"] = shlex.join(command)
+    if any(note.startswith(REJECTED) for note in notes):
+        lines.pop(REJECTED, None)
+    return lines | {f"note {i}": note for i, note in enumerate(notes, start=1)}
+
+
+def read_header(path: str | Path) -> dict[str, str]:
+    """The lines "# key: value" of a CSV file."""
+    comments = [line[1:].strip() for line in read_text(Path(path)).split("\n") if line.startswith("#")]
+    return dict(line.split(": ", 1) for line in comments if ": " in line)
+
+
+def notes_of(header: Mapping[str, str]) -> tuple[str, ...]:
+    """The notes of a header, in order."""
+    return tuple(text for key, text in header.items() if re.fullmatch(r"note \d+", key))
+
+
+def require_keys(path: str | Path, header: Mapping[str, str], keys: Sequence[str], what: str) -> None:
+    """Raises `InputError` when a line is missing; `what`: such as "a grid written by volid, 'volid-grid/1'"."""
+    for key in keys:
+        if key not in header:
+            raise InputError(f"{path}: header '{key}' is missing; expected {what}")

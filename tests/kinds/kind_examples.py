@@ -1,0 +1,296 @@
+"""Small plans for every observation kind, from every body that an instrument or a sphere can stand on, and truths for them.
+
+A plan holds distances from four stations that see every tool vector, which determine the machine, and one set of the kind.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+from support.judging import spline_truth
+
+from volid.campaign import Campaign, ObservationSet, Station
+from volid.fitting.equations.interpreted import Interpreted
+from volid.fitting.equations.problem import build_problem, scatter
+from volid.fitting.solution import Solution
+from volid.fitting.starts import find_starts
+from volid.io.machines import parse_machine
+from volid.model.error_functions import motion_names, spline_axes
+from volid.model.error_model import ErrorModel, build_model
+from volid.model.kinematics import nominal_point
+from volid.model.machine import Machine
+from volid.observations import KINDS
+from volid.virtual.truth import Truth
+
+THREE = """format = "volid-machine/1"
+name = "three axes"
+structure = "w Y' b X Z t"
+[axis.X]
+travel = [0.0, 600.0]
+[axis.Y]
+travel = [0.0, 400.0]
+[axis.Z]
+travel = [-300.0, 0.0]
+[model]
+segments = 2
+"""
+FIVE = """format = "volid-machine/1"
+name = "table and head"
+structure = "w C' Y' b X Z B t"
+[axis.X]
+travel = [-300.0, 300.0]
+[axis.Y]
+travel = [-250.0, 250.0]
+[axis.Z]
+travel = [-100.0, 300.0]
+[axis.C]
+travel = [-180.0, 180.0]
+point = [4.0, -6.0, 3.0]
+[axis.B]
+travel = [-90.0, 90.0]
+point = [-9.0, 5.0, -40.0]
+[model]
+segments = 2
+"""
+TOOLS = np.array([(0.0, 0.0, -150.0), (80.0, 0.0, -200.0), (0.0, 70.0, -180.0)])
+PLACES = {
+    "S1": (-400.0, -300.0, -500.0),
+    "S2": (900.0, -250.0, -450.0),
+    "S3": (800.0, 700.0, 250.0),
+    "S4": (-300.0, 650.0, -100.0),
+}
+
+
+@cache
+def machine_of(text: str) -> Machine:
+    """The machine of a machine file's text."""
+    return parse_machine(text, "machine.toml")
+
+
+def positions_of(machine: Machine, m: int, seed: int = 0) -> np.ndarray:
+    """Positions spread at random over the travels, (m, n_axes)."""
+    low, high = np.array([a.travel for a in machine.axes]).T
+    return low + np.random.default_rng(seed).random((m, len(low))) * (high - low)
+
+
+def plan_set(name: str, kind: str, positions, tool, labels=None, u=None, seed: int = 1, **options) -> ObservationSet:
+    """A set without readings, every option that it does not state at its default, times and temperatures recorded."""
+    declared, m = KINDS[kind], len(positions)
+    units = [declared.unit_of(i) for i in range(len(declared.readings))]
+    u = [1e-4 if unit == "degrees" else 5e-4 for unit in units] if u is None else np.atleast_1d(u)
+    texts = {label: default for label, default in declared.labels.items() if default} | (labels or {})
+    rng = np.random.default_rng(seed)
+    return ObservationSet(
+        name,
+        kind,
+        positions,
+        np.zeros_like(positions),
+        np.broadcast_to(tool, (m, 3)).copy(),
+        np.full((m, len(units)), np.nan),
+        np.tile(u, (m, 1)),
+        {k: np.broadcast_to(v, m).astype(str) for k, v in texts.items()},
+        time=np.sort(rng.uniform(0.0, 7200.0, m)),
+        temperature=rng.uniform(19.0, 22.0, m),
+        options=dict(declared.options) | options,
+    )  # fmt: skip
+
+
+def distances(machine: Machine, m: int, single: bool = False) -> tuple[tuple[Station, ...], ObservationSet]:
+    """Four stations on the workpiece that see every tool vector at `m` places each: enough for the whole error model.
+
+    `single`: each sees one tool vector, so that a constant rotation of the tool is not determined.
+    """
+    n = len(PLACES)
+    labels = {"station": np.repeat(list(PLACES), m), "segment": np.tile(np.where(np.arange(m) < m // 2, "1", "2"), n)}
+    numbers = np.arange(n * m)
+    tool = TOOLS[(numbers // m if single else numbers) % len(TOOLS)]
+    stations = tuple(Station(name, position=place) for name, place in PLACES.items())
+    return stations, plan_set("volume", "distance", positions_of(machine, n * m), tool, labels)
+
+
+@dataclass(frozen=True)
+class Example:
+    """A plan: machine text, what makes the stations and the set of the kind; `wrong`: factors of other units, and what is said.
+
+    `single`: every station sees a single tool vector. `loose`: what of u the fit leaves of exact readings, where a drawn
+    property of the instrument is drawn back to what was stated of it.
+    """
+
+    kind: str
+    machine: str
+    make: Callable[[Machine], tuple[tuple[Station, ...], tuple[ObservationSet, ...]]]
+    wrong: tuple[tuple[float, str], ...] = ()
+    single: bool = False
+    loose: float = 1e-3
+
+    def plan(self) -> Campaign:
+        """The campaign without readings."""
+        machine = machine_of(self.machine)
+        stations, volume = distances(machine, 60 if self.machine == THREE else 150, self.single)
+        own, sets = self.make(machine)
+        return Campaign(machine, (*stations, *own), (volume, *sets), title="contract")
+
+
+def _seen_from(kind: str, body: str, place=(-700.0, -350.0, 400.0)):
+    def make(machine):
+        q = positions_of(machine, 40, seed=3)
+        own = plan_set("own", kind, q, TOOLS[np.arange(40) % 3], {"station": "T"})
+        return (Station("T", body, place),), (own,)
+
+    return make
+
+
+def _single_tool(kind: str):
+    def make(machine):
+        (station,), (own,) = _seen_from(kind, "workpiece")(machine)
+        return (station,), (replace(own, tool=np.broadcast_to(TOOLS[1], own.tool.shape).copy()),)
+
+    return make
+
+
+def _reflector(station: str, target: str):
+    def make(machine):
+        q = positions_of(machine, 40, seed=4)
+        options = {"target_body": target, "target": [60.0, -90.0, 80.0]}
+        return (Station("R", station, (700.0, -300.0, 250.0)),), (
+            plan_set("own", "distance", q, np.zeros(3), {"station": "R"}, **options),
+        )
+
+    return make
+
+
+def _network(machine):
+    names = {f"N{i}": p for i, p in enumerate([(-500.0, 0.0, 100.0), (900.0, 50.0, 0.0), (300.0, 800.0, -300.0)])}
+    q = positions_of(machine, 90, seed=5)
+    own = plan_set("own", "distance", q, TOOLS[np.arange(90) % 3], {"station": np.resize(list(names), 90)})
+    return tuple(Station(n, position=p, known=True) for n, p in names.items()), (own,)
+
+
+def _sensor(on: str, **options):
+    """R-test: the sphere is found where it nominally is, the linear axes do not follow a rotary one exactly."""
+
+    def make(machine):
+        m = 60
+        q = positions_of(machine, m, seed=6) * 0.5
+        linear = [i for i, a in enumerate(machine.axes) if a.is_linear]
+        tool, sphere = TOOLS[np.arange(m) % 3], np.array([40.0, -30.0, 60.0])
+        at = nominal_point(machine, q, tool)
+        steps = [nominal_point(machine, q + np.eye(len(machine.axes))[i], tool) - at for i in linear]
+        move = np.linalg.solve(np.stack(steps, axis=-1), (sphere - at)[..., None])[..., 0]
+        q[:, linear] += move
+        own = plan_set(
+            "own", "displacement", q, tool, {"sphere": "P"}, sensor_on=on, sphere={"P": sphere.tolist()}, **options
+        )
+        return (), (own,)
+
+    return make
+
+
+def _lines(slope: bool, letters: str = "XYB"):
+    """Every component along three lines of one axis each."""
+
+    def make(machine):
+        sets = []
+        for axis in "XY":
+            i, lines = machine.index(axis), []
+            for _ in letters:
+                q = np.tile([0.5 * sum(a.travel) for a in machine.axes], (9, 1))
+                q[:, i] = np.linspace(*machine.axes[i].travel, 9)
+                lines.append(q)
+            labels = {"component": np.repeat(list(letters), 9), "line": axis}
+            u = np.where(np.isin(labels["component"], list("ABC")), 1e-6, 5e-4)
+            own = plan_set(f"lines {axis}", "component", np.concatenate(lines), TOOLS[1], labels, slope=slope)
+            sets.append(replace(own, u=u[:, None]))
+        return (), tuple(sets)
+
+    return make
+
+
+METRES, MICRO = 1e-3, 1e3
+IN_METRES, IN_MICRO = "seem.* to be in metres", "seem.* to be in micrometres"
+EXAMPLES = {
+    "distance": Example(
+        "distance", THREE, _seen_from("distance", "workpiece"), ((METRES, IN_METRES), (MICRO, IN_MICRO))
+    ),
+    "distance from the bed": Example("distance", THREE, _seen_from("distance", "bed")),
+    "distance from a carriage": Example("distance", THREE, _seen_from("distance", "X")),
+    "distance of a network": Example("distance", THREE, _network),
+    "distance of a reflector on a carriage": Example("distance", THREE, _reflector("workpiece", "X")),
+    "distance of a reflector on the workpiece": Example("distance", THREE, _reflector("Z", "workpiece")),
+    "distance, single tool vectors": Example("distance", THREE, _single_tool("distance"), single=True),
+    "distance, table and head": Example("distance", FIVE, _seen_from("distance", "bed")),
+    "distance of a reflector on the table": Example("distance", FIVE, _reflector("X", "workpiece")),
+    "point": Example("point", THREE, _seen_from("point", "workpiece"), ((METRES, IN_METRES), (MICRO, IN_MICRO))),
+    "point from the bed": Example("point", THREE, _seen_from("point", "bed")),
+    "point, single tool vectors": Example("point", THREE, _single_tool("point"), single=True),
+    "point, table and head": Example("point", FIVE, _seen_from("point", "workpiece")),
+    "polar": Example("polar", THREE, _seen_from("polar", "workpiece"), ((METRES, IN_METRES), (MICRO, IN_MICRO))),
+    "polar from a carriage": Example("polar", THREE, _seen_from("polar", "X")),
+    "displacement": Example("displacement", FIVE, _sensor("tool"), ((MICRO, "outside the sensor's range"),)),
+    "displacement, unknown sensor": Example(
+        "displacement", FIVE, _sensor("tool", nest_u=0.1, rotation_u=5e-3, scale_u=1e-3), loose=0.2
+    ),
+    "displacement, sensor on the workpiece": Example(
+        "displacement", FIVE, _sensor("workpiece", nest_u=0.1, rotation_u=5e-3), loose=0.2
+    ),
+    "component": Example(
+        "component", THREE, _lines(True), ((MICRO, "it looks like (µm, expected mm|µrad or arcseconds, expected rad)"),)
+    ),
+    "component, rotations": Example("component", THREE, _lines(False, "AC")),
+    "component, table and head": Example("component", FIVE, _lines(True)),
+}
+
+
+def exact_parameters(model: ErrorModel, seed: int = 7) -> np.ndarray:
+    """θ of a machine with errors of some 5 µm and 15 µrad, shape (n,)."""
+    theta = np.random.default_rng(seed).normal(size=model.n_parameters)
+    for f in model.functions:
+        theta[f.parameters] *= 15e-6 if f.name[1] in "ABC" else 5e-3
+    return theta
+
+
+def exact_truth(machine: Machine, seed: int = 7) -> Truth:
+    """A machine whose errors are splines of its own model, those of `exact_parameters`."""
+    segments = {n: (2,) * len(spline_axes(machine, n)) for n in motion_names(machine)}
+    model = build_model(machine, segments)
+    found = spline_truth(model, exact_parameters(model, seed))
+    return Truth(machine, found.functions, constants=found.constants)
+
+
+def predictions(solution: Solution, samples: np.ndarray | None = None) -> list[np.ndarray]:
+    """What the solution predicts for its own readings, one (m, k) per set, then what each of its `samples` (b, n + k) does."""
+    campaign = solution.campaign
+    problem = build_problem(campaign, solution.model, find_starts(campaign), engine=Interpreted())
+    assert [e.key for e in problem.nuisance] == [e.key for e in solution.nuisance_table]
+    n, found = solution.model.n_parameters, []
+    own = np.concatenate([np.asarray(solution.parameters), np.asarray(solution.nuisance)])
+    for x in [own, *(() if samples is None else samples)]:
+        z = np.concatenate([solution.model.parametrisation @ x[:n], x[n:]])
+        found += scatter(problem, campaign, problem.equations.predictions(z))
+    return found
+
+
+def exact_readings(plan: Campaign, seed: int = 2) -> Campaign:
+    """Exact readings of a machine whose errors are splines of its model; stations and spheres are said to be 2 mm off."""
+    machine, rng = plan.machine, np.random.default_rng(seed)
+    segments = {n: (2,) * len(spline_axes(machine, n)) for n in motion_names(machine)}
+    problem = build_problem(plan, build_model(machine, segments), engine=Interpreted())
+    theta = exact_parameters(problem.model)
+    unknowns = [
+        e.start
+        + (rng.uniform(-e.spread, e.spread) if e.prior_u > 0.0 else 0.0) * min(1.0, e.prior_u / max(e.spread, 1e-9))
+        for e in problem.nuisance
+    ]
+    z = np.concatenate([problem.model.parametrisation @ theta, unknowns])
+    found = scatter(problem, plan, problem.equations.predictions(z))
+    sets = [replace(s, readings=r) for s, r in zip(plan.sets, found, strict=True)]
+
+    def near(name, place):
+        return (np.asarray(place) + 2.0 * rng.normal(size=3)).round(3).tolist()
+
+    sets = [KINDS[s.kind].approximate(s, near) for s in sets]
+    stations = [s if s.known else replace(s, position=tuple(near(s.name, s.position))) for s in plan.stations]
+    return replace(plan, sets=tuple(sets), stations=tuple(stations))

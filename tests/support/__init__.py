@@ -1,0 +1,1 @@
+"""What tests share: machines, campaigns, solutions made without a fit, files, judgements; each module holds one thing."""

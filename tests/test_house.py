@@ -1,0 +1,201 @@
+"""The house stays one that a newcomer finds the way in: few doors, few floors, short functions, names that lead somewhere.
+
+A function's length is its lines of code, from `def` to its end: decorators, docstring, comments and blank lines do not count, the
+lines of functions within it do.
+"""
+
+import ast
+import importlib
+import io
+import re
+import statistics
+import tokenize
+import tomllib
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+from support.places import ROOT, SOURCE
+
+PACKAGE = SOURCE / "volid"
+FILES = sorted(PACKAGE.rglob("*.py"))
+PAGES = sorted(
+    p for f in ("*.md", "models/*.md", "datasets/*.md", "datasets/*/*.md", "benchmarks/*.md") for p in ROOT.glob(f)
+)
+ENTRIES, LAYERS = 22, 14  # at most, at the top of the package and in the import contract
+SHORT, SHARE, LONGEST, PARAMETERS = 20, 0.9, 45, 7
+# Functions that may take more parameters, and why
+MANY_PARAMETERS = {
+    "fitting/equations/optimistix_solver.py:postprocess": "optimistix calls it, with these arguments",
+    "multilateration/adjustment.py:adjust_network": "public: each keyword goes to one step of the adjustment",
+    "planning/ball_bar.py:cone_frustum": "public: each keyword is a quantity of the test's drawing in ISO 10791-6",
+    "uncertainty/trials/monte_carlo.py:monte_carlo": "public: keywords go to the run and to what carries it out",
+}
+
+
+class Function(NamedTuple):
+    """A function or method of the package: where it stands, its lines of code, its parameters without self."""
+
+    place: str
+    lines: int
+    parameters: int
+
+
+def place(file: Path) -> str:
+    return str(file.relative_to(PACKAGE))
+
+
+def documented(tree: ast.AST) -> list[ast.AST]:
+    kinds = ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
+    return [n for n in ast.walk(tree) if isinstance(n, kinds) and ast.get_docstring(n) is not None]
+
+
+class Source(NamedTuple):
+    """A file of the package: where it stands, its tree, its lines of code by their number."""
+
+    place: str
+    tree: ast.Module
+    code: dict[int, str]
+
+
+@cache
+def sources() -> list[Source]:
+    found = []
+    for file in FILES:
+        text = file.read_text(encoding="utf-8")
+        tree, lines = ast.parse(text), text.splitlines()
+        found.append(Source(place(file), tree, {i: lines[i - 1] for i in sorted(lines_of_code(text, tree))}))
+    return found
+
+
+def lines_of_code(text: str, tree: ast.AST) -> set[int]:
+    """Numbers of the lines that hold code: not blank, not only a comment, no docstring."""
+    nothing = {tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER}
+    found: set[int] = set()
+    for token in tokenize.generate_tokens(io.StringIO(text).readline):
+        if token.type not in nothing:
+            found.update(range(token.start[0], token.end[0] + 1))
+    for node in documented(tree):
+        found.difference_update(range(node.body[0].lineno, node.body[0].end_lineno + 1))
+    return found
+
+
+@cache
+def functions() -> list[Function]:
+    found = []
+    for source in sources():
+        for node in ast.walk(source.tree):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                names = [a.arg for a in (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)]
+                length = sum(i in source.code for i in range(node.lineno, node.end_lineno + 1))
+                count = len(names) - (names[:1] in (["self"], ["cls"]))
+                found.append(Function(f"{source.place}:{node.name}", length, count))
+    return found
+
+
+def lines_with(pattern: str, but: tuple[str, ...] = ()) -> list[str]:
+    """Places of the package where a line of code matches, but for the rooms named."""
+    rooms = [source for source in sources() if source.place.split("/")[0] not in but]
+    return [f"{s.place}:{i}: {line.strip()}" for s in rooms for i, line in s.code.items() if re.search(pattern, line)]
+
+
+def contracts() -> list[dict]:
+    return tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]["contracts"]
+
+
+def test_few_entries_at_the_top():
+    entries = sorted(p.name for p in PACKAGE.iterdir() if p.name != "__pycache__")
+    assert len(entries) <= ENTRIES, entries
+
+
+def test_few_layers_and_every_room_in_one():
+    (layers,) = [c["layers"] for c in contracts() if c["type"] == "layers"]
+    assert len(layers) <= LAYERS
+    named = {room.strip() for layer in layers for room in layer.split("|")}
+    rooms = {Path(source.place).parts[0].removesuffix(".py") for source in sources()} - {"__init__", "__main__"}
+    assert named == rooms
+    assert not [c["name"] for c in contracts() if c.get("ignore_imports")]
+
+
+def test_modules_are_read_in_one_sitting():
+    lengths = [len(f.read_text(encoding="utf-8").splitlines()) for f in FILES if f.name != "__init__.py"]
+    assert 90 <= statistics.median(lengths) <= 200, statistics.median(lengths)
+
+
+def test_functions_are_short():
+    short = [f.lines < SHORT for f in functions()]
+    assert sum(short) >= SHARE * len(short), f"{sum(short)} of {len(short)}"
+    assert [f for f in functions() if f.lines > LONGEST] == []
+
+
+def test_functions_take_few_parameters():
+    many = {f.place for f in functions() if f.parameters > PARAMETERS}
+    assert many - MANY_PARAMETERS.keys() == set()
+    assert MANY_PARAMETERS.keys() - many == set(), "no exception that is none"
+    assert not [p for p in MANY_PARAMETERS if p.split(":")[1].startswith("_")], "public ones only"
+
+
+def test_only_kinds_know_what_kind_they_are():
+    """Who asks a set for its kind would have to be changed when one more comes."""
+    asks = r"\bkind\s*[=!]=\s*[\"']|\.kind\s*([=!]=|(not )?in\b)"
+    assert lines_with(asks, but=("observations",)) == []
+
+
+def test_engines_are_chosen_in_one_place():
+    assert lines_with(r"\bif\b.*\binterpreting\b") == []
+
+
+def test_the_library_does_not_speak_of_options_of_the_command_line():
+    assert lines_with(r"(?<![\w-])--(?!xla_)[a-z]", but=("cli",)) == []
+
+
+# ------------------------------------------------------------------------------------------------ names lead somewhere
+
+
+def resolves(name: str) -> bool:
+    """Whether a dotted name is a module of the package or something in one."""
+    parts = name.split(".")
+    for n in range(len(parts), 0, -1):
+        try:
+            found = importlib.import_module(".".join(parts[:n]))
+        except ImportError:
+            continue
+        for part in parts[n:]:
+            if not hasattr(found, part):
+                return part in getattr(found, "__annotations__", {})
+            found = getattr(found, part)
+        return True
+    return False
+
+
+def texts() -> dict[str, str]:
+    """Pages and docstrings by their place."""
+    found = {str(p.relative_to(ROOT)): p.read_text(encoding="utf-8") for p in PAGES}
+    for source in sources():
+        found[f"src/volid/{source.place}"] = "\n".join(ast.get_docstring(node) for node in documented(source.tree))
+    return found
+
+
+def test_dotted_names_in_texts_lead_somewhere():
+    named = {(where, n) for where, text in texts().items() for n in re.findall(r"\bvolid(?:\.[A-Za-z_]\w*)+", text)}
+    files = {"volid.egg"}
+    assert sorted((w, n) for w, n in named if n not in files and not resolves(n)) == []
+
+
+def test_files_named_in_texts_are_there():
+    """A path as from the root of the repository, the package, or the folder of the text or one in it."""
+    lost = []
+    for where, text in texts().items():
+        for name in re.findall(r"`((?:[\w.]+/)*\w+\.py)`", text):
+            folder = (ROOT / where).parent
+            starts = (ROOT, PACKAGE, SOURCE, folder, *(p for p in folder.iterdir() if p.is_dir() and folder != ROOT))
+            if not any((start / name).exists() for start in starts):
+                lost.append((where, name))
+    assert lost == []
+
+
+@pytest.mark.parametrize("stage", ["ruff check", "mypy", "lint-imports"])
+def test_quick_checks_come_before_the_tests(stage):
+    text = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
+    assert text.index(stage) < text.index("pytest")

@@ -1,0 +1,47 @@
+"""Lack of fit beside the stated u: none in a true model, the unit weight or the held-out weight where they exceed chance."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.machines import VERTICAL
+from support.trackers import simulated
+
+from volid.fitting.fit import fit
+from volid.uncertainty.lack_of_fit import lack_of_fit
+
+
+@pytest.fixture(scope="module")
+def true_model():
+    """Gentle functions that the chosen splines follow."""
+    campaign, _, _ = simulated(VERTICAL, 21, n_per_station=150, waviness=0.1, every_station_sees_every_tool=True)
+    return fit(campaign)
+
+
+def test_held_out_weight_of_a_true_model_is_one(true_model):
+    weight, n = true_model.statistics.held_out_weight, true_model.statistics.n_readings
+    # relative standard deviation of the sum of squares sqrt(2/n): of the weight half of that, three times, and the search
+    # chooses what predicts best
+    assert 1.0 - 3.5 / np.sqrt(2.0 * n) - 0.03 < weight < 1.0 + 3.0 / np.sqrt(2.0 * n)
+    found = lack_of_fit(true_model)
+    assert found.factor == 1.0 and found.share == 0.0
+    assert str(found).startswith("none found (unit weight ")
+
+
+def test_too_few_positions_for_the_waves_show_held_out():
+    """A function with 20 waves over the travel, and at most 24 segments on offer: held-out readings see it."""
+    campaign, truth, tracker = simulated(
+        VERTICAL, 22, n_per_station=150, waviness=0.1, every_station_sees_every_tool=True
+    )
+    (s,) = campaign.sets
+    x = s.positions[:, campaign.machine.index("X")]
+    wave = 2e-3 * np.sin(2 * np.pi * 20 * x / 760)
+    places = np.array([tracker.station_positions[n] for n in tracker.station])
+    target = VERTICAL.functional_point(tracker.q, tracker.tool, truth)
+    along = ((target - places) / np.linalg.norm(target - places, axis=1)[:, None])[:, 0]
+    found = fit(replace(campaign, sets=(replace(s, readings=s.readings + (wave * along)[:, None]),)))
+    lack = lack_of_fit(found)
+    assert lack.factor > 1.5 and lack.factor == max(lack.unit_weight, lack.held_out)
+    assert "not part of the stated u" in str(lack)
+    # 2 µm waves (RMS 1.4 µm, over the directions to the stations about 0.8 µm) on noise of about 0.45 µm
+    assert lack.share == pytest.approx(np.sqrt(lack.factor**2 - 1.0))
