@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from kind_examples import EXAMPLES, exact_readings, exact_truth
+from support.kinds import EXAMPLES, exact_readings, exact_truth
 from support.sets import assert_same_set
 
 from volid.campaign import Campaign, Effect

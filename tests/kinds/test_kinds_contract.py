@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from kind_examples import (
+from support.kinds import (
     EXAMPLES,
     THREE,
     TOOLS,
@@ -42,9 +42,19 @@ EXACT = (
 )
 MOVED = 5e-6  # mm: a change of datum leaves out products of two errors, (70 µrad)² · 1 m
 DATUM = Datum("Z", "X", "end_point", (("Y", 100.0),))
-EVERY = pytest.mark.parametrize("name", EXAMPLES)
 FIRST = {kind: next(n for n, e in EXAMPLES.items() if e.kind == kind) for kind in KINDS}
 EACH_KIND = pytest.mark.parametrize("name", FIRST.values())
+
+
+def every(quick):
+    """All examples, those that are not `quick` (name) marked slow."""
+    return pytest.mark.parametrize(
+        "name", [pytest.param(n, marks=() if quick(n) else pytest.mark.slow) for n in EXAMPLES]
+    )
+
+
+EVERY = every(lambda name: name in FIRST.values())
+EVERY_BODY = every(lambda name: name in FIRST.values() or EXAMPLES[name].machine == THREE)
 
 
 @cache
@@ -126,7 +136,7 @@ def test_files_lose_nothing(name, tmp_path):
     assert all(np.isnan(s.readings).all() for s in again.sets)
 
 
-@EVERY
+@EVERY_BODY
 def test_no_prediction_changes_with_the_datum(name):
     """Before Monte Carlo and, with samples scattered as the covariance says, after it."""
     solution = with_samples(fitted(name))

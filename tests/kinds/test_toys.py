@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from kind_examples import THREE, TOOLS, distances, exact_truth, machine_of, plan_set, positions_of, predictions
+from support.kinds import THREE, TOOLS, distances, exact_truth, machine_of, plan_set, positions_of, predictions
 
 from volid.backend.elementary import in_rows
 from volid.campaign import Campaign, Effect

@@ -17,7 +17,7 @@ from volid.exceptions import InputError
 from volid.io import load_campaign, write_campaign, write_manifest
 from volid.observations import KINDS
 from volid.observations.base import NuisanceTable
-from volid.observations.point import cartesian
+from volid.observations.point import coordinates
 from volid.plausibility.checks import check_campaign
 from volid.virtual.simulate import simulate
 
@@ -53,7 +53,7 @@ def polar(n: int = 60, noise: bool = True, model: str = "") -> tuple[Campaign, o
 def test_readings_are_those_of_the_exact_chain():
     campaign, _ = polar(40, noise=False)
     readings, table = campaign.sets[0], NuisanceTable()
-    np.testing.assert_allclose(cartesian(readings), points(VERTICAL, 40)[0].sets[0].readings, atol=1e-9)
+    np.testing.assert_allclose(coordinates(readings), points(VERTICAL, 40)[0].sets[0].readings, atol=1e-9)
     (group,) = KINDS["polar"].groups(readings, campaign, table)
     rotation = np.array(group.settings.rotation).reshape(3, 3)
     small = Rotation.from_matrix(TURN @ rotation.T).as_rotvec()

@@ -1,7 +1,7 @@
-"""An interrupt (Ctrl-C) is heard, even one that arrives where Python drops exceptions.
+"""An interrupt (Ctrl-C) ends the program, even when it arrives where Python drops exceptions.
 
 Python raises KeyboardInterrupt wherever the program happens to be. In a finaliser, or in a callback of the garbage collector
-such as JAX's, an exception is printed and dropped, and the program would go on as if nothing had been said.
+such as JAX's, an exception is printed and dropped, and the program would go on.
 """
 
 from __future__ import annotations

@@ -32,7 +32,8 @@ propagation, which is too small or one-sided where a point lies near the plane o
 example:
   volid multilaterate distances.csv --approximate points.csv --robust -o adjusted.csv --residuals residuals.csv
 
-exit status: 0 good; 1 written, but blunders, undetermined points or a rejected model are named; 2 bad input
+exit status: 0 good; 1 written, but blunders, points that are not determined or a rejected model are
+named; 2 bad input
 """
 _REJECTED = 0.001  # probability of the sum of squared residuals below which model or u are called wrong
 
@@ -145,7 +146,7 @@ def attention(network: Network, solution: NetworkSolution) -> list[str]:
 
 
 def _named(network: Network, solution: NetworkSolution, i: int, what: str) -> str:
-    """One observation with its row, residual and those it cannot be told from."""
+    """One observation with its row, residual and those that it cannot be distinguished from."""
     start, end, distance = solution.observations[i]
     z = solution.normalised_residuals[i]
     size = "" if np.isnan(z) else f", {abs(z):.1f} of its standard deviations (critical {solution.critical_value:.1f})"

@@ -10,10 +10,10 @@ import numpy as np
 from volid.exceptions import InputError
 from volid.fitting.solution import Solution
 from volid.model.error_functions import reference_of
-from volid.model.iso230 import LINEAR_AXES, SPINDLE, ErrorName, parse
+from volid.model.iso230 import LINEAR_AXES, SPINDLE, ErrorName
 from volid.model.jacobian import influence
 from volid.model.kinematics import ROWS
-from volid.model.splines import Basis, evaluate
+from volid.model.linear_maps import error_value_rows
 
 CHUNK = 256  # places at a time
 
@@ -99,15 +99,7 @@ def model_errors(
 
     `turn`: rotation of the machine frame (3, n) about the datum's origin, see `_turn_frame`.
     """
-    model = solution.model
-    values: dict[Basis, np.ndarray] = {}
-    out = np.zeros((len(positions), ROWS * (len(model.machine.axes) + 1), model.n_parameters))
-    for f, term in zip(model.functions, model.layout.terms, strict=True):
-        if keep(parse(f.name)):
-            if term.basis not in values:
-                values[term.basis] = evaluate(term.basis, positions.T, directions.T).T
-            block = model.parametrisation[f.coefficients, f.parameters]
-            out[:, term.row, f.parameters] += term.sign * values[term.basis] @ block
+    out = error_value_rows(solution.model, positions.T, directions.T, keep)
     if turn is not None:
         _turn_frame(solution, out, positions, keep, turn)
     return out

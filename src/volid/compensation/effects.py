@@ -39,6 +39,7 @@ from volid.model.iso230 import LINEAR_AXES, SPINDLE, ErrorName
 from volid.model.jacobian import influence
 from volid.model.kinematics import ROWS
 from volid.model.machine import Axis, Machine
+from volid.model.splines import quadrature
 
 # Gauss-Legendre quadrature of the slope of a straightness line, uniform over the travel as the datum's
 PANELS, PANEL_NODES = 60, 3
@@ -154,11 +155,9 @@ def _moved(
 
 def _slope(solution: Solution, axis: Axis, base: Base) -> np.ndarray:
     """Least-squares slope of the line, uniform over the travel, (3, n): squareness where it is across the axis."""
-    nodes, weights = np.polynomial.legendre.leggauss(PANEL_NODES)
-    edges = np.linspace(*axis.travel, PANELS + 1)
-    x = (0.5 * (edges[:-1] + edges[1:])[:, None] + 0.5 * (edges[1] - edges[0]) * nodes).ravel()
+    x, weight = quadrature(*axis.travel, PANELS, PANEL_NODES)
     line = _moved(solution, axis, base, x, np.zeros(len(x)), rotations=False)
-    arm, weight = x - 0.5 * sum(axis.travel), np.tile(weights, PANELS)
+    arm = x - 0.5 * sum(axis.travel)
     return np.asarray(np.tensordot(weight * arm, line, axes=(0, 0)) / (weight @ arm**2))
 
 

@@ -10,13 +10,12 @@ from scipy.linalg import cho_factor, cho_solve
 
 from volid.campaign import Campaign
 from volid.fitting.diagnosis.adequacy import Adequacy, SuspectReading, assess, suspect
-from volid.fitting.diagnosis.identifiability import NAMED
 from volid.fitting.diagnosis.resolution import Resolution
 from volid.fitting.equations.problem import Problem
 from volid.fitting.equations.solver import Optimum
 from volid.fitting.fitter import Fitter
 from volid.fitting.results import Residuals, Statistics, read_only
-from volid.fitting.solution import Solution
+from volid.fitting.solution import Solution, held_constants
 
 
 class Assembly:
@@ -121,7 +120,8 @@ class Assembly:
         return tuple(sorted(found, key=lambda x: -abs(x.normalised)))
 
     def _notes(self) -> list[str]:
-        notes, found, held = [], self.fitter.found, self._held()
+        notes, found = [], self.fitter.found
+        held = held_constants(self.problem.model, found.tool_rotation)
         if not self.optimum.converged:
             notes.append("the iteration stopped before full convergence")
         if held:
@@ -133,12 +133,6 @@ class Assembly:
         if found.nuisance_defect:
             notes.append(f"{found.nuisance_defect} combinations of station or instrument parameters not determined")
         return notes
-
-    def _held(self) -> list[str]:
-        """Tool-frame rotations that cannot be stated because part of them is held at 0."""
-        names = [f.name for f in self.problem.model.functions if f.name.endswith("0S")]
-        rows = self.fitter.found.tool_rotation
-        return [n for n, row in zip(names, rows, strict=False) if np.any(row**2 > NAMED)]
 
     def _prior_rows(self) -> np.ndarray:
         """Pseudo-readings of an earlier solution as rows on θ."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from volid.exceptions import InputError
-from volid.fitting.diagnosis.identifiability import UNIT, parameter_units
+from volid.fitting.diagnosis.identifiability import UNIT, parameter_units, undetermined_directions
 from volid.fitting.prediction.deviations import gradient_matrix
 from volid.model.error_model import LOCATION, ErrorModel
 from volid.model.iso230 import LINEAR_AXES, SPINDLE, parse
@@ -137,7 +137,7 @@ def split_null_space(model: ErrorModel, null_space: np.ndarray) -> tuple[np.ndar
     if not null_space.shape[1]:
         return null_space, null_space
     units = parameter_units(model)
-    null, _ = np.linalg.qr(null_space / units[:, None])
+    null = undetermined_directions(null_space, units)
     positions, tool, direction = sample_points(model.machine, 64)
     weight = np.array([1.0, 1.0, 1.0, ARM, ARM, ARM])[None, :, None]
     field = _nominal_gradient(model, positions, tool, direction) @ (units[:, None] * null)

@@ -15,8 +15,9 @@ from typing import NamedTuple
 import numpy as np
 
 from volid.exceptions import InputError
-from volid.model.error_model import ErrorModel, coefficient_rows, evaluate_bases
-from volid.model.kinematics import ROWS, transform
+from volid.model.error_model import ErrorModel
+from volid.model.kinematics import ROWS, error_first, transform
+from volid.model.linear_maps import error_value_rows
 from volid.model.machine import BED, TOOL, Machine
 from volid.observations.base import Nuisance
 from volid.observations.response import MOTIONS, TOOL_VECTORS
@@ -94,20 +95,15 @@ def _skew(v: np.ndarray) -> np.ndarray:
 
 def _twists(model: ErrorModel, i: int, positions: np.ndarray) -> np.ndarray:
     """Error motion of body i as (t, ω) about the origin, as seen from the workpiece side of its axis, (m, 6, n)."""
-    machine, m = model.machine, len(positions)
-    rows = np.zeros((6, m, model.layout.n_coefficients))
-    bases = evaluate_bases(model.layout, positions.T, np.zeros_like(positions.T))
-    for k in range(ROWS):
-        partials = np.zeros((ROWS * (len(machine.axes) + 1), m))
-        partials[ROWS * i + k] = 1.0
-        rows[k] = coefficient_rows(model.layout, partials, bases).T
-    twist = (rows @ model.parametrisation).transpose(1, 0, 2)
+    machine = model.machine
+    rows = error_value_rows(model, positions.T, np.zeros_like(positions.T))
+    twist = rows[:, ROWS * i : ROWS * (i + 1)]
     if i == len(machine.axes):
         return twist
     axis = machine.axes[i]
     turned = np.concatenate([axis.frame @ twist[:, :3], axis.frame @ twist[:, 3:]], axis=1)
     turned[:, :3] += np.cross(np.reshape(axis.error_point, (1, 3, 1)), turned[:, 3:], axis=1)  # -ω × p
-    if axis.is_linear != axis.primed:  # N·D: the nominal motion carries the error
+    if error_first(axis):  # N·D: the nominal motion carries the error
         return _adjoint(_positions(machine, i)[1]) @ turned
     return turned
 

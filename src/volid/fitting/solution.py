@@ -10,27 +10,40 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import volid  # the public names, each imported when it is first used: nothing above this layer is imported here
+from volid.backend.even_points import every_step
 from volid.backend.lazy import jnp
 from volid.backend.pytrees import STATIC, register_dataclass, register_if_imported
 from volid.campaign import Campaign
 from volid.fitting.datum import s_transformation
 from volid.fitting.diagnosis.adequacy import Adequacy
-from volid.fitting.diagnosis.identifiability import NAMED, parameter_units
+from volid.fitting.diagnosis.identifiability import NAMED, parameter_units, undetermined_directions
 from volid.fitting.frames import check_exact, frames, unknown_rows
 from volid.fitting.prediction.determination import known_deviations
 from volid.fitting.prediction.deviations import ESTIMABLE, chain_of
 from volid.fitting.prediction.spread import linear_uncertainty
 from volid.fitting.results import Deviations, FunctionValue, Residuals, Statistics, read_only
 from volid.model.error_functions import reference_of
-from volid.model.error_model import ErrorModel, build_model, error_values, evaluate_bases, function_rows
-from volid.model.iso230 import describe, parse
+from volid.model.error_model import ErrorModel, Function, build_model, error_values, evaluate_bases
+from volid.model.iso230 import SPINDLE, describe, parse
 from volid.model.kinematics import deviation
+from volid.model.linear_maps import function_rows
 from volid.model.machine import Datum, Machine
 from volid.observations.base import Nuisance
 
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float
     from numpy.typing import ArrayLike
+
+
+def tool_frame(model: ErrorModel) -> list[Function]:
+    """The constants of the tool frame among the functions of a model, in its order."""
+    return [f for f in model.functions if parse(f.name).axis == SPINDLE]
+
+
+def held_constants(model: ErrorModel, directions: Float[np.ndarray, "s r"]) -> tuple[str, ...]:
+    """Names of tool-frame constants that cannot be stated because part of them is held at 0 along `directions`."""
+    rows = zip(tool_frame(model), directions, strict=False)
+    return tuple(f.name for f, row in rows if np.any(row**2 > NAMED))
 
 
 @register_dataclass
@@ -112,10 +125,7 @@ class Solution:
     @property
     def held_tool_rotation(self) -> tuple[str, ...]:
         """Tool-frame rotations that cannot be stated because a direction they share is held at 0."""
-        names = [f.name for f in self.model.functions if f.name.endswith("0S")]
-        return tuple(
-            n for n, row in zip(names, np.asarray(self.held_directions), strict=False) if np.any(row**2 > NAMED)
-        )
+        return held_constants(self.model, np.asarray(self.held_directions))
 
     @property
     def prior_rows(self) -> Float[np.ndarray, "r n"]:
@@ -213,8 +223,7 @@ class Solution:
         spline = self.model.by_name[name, "mean"].splines[0]
         if step is None:
             return np.linspace(*axis.travel, spline.segments + 1 if spline.degree == 1 else points)
-        grid = np.arange(axis.travel[0], axis.travel[1] + 1e-9 * axis.length, step)
-        return np.append(grid, axis.travel[1]) if axis.travel[1] - grid[-1] > 1e-6 * step else grid
+        return every_step(*axis.travel, step)
 
     def location(self, name: str) -> FunctionValue:
         """A constant (squareness, location error, tool-frame rotation) with its standard uncertainty."""
@@ -251,7 +260,7 @@ class Solution:
         units = parameter_units(self.model)
         if not self.null_space.shape[1]:
             return np.zeros(len(rows), dtype=bool)
-        null, _ = np.linalg.qr(np.asarray(self.null_space) / units[:, None])
+        null = undetermined_directions(self.null_space, units)
         along = np.linalg.norm((rows * units) @ null, axis=1)
         return np.asarray(along > ESTIMABLE * np.maximum(np.linalg.norm(rows * units, axis=1), 1e-12))
 
@@ -303,7 +312,7 @@ class Solution:
 
     def _hold_tool_rotation(self, model: ErrorModel) -> np.ndarray:
         """Projector that keeps at 0, in the new datum too, what is not determined of the constant tool rotation."""
-        places = [f.parameters.start for f in model.functions if f.name.endswith("0S")]
+        places = [f.parameters.start for f in tool_frame(model)]
         units = parameter_units(model)[places]
         projector = np.eye(model.n_parameters)
         held = np.asarray(self.held_directions @ self.held_directions.T) * units[:, None] / units

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from volid.campaign import Campaign
-from volid.observations import KINDS
+from volid.observations import sets_by_kind
 
 
 def find_starts(campaign: Campaign) -> dict[Any, float]:
@@ -14,6 +14,6 @@ def find_starts(campaign: Campaign) -> dict[Any, float]:
     Raises `InputError` when a kind finds none, such as for a station that is neither stated nor seen often enough.
     """
     starts: dict[Any, float] = {}
-    for name in dict.fromkeys(s.kind for s in campaign.sets):
-        starts.update(KINDS[name].starts(campaign))
+    for kind in sets_by_kind(campaign):
+        starts.update(kind.starts(campaign))
     return starts

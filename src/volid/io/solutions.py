@@ -21,7 +21,7 @@ Root attributes: `format`; `machine_name`; `axes` (letters, machine axis order);
   motion of the frame it lives in, see `volid.observations.response`).
 - `covariance` (n + k, n + k): of (θ, ν), in the units of both; zero along what is not determined.
 - `prior_root` (r, n), only after a fit with an earlier solution: its pseudo-readings W θ with unit variance.
-- `identifiability/`: `statements` (text, what is not determined); `null_space` (n, d), undetermined combinations of θ;
+- `identifiability/`: `statements` (text, what is not determined); `null_space` (n, d), combinations of θ that are not determined;
   `held_directions` (s, h), directions of the s tool-frame constants held at 0; `undetermined/function`, `/directions`.
 - `residuals/1`, `/2`, …, in the order of `campaign/sets`: attributes `set`, `rms`; `residual` (m, r) = reading - predicted,
   `normalised` (m, r) = residual/(u sqrt(1 - h)), `outlier` (m, r), set aside by the robust fit; on machines with rotary

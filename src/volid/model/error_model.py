@@ -186,19 +186,6 @@ def evaluate_bases(layout: Layout, q: Any, direction: Any) -> list[Any]:
     return [evaluate(basis, q, direction) for basis in layout.bases]
 
 
-def function_rows(model: ErrorModel, name: str, q: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """One function, all its parts together, as linear map of θ: rows a with E(q, direction) = a·θ, shape (m, n_parameters).
-
-    `q` (n_axes, m) [mm, °], `direction` (n_axes, m): +1, -1, or 0 for the mean of both approaches.
-    """
-    rows = np.zeros((q.shape[1], model.n_parameters))
-    for f, term in zip(model.functions, model.layout.terms, strict=True):
-        if f.name == name:
-            values = evaluate(term.basis, q, direction).T
-            rows[:, f.parameters] = values @ model.parametrisation[f.coefficients, f.parameters]
-    return rows
-
-
 def coefficient_rows(layout: Layout, partials: Any, bases: Any) -> Any:
     """Chain rule from error values to coefficients: ∂r/∂c, shape (n_coefficients, m), from ∂r/∂(error values)."""
     if not layout.terms:

@@ -21,7 +21,7 @@ import numpy as np
 from volid.backend.elementary import computed_once, constant_like
 from volid.model.geometry import Vector, add, cross, rotate_small, subtract
 from volid.model.iso230 import LINEAR_AXES
-from volid.model.kinematics import ROWS, error_motion, nominal_factor, nominal_point, side_rotation, turn
+from volid.model.kinematics import ROWS, error_first, error_motion, nominal_factor, nominal_point, side_rotation, turn
 from volid.model.machine import Axis, Machine
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ def deviation_partials(machine: Machine, q: Any, tool: Vector, errors: Any) -> l
     for i in range(n, -1, -1):
         motion = error_motion(machine, i, errors)
         axis = machine.axes[i] if i < n else None
-        if axis is not None and not _error_first(axis):
+        if axis is not None and not error_first(axis):
             point = nominal_factor(axis, q[i], point, False)
             vectors = [nominal_factor(axis, q[i], v, True) for v in vectors]
         arm = subtract(point, motion.point)
@@ -64,16 +64,11 @@ def deviation_partials(machine: Machine, q: Any, tool: Vector, errors: Any) -> l
             _put(rows[3 + k], axis, ROWS * i + 3, (0.5 * turned[0], 0.5 * turned[1], 0.5 * turned[2]))
         point = add(add(rotate_small(motion.rotation, arm), motion.point), motion.translation)
         vectors = [rotate_small(motion.rotation, v) for v in vectors]
-        if axis is not None and _error_first(axis):
+        if axis is not None and error_first(axis):
             point = nominal_factor(axis, q[i], point, False)
             vectors = [nominal_factor(axis, q[i], v, True) for v in vectors]
         point, vectors = computed_once(point), [computed_once(v) for v in vectors]
     return rows
-
-
-def _error_first(axis: Axis) -> bool:
-    """Whether the axis moves what its error motion has moved, N·D, or the other way round (CONVENTIONS 3)."""
-    return axis.is_linear != axis.primed
 
 
 def _to_workpiece(machine: Machine, q: Any, x: Vector) -> Vector:
@@ -95,7 +90,7 @@ def _to_tool(machine: Machine, q: Any, x: Vector) -> Vector:
 def _directions_at(axis: Axis, q: Any, rotation: Vector, found: list[Vector]) -> tuple[list[Vector], list[Vector]]:
     """Directions as the error motion of an axis sees them, and as the next body towards the tool does."""
     back = (-rotation[0], -rotation[1], -rotation[2])
-    if _error_first(axis):
+    if error_first(axis):
         before = [computed_once(nominal_factor(axis, -q, c, True)) for c in found]
         return before, [computed_once(rotate_small(back, c)) for c in before]
     return found, [computed_once(nominal_factor(axis, -q, rotate_small(back, c), True)) for c in found]

@@ -78,6 +78,11 @@ def nominal_factor(axis: Axis, q: Any, x: Vector, is_vector: bool) -> Vector:
     return add(rotate_about(axis.unit_vector, angle, subtract(x, axis.point)), axis.point)
 
 
+def error_first(axis: Axis) -> bool:
+    """Whether the axis moves what its error motion has moved, N·D, or the other way round, D·N (CONVENTIONS 3)."""
+    return axis.is_linear != axis.primed
+
+
 def _axis_factor(machine: Machine, i: int, q: Any, errors: Any, x: Vector, is_vector: bool, inverse: bool) -> Vector:
     """One factor of the chain or its inverse: N·D or D·N, by side and type of axis (CONVENTIONS 3)."""
     axis = machine.axes[i]
@@ -85,7 +90,7 @@ def _axis_factor(machine: Machine, i: int, q: Any, errors: Any, x: Vector, is_ve
     if errors is None:
         return nominal_factor(axis, position, x, is_vector)
     motion = error_motion(machine, i, errors)
-    if (axis.is_linear != axis.primed) != inverse:
+    if error_first(axis) != inverse:
         return nominal_factor(axis, position, _error_factor(motion, x, is_vector, inverse), is_vector)
     return _error_factor(motion, nominal_factor(axis, position, x, is_vector), is_vector, inverse)
 

@@ -120,7 +120,7 @@ def value_row(spline: Spline, x: float) -> np.ndarray:
 
 
 @lru_cache(maxsize=64)
-def _quadrature(low: float, high: float, segments: int, order: int) -> tuple[np.ndarray, np.ndarray]:
+def quadrature(low: float, high: float, segments: int, order: int) -> tuple[np.ndarray, np.ndarray]:
     """Gauss-Legendre nodes and weights, `order` per segment, that integrate over [low, high]."""
     nodes, weights = np.polynomial.legendre.leggauss(order)
     edges = np.linspace(low, high, segments + 1)
@@ -134,7 +134,7 @@ def slope_row(spline: Spline) -> np.ndarray:
 
     slope = ∫ (x - mid) f dx / ∫ (x - mid)² dx, uniform weight, by Gauss-Legendre quadrature that is exact for the spline.
     """
-    x, w = _quadrature(spline.low, spline.high, spline.segments, spline.degree // 2 + 2)
+    x, w = quadrature(spline.low, spline.high, spline.segments, spline.degree // 2 + 2)
     arm = x - 0.5 * (spline.low + spline.high)
     return (w * arm) @ design_matrix(spline, x) / np.sum(w * arm**2)
 
@@ -151,7 +151,7 @@ def harmonic_rows(spline: Spline) -> np.ndarray:
     Gauss-Legendre quadrature: exact for the mean, better than 1e-12 of the largest value for the others.
     """
     segments = spline.segments * max(1, int(np.ceil((spline.high - spline.low) / spline.segments / 15.0)))
-    x, w = _quadrature(spline.low, spline.high, segments, spline.degree // 2 + 6)
+    x, w = quadrature(spline.low, spline.high, segments, spline.degree // 2 + 6)
     values = design_matrix(spline, x)
     angle = np.deg2rad(x)
     return np.stack([(w * f) @ values for f in (np.ones_like(x), np.cos(angle), np.sin(angle))]) / np.sum(w)

@@ -125,7 +125,7 @@ def _checked(targets, distances, segments, relative, u):
             f"targets have shape {points.shape} and distances {values.shape}; expected (n, 3) or (n, 2), and (n,)"
         )
     labels_in = np.zeros(values.size, int) if segments is None or not relative else np.asarray(segments)
-    if labels_in.shape != values.shape or labels_in.dtype.kind not in "iu":
+    if labels_in.shape != values.shape or not np.issubdtype(labels_in.dtype, np.integer):
         raise InputError(
             f"segments have shape {labels_in.shape}; expected one whole number per reading, {values.shape}"
         )

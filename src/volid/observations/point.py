@@ -152,9 +152,6 @@ def coordinates(observations: ObservationSet, readings: np.ndarray | None = None
     return np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), r * np.sin(elevation)], axis=1)
 
 
-cartesian = coordinates
-
-
 def _nominal(observations: ObservationSet, campaign: Campaign) -> list[tuple[np.ndarray, np.ndarray]]:
     """Rows of every station of a set, and their nominal targets in the frame of its body."""
     result = []

@@ -1,4 +1,4 @@
-"""Tool vectors and approximate stations in metres among positions in mm, told by where the readings put the stations.
+"""Tool vectors and approximate stations in metres among positions in mm, recognised by where the readings put the stations.
 
 A station is located from its distances to the nominal functional points, without its approximate position. Then
 - tool vectors below 2 mm are tried a thousand times longer: when only so one position per station fits all its readings, or

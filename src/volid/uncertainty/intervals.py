@@ -51,8 +51,8 @@ def function_intervals(solution: Solution, rows: Sequence[FunctionValue], probab
     samples = _samples(solution)
     matrix = np.pad(function_rows(solution, rows), ((0, 0), (0, len(solution.nuisance_table))))
     parts = [coverage_intervals(values, probability) for _, values in samples.linear(matrix)]
-    lost = np.array([not np.isfinite(r.value) for r in rows])
-    return Intervals(*(np.where(lost, np.nan, np.concatenate(column)) for column in zip(*parts, strict=True)))
+    unknown = np.array([not np.isfinite(r.value) for r in rows])
+    return Intervals(*(np.where(unknown, np.nan, np.concatenate(column)) for column in zip(*parts, strict=True)))
 
 
 def deviation_intervals(

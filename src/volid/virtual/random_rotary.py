@@ -7,6 +7,7 @@ side, -1 on the workpiece side. Its least-squares component over the travel (one
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,12 @@ from volid.model.machine import Axis, Machine
 
 Function = Callable[[np.ndarray], Any]
 _NODES = 400  # of Gauss-Legendre quadrature: exact to rounding for waves of a hundredth of the travel
+
+
+@cache
+def gauss_legendre(n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes and weights over -1 … 1; of many nodes they take longer to find than everything else that a truth needs."""
+    return np.polynomial.legendre.leggauss(n)
 
 
 def periodic_wave(rng: np.random.Generator, waviness: float) -> Function:
@@ -77,5 +84,5 @@ def _fields(axis: Axis, components: list[int]) -> list[Function]:
 def _quadrature(axis: Axis) -> tuple[np.ndarray, np.ndarray]:
     """Nodes over the travel, or over one turn of a full-turn axis, and weights that sum to one."""
     low, high = (-180.0, 180.0) if axis.is_full_turn else axis.travel
-    node, weight = np.polynomial.legendre.leggauss(_NODES)
+    node, weight = gauss_legendre(_NODES)
     return 0.5 * (low + high) + 0.5 * (high - low) * node, 0.5 * weight

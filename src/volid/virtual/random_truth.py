@@ -23,7 +23,7 @@ from volid.model.error_functions import (
 )
 from volid.model.iso230 import parse
 from volid.model.machine import Axis, Machine
-from volid.virtual.random_rotary import in_datum, periodic_wave
+from volid.virtual.random_rotary import gauss_legendre, in_datum, periodic_wave
 from volid.virtual.truth import POINTS, POINTS_ACROSS, CrossTable, Table, Truth
 
 MICROMETRE, MICRORADIAN = 1e-3, 1e-6  # in mm, rad
@@ -194,6 +194,6 @@ def _slope(f: Function, travel: tuple[float, float], line: str) -> float:
     low, high = travel
     if line == "end_point":
         return float((f(np.array(high)) - f(np.array(low))) / (high - low))
-    node, weight = np.polynomial.legendre.leggauss(100)
+    node, weight = gauss_legendre(100)
     arm = 0.5 * (high - low) * node
     return float(np.sum(weight * arm * f(0.5 * (low + high) + arm)) / np.sum(weight * arm**2))

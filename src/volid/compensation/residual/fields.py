@@ -9,7 +9,7 @@ import numpy as np
 from volid.compensation.base import Base, deviation_rows
 from volid.compensation.orientation import SPINDLE_AXIS, orientation_between
 from volid.exceptions import NotDeterminedError
-from volid.fitting.diagnosis.identifiability import parameter_units
+from volid.fitting.diagnosis.identifiability import parameter_units, undetermined_directions
 from volid.fitting.prediction.deviations import ESTIMABLE
 from volid.fitting.prediction.working_volume import spread_positions
 from volid.fitting.solution import Solution
@@ -67,7 +67,7 @@ class Field:
         if not solution.null_space.shape[1]:
             return True
         units = parameter_units(solution.model)
-        null, _ = np.linalg.qr(np.asarray(solution.null_space) / units[:, None])
+        null = undetermined_directions(solution.null_space, units)
         moved = self.without_rigid_motion((self.gradient @ (units[:, None] * null)).transpose(2, 0, 1))
         possible = np.abs(self.gradient * units)
         if np.abs(moved[:, :, :3]).max() > ESTIMABLE * possible[:, :3].max():

@@ -19,7 +19,7 @@ from volid.model.error_functions import motion_names, settings_for
 from volid.model.error_model import LOCATION, ErrorModel
 from volid.model.iso230 import parse
 from volid.model.machine import Machine
-from volid.observations import KINDS
+from volid.observations import KINDS, sets_by_kind
 
 UNIT = 0.1  # mm; the rotations' unit follows by dividing by 1 m
 ROTATION_UNIT = 1e-4  # rad
@@ -60,6 +60,11 @@ def parameter_units(model: ErrorModel) -> np.ndarray:
     for f in model.functions:
         units[f.parameters] = ROTATION_UNIT if parse(f.name).is_rotation else UNIT
     return units
+
+
+def undetermined_directions(null_space: np.ndarray, units: np.ndarray) -> np.ndarray:
+    """Undetermined combinations (n, d) of θ as orthonormal directions of θ / `units`, shape (n, d)."""
+    return np.asarray(np.linalg.qr(np.asarray(null_space) / units[:, None])[0])
 
 
 def _spindle_columns(model: ErrorModel) -> np.ndarray:
@@ -259,9 +264,8 @@ def _segment_reasons(model: ErrorModel, campaign: Campaign, names: list[str]) ->
 def likely_reasons(campaign: Campaign) -> list[str]:
     """Facts of a campaign that usually leave functions undetermined: tool vectors, stations, positions."""
     reasons = []
-    for name, kind in KINDS.items():
-        sets = [s for s in campaign.sets if s.kind == name]
-        reasons += kind.advice(sets, campaign) if sets else []
+    for kind, sets in sets_by_kind(campaign).items():
+        reasons += kind.advice(sets, campaign)
     for i, letter in enumerate(campaign.machine.letters):
         values = np.concatenate([s.positions[:, i] for s in campaign.sets])
         count = len(np.unique(np.round(values, 3)))

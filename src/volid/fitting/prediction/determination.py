@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from volid.fitting.diagnosis.identifiability import parameter_units
+from volid.fitting.diagnosis.identifiability import parameter_units, undetermined_directions
 from volid.fitting.prediction.deviations import (
     ESTIMABLE,
     deviation_values,
@@ -43,7 +43,7 @@ def determination(
     rigid = np.zeros(len(positions), dtype=bool)
     if known.all():
         return Determination(known, rigid)
-    null, _ = np.linalg.qr(null_space / units[:, None])
+    null = undetermined_directions(null_space, units)
     null = units[:, None] * null
     for rows in _by_tool(tool):
         open_rows = rows[~known[rows, :3].all(axis=1)]

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
-from support.judging import spline_truth
 
+from support.judging import spline_truth
 from volid.campaign import Campaign, ObservationSet, Station
 from volid.fitting.equations.interpreted import Interpreted
 from volid.fitting.equations.problem import build_problem, scatter
