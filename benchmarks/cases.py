@@ -14,10 +14,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import qmc
 
+import volid
 from volid.campaign import Campaign, ObservationSet, Station
 from volid.fitting.diagnosis import resolution
 from volid.fitting.diagnosis.identifiability import parameter_units
-from volid.fitting.equations.compiled import predict_all
+from volid.fitting.equations.compiled import Compiled
 from volid.fitting.equations.problem import Problem, build_problem, scatter
 from volid.io.machines import parse_machine
 from volid.model.error_functions import motion_names
@@ -44,6 +45,7 @@ segments = 11
 [model.functions]
 "E?0S" = false
 """
+SPHERES = {"P1": (100.0, 30.0, 40.0), "P2": (-80.0, 90.0, 60.0), "P3": (20.0, -110.0, 80.0)}
 TRAVEL = {"Y": (0.0, 600.0), "X": (0.0, 1000.0), "Z": (-500.0, 0.0)}
 
 
@@ -105,22 +107,41 @@ def three_axis(name: str) -> Case:
 def read(plan: Campaign, model, shift: np.ndarray | None = None) -> Case:
     """The plan's readings by the model's own prediction, errors of 5 µm and 10 µrad, noise of one u."""
     rng = np.random.default_rng(1)
-    exact = build_problem(plan, model)
+    exact = build_problem(plan, model, engine=Compiled())
     theta = rng.standard_normal(model.n_parameters) * parameter_units(model) * np.array([0.05])
     truth = exact.start.copy()
     truth[: model.layout.n_coefficients] = model.parametrisation @ theta
-    values = scatter(exact, plan, predict_all(exact.system, truth))
+    values = scatter(exact, plan, exact.equations.predictions(truth))
     sets = tuple(
         replace(s, readings=v + s.u * rng.standard_normal(v.shape)) for s, v in zip(plan.sets, values, strict=True)
     )
     stations = plan.stations if shift is None else _stations(len(plan.stations), shift)
     campaign = replace(plan, sets=sets, stations=stations)
-    problem = build_problem(campaign, model)
+    problem = build_problem(campaign, model, engine=Compiled())
     start = problem.start.copy()
     for i, entry in enumerate(problem.nuisance):
         if entry.name.startswith("dead path"):
             start[model.layout.n_coefficients + i] += OFF
     return Case(campaign, problem._replace(start=start), truth)
+
+
+def distances(m: int) -> Campaign:
+    """`m` distances of a random virtual machine, read from four stations or eight, with splines to be chosen."""
+    machine = parse_machine(THREE_AXES.replace("segments = 11\n", ""), "benchmark.toml")
+    count = 4 if m < 5_000 else 8
+    one = _distance_set(m, count, False)
+    one = replace(one, options={**one.options, "u": U})
+    return volid.simulate(Campaign(machine, _stations(count, np.zeros(3)), (one,)), seed=1)[0]
+
+
+def rtest_readings() -> Campaign:
+    """12,825 readings of an R-test at 57 x 25 positions of a tilting rotary table, splines to be chosen; linear axes known."""
+    from volid.io import read_machine
+    from volid.planning.rtest import rtest_static_grid
+
+    machine = read_machine("datasets/five_axis_rtest/machine.toml")
+    plan = rtest_static_grid(machine, SPHERES, (0.0, 0.0, -180.0), 57, 25)
+    return volid.simulate(plan, seed=1)[0]
 
 
 @cache
@@ -131,8 +152,7 @@ def five_axis() -> Case:
 
     machine = read_machine("models/wCAYXbZt_trunnion.toml")
     rotary = machine.__class__(**{**vars(machine), "model": replace(machine.model, segments=6)})
-    spheres = {"P1": (100.0, 30.0, 40.0), "P2": (-80.0, 90.0, 60.0), "P3": (20.0, -110.0, 80.0)}
-    plan = rtest_static_grid(rotary, spheres, (0.0, 0.0, -150.0), 37, 9)
+    plan = rtest_static_grid(rotary, SPHERES, (0.0, 0.0, -150.0), 37, 9)
     return _determined(plan)
 
 

@@ -18,7 +18,9 @@ from benchmarks.ceres_peer import Ceres
 from benchmarks.fits import fastest_ceres
 from benchmarks.measure import Row, peak_memory
 from benchmarks.peers import Scaled, optimistix_fit, scipy_fit
-from volid.fitting.equations.interpreted import interpreted
+from volid.fitting.equations.compiled import Compiled
+from volid.fitting.equations.engine import Engine
+from volid.fitting.equations.interpreted import Interpreted
 from volid.fitting.equations.problem import build_problem
 from volid.fitting.equations.solver import solve
 from volid.fitting.starts import find_starts
@@ -81,7 +83,7 @@ class _Loops:
         self.solution, self.run, self.notes = solution, run, []
         self.refitter = run.refitter
         self.z = np.asarray(self.refitter.frozen.z)
-        self.free = np.asarray(self.refitter.frozen.basis) @ self.refitter._whitened_directions()
+        self.free = np.asarray(self.refitter.frozen.basis) @ self.refitter.whitened_directions()
         self.ceres: Ceres | None = None
         problem = build_problem(solution.campaign, solution.model, find_starts(solution.campaign))
         self.problem = problem._replace(free=self.free)
@@ -106,11 +108,11 @@ class _Loops:
     def drawn(self, number: int) -> Any:
         """The problem with the readings of one trial."""
         noise, _ = self._noise(number)
-        flat = self.refitter._flat_predictions() + noise * np.concatenate(
+        flat = self.refitter.flat_predictions() + noise * np.concatenate(
             [s.u.ravel() for s in self.solution.campaign.sets]
         )
         campaign = self.solution.campaign.__class__(
-            **{**vars(self.solution.campaign), "sets": self._sets(self.refitter._by_set(flat))}
+            **{**vars(self.solution.campaign), "sets": self._sets(self.refitter.by_set(flat))}
         )
         return build_problem(campaign, self.solution.model, find_starts(self.solution.campaign))._replace(
             free=self.free
@@ -148,12 +150,13 @@ def _round(solution: Any, loops: _Loops, trials: int, loop: int, number: int) ->
     seconds = {"volid": time.perf_counter() - began}
     seconds["product and random numbers"] = _limit(solution, trials)
     problems = [loops.drawn(number * loop + i) for i in range(loop)]
-    for what, path in (("own warm loop", False), ("own warm loop, interpreted", True)):
-        with interpreted(path):
-            solve(problems[0], loops.z)
-            began = time.perf_counter()
-            for problem in problems:
-                solve(problem, loops.z)
+    engines: dict[str, Engine] = {"own warm loop": Compiled(), "own warm loop, interpreted": Interpreted()}
+    for what, engine in engines.items():
+        own = [p._replace(equations=engine.equations(p.system)) for p in problems]
+        solve(own[0], loops.z)
+        began = time.perf_counter()
+        for problem in own:
+            solve(problem, loops.z)
         seconds[what] = (time.perf_counter() - began) * trials / loop
     if loops.ceres is not None:
         seconds["Ceres warm loop"] = loops.ceres.loop(loop) * trials / loop

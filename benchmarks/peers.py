@@ -14,8 +14,8 @@ from scipy.optimize import least_squares
 
 from benchmarks.cases import Case
 from volid.effects.prediction import predict_readings
-from volid.fitting.equations.compiled import jacobian, normal_equations, predict_all
-from volid.fitting.equations.interpreted import interpreted
+from volid.fitting.equations.compiled import Compiled
+from volid.fitting.equations.programs import jacobian, predictions
 from volid.fitting.equations.system import System
 from volid.model.error_model import error_values, evaluate_bases
 
@@ -34,8 +34,7 @@ class Scaled:
         self.system: System = jax.tree.map(jnp.asarray, case.problem.system)
         self.z0 = case.problem.start if start is None else start
         free = case.problem.free
-        with interpreted(False):
-            matrix = free.T @ np.asarray(normal_equations(self.system, self.z0).matrix) @ free
+        matrix = free.T @ Compiled().equations(case.problem.system).normal(self.z0).matrix @ free
         self.free = free / np.sqrt(np.diagonal(matrix))
         self.origin = np.full(free.shape[1], 1e4)
 
@@ -46,8 +45,7 @@ class Scaled:
     def residual(self, y: np.ndarray) -> np.ndarray:
         """Whitened residuals, priors included, (m,)."""
         z = self.z(y)
-        with interpreted(False):
-            values = predict_all(self.system, z)
+        values = predictions(self.system, z)
         parts = [
             ((np.asarray(v) - b.reading) * b.weight).ravel() for v, b in zip(values, self.system.blocks, strict=True)
         ]
@@ -55,8 +53,7 @@ class Scaled:
 
     def rows(self, y: np.ndarray) -> np.ndarray:
         """The structured Jacobian that volid has, (m, n)."""
-        with interpreted(False):
-            blocks = jacobian(self.system, self.z(y))
+        blocks = jacobian(self.system, self.z(y))
         parts = [np.asarray(b).transpose(0, 2, 1).reshape(-1, b.shape[1]) for b in blocks]
         return np.concatenate([*parts, np.asarray(self.system.prior_root)]) @ self.free
 

@@ -27,6 +27,8 @@ ENTRIES, LAYERS = 22, 14  # at most, at the top of the package and in the import
 SHORT, SHARE, LONGEST, PARAMETERS = 20, 0.9, 45, 7
 # Functions that may take more parameters, and why
 MANY_PARAMETERS = {
+    "compensation/package.py:compensate": "public: each keyword goes to tables, grids or their sampling",
+    "compensation/residual/forecast.py:forecast": "public: each keyword goes to the compensation, its control or the places",
     "fitting/equations/optimistix_solver.py:postprocess": "optimistix calls it, with these arguments",
     "multilateration/adjustment.py:adjust_network": "public: each keyword goes to one step of the adjustment",
     "planning/ball_bar.py:cone_frustum": "public: each keyword is a quantity of the test's drawing in ISO 10791-6",

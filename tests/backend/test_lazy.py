@@ -5,6 +5,7 @@ import sys
 
 import pytest
 from support.places import BUNDLED as CAMPAIGN
+from support.places import MODELS
 
 FIT = f"solution = volid.fit(volid.load_campaign({str(CAMPAIGN)!r}))\n"
 LEAVES = "assert len(jax.tree.leaves(solution)) == 5\n"
@@ -33,6 +34,28 @@ def test_a_small_fit_with_its_summary_and_grid_imports_no_jax(tmp_path):
 
 def test_a_small_fit_in_python_imports_no_jax():
     run("import sys, volid\n" + FIT + "solution.functions()\nassert 'jax' not in sys.modules")
+
+
+SIMULATION = f"""
+import sys
+from dataclasses import replace
+import volid
+from volid.campaign import Effect
+from volid.io import read_machine
+from volid.planning.standard import standard_plan
+
+plan = standard_plan(read_machine({str(MODELS / "wYXbZt_vertical.toml")!r}), 2500)
+effect = Effect("scatter", "repeatability", 1e-4, "point")
+campaign, _ = volid.simulate(replace(plan, sets=tuple(replace(s, effects=(effect,)) for s in plan.sets)))
+assert campaign.n_readings == 15_000
+volid.fit(campaign)
+assert "jax" not in sys.modules
+"""
+
+
+def test_a_simulation_and_a_fit_of_many_readings_import_no_jax():
+    """More readings than one thread takes, with an effect that acts through sensitivities to axis positions."""
+    run(SIMULATION)
 
 
 def test_two_threads_may_use_jax_first():

@@ -12,7 +12,6 @@ from support.trackers import simulated
 from volid.campaign import Campaign, Effect, ObservationSet, Station
 from volid.effects.drift import NODES
 from volid.exceptions import InputError
-from volid.fitting.equations.compiled import normal_equations, predict_all
 from volid.fitting.equations.problem import build_problem, scatter, with_random_effects
 from volid.fitting.fit import fit
 from volid.io.campaign.manifest import read_manifest
@@ -53,7 +52,7 @@ def change(campaign: Campaign, values: dict[str, float]) -> np.ndarray:
     z = problem.start.copy()
     for name, value in values.items():
         z[problem.model.layout.n_coefficients + names.index(name)] += value
-    before, after = (scatter(problem, campaign, predict_all(problem.system, v))[0] for v in (problem.start, z))
+    before, after = (scatter(problem, campaign, problem.equations.predictions(v))[0] for v in (problem.start, z))
     return (after - before)[:, 0]
 
 
@@ -114,7 +113,7 @@ def changes(campaign: Campaign, values: dict[str, float]) -> np.ndarray:
     names, z = [e.name for e in problem.nuisance], problem.start.copy()
     for name, value in values.items():
         z[problem.model.layout.n_coefficients + names.index(name)] += value
-    before, after = (scatter(problem, campaign, predict_all(problem.system, v)) for v in (problem.start, z))
+    before, after = (scatter(problem, campaign, problem.equations.predictions(v)) for v in (problem.start, z))
     return np.concatenate([(a - b)[:, 0] for a, b in zip(after, before, strict=True)])
 
 
@@ -139,7 +138,7 @@ def test_scale_of_each_component_of_a_sensor():
     names, z = [e.name for e in problem.nuisance], problem.start.copy()
     for name, value in (("s rtest X", 1e-3), ("s rtest Z", 2e-3)):
         z[problem.model.layout.n_coefficients + names.index(name)] += value
-    before, after = (scatter(problem, campaign, predict_all(problem.system, v))[0] for v in (problem.start, z))
+    before, after = (scatter(problem, campaign, problem.equations.predictions(v))[0] for v in (problem.start, z))
     np.testing.assert_allclose(after - before, [[1e-4, 0.0, 6e-4], [1e-4, 0.0, -6e-4]], atol=1e-12)
 
 
@@ -152,7 +151,7 @@ def test_what_expands_is_the_length_without_the_dead_path():
     problem = build_problem(hot, _model(), {("dead path", str(s), str(g)): 300.0 for s, g in beams})
     names, z = [e.name for e in problem.nuisance], problem.start.copy()
     z[problem.model.layout.n_coefficients + names.index("T expansion")] += 1e-6
-    before, after = (scatter(problem, hot, predict_all(problem.system, v))[0] for v in (problem.start, z))
+    before, after = (scatter(problem, hot, problem.equations.predictions(v))[0] for v in (problem.start, z))
     x = np.array([200.0, 300.0, 400.0, 500.0])
     np.testing.assert_allclose((after - before)[:, 0], x * 1e-6 * np.arange(4), rtol=1e-7)
     kinds = {e.name: e.distribution for e in problem.nuisance if e.effect}
@@ -171,7 +170,7 @@ def test_closures_determine_the_drift():
     )  # fmt: skip
     campaign = replace(line, sets=(one,), stations=line.stations[:1])
     problem = build_problem(campaign, _model())
-    normal = normal_equations(problem.system, problem.start)
+    normal = problem.equations.normal(problem.start)
     n = problem.model.layout.n_coefficients
     own = [n + i for i, e in enumerate(problem.nuisance) if e.name == "d" or e.name.startswith("dead path")]
     matrix = np.asarray(normal.matrix)[np.ix_(own, own)]

@@ -12,7 +12,6 @@ from support.made_up import made_up, truth_of
 from support.rtests import r_test, r_test_campaign
 
 from volid.exceptions import InputError
-from volid.fitting.equations.compiled import predict_all
 from volid.fitting.equations.problem import build_problem
 from volid.fitting.location_errors import location_errors, motions_with_mean, split_mean
 from volid.fitting.prediction.deviations import gradient_rows
@@ -89,7 +88,7 @@ def test_spheres_move_with_the_workpiece_frame(layout):
 
     def readings(s):
         z = np.concatenate([s.model.parametrisation @ np.asarray(s.parameters), np.asarray(s.nuisance)])
-        return np.asarray(predict_all(build_problem(campaign, s.model).system, jnp.asarray(z))[0])
+        return np.asarray(build_problem(campaign, s.model).equations.predictions(z)[0])
 
     assert np.abs(readings(after) - readings(before)).max() < 5e-6
     moved = replace(after, nuisance=before.nuisance)

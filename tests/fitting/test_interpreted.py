@@ -1,4 +1,4 @@
-"""The path without compiled programs gives what the compiled one gives, for every kind of observation and the whole fit."""
+"""Both engines give the same numbers, for every kind of observation, for tiles of any size, and for the whole fit."""
 
 from dataclasses import replace
 
@@ -10,20 +10,17 @@ from support.machines import LAYOUTS, VERTICAL, exact_machine, fixed
 from support.rtests import rtest
 from support.trackers import simulated
 
+from volid.backend.pytrees import map_arrays
 from volid.backend.reverse import Recorded, gradients
 from volid.effects.prediction import predict_readings
-from volid.fitting.diagnosis.hold_out import _projected
+from volid.exceptions import InputError
+from volid.fitting.equations import arranged as arranged_module
+from volid.fitting.equations import choice
 from volid.fitting.equations import interpreted as interpreted_module
-from volid.fitting.equations.compiled import (
-    jacobian,
-    normal_equations,
-    nuisance_equations,
-    predict_all,
-    quadratic_forms,
-    slope,
-)
-from volid.fitting.equations.interpreted import interpreted
+from volid.fitting.equations.compiled import Compiled
+from volid.fitting.equations.interpreted import Interpreted
 from volid.fitting.equations.problem import build_problem
+from volid.fitting.equations.second_derivatives import second_derivatives
 from volid.fitting.fit import fit
 from volid.fitting.prediction import deviations as prediction
 from volid.model.error_model import coefficient_rows, error_values, evaluate_bases
@@ -57,44 +54,61 @@ def close(a, b):
         np.testing.assert_allclose(x, y, rtol=1e-9, atol=1e-11 * np.abs(y).max(initial=1e-300))
 
 
-def both(function):
-    with interpreted(True):
-        first = function()
-    with interpreted(False):
-        return first, function()
+def both(system, function):
+    """`function` of the equations of a system, by each engine."""
+    return [function(engine.equations(system)) for engine in (Interpreted(), Compiled())]
 
 
-def test_nuisance_parameters_alone_are_a_part_of_the_whole(case):
-    """In both paths: the corner of the normal equations."""
+@pytest.fixture(params=[None, 1, 3], ids=["cells by cost", "cells of one interval", "cells of three"])
+def cells(request, monkeypatch):
+    """Tiles of the interpreted engine as it chooses them, and small ones: windows, pieces of several tiles, two threads."""
+    if request.param:
+        monkeypatch.setattr(arranged_module, "SHARES", (request.param,))
+        monkeypatch.setattr(arranged_module, "PIECE", 16)
+        monkeypatch.setattr(interpreted_module, "SHARED", 1)
+
+
+def test_nuisance_parameters_alone_are_a_part_of_the_whole(case, cells):
+    """In both engines: the corner of the normal equations."""
     problem, z = case
     n = problem.system.layout.n_coefficients
-    whole = both(lambda: normal_equations(problem.system, z))[0]
-    for found in both(lambda: nuisance_equations(problem.system, z)):
-        close(found, (whole.cost, np.asarray(whole.gradient)[n:], np.asarray(whole.matrix)[n:, n:]))
+    whole = both(problem.system, lambda e: e.normal(z))[0]
+    for found in both(problem.system, lambda e: e.nuisance(z)):
+        close(found, (whole.cost, whole.gradient[n:], whole.matrix[n:, n:]))
 
 
-def test_a_fold_takes_its_own_readings_only(case):
-    """A third of the readings with a weight, spread over every chunk; the last rows have none."""
+def changed(system):
+    """The system with a third of the readings, spread over all chunks, with other values and weights."""
+    rng = np.random.default_rng(8)
+
+    def of(block):
+        weight = np.where(np.arange(block.weight.shape[2]) % 3 == 1, block.weight * rng.uniform(0.5, 1.0), 0.0)
+        return replace(block, weight=weight, reading=block.reading + 0.01 * rng.standard_normal(block.reading.shape))
+
+    return replace(system, blocks=tuple(map(of, system.blocks)), prior_mean=system.prior_mean + 1e-3)
+
+
+def test_a_fold_takes_its_own_readings_only(case, cells):
+    """Equations with other weights, readings and prior are those that are made of them at once."""
     problem, z = case
+    system = changed(problem.system)
+    factor = np.random.default_rng(0).standard_normal((3, system.size))
+    questions = (
+        lambda e: e.normal(z), lambda e: e.slope(z), lambda e: e.quadratic_forms(z, factor), lambda e: e.jacobian(z)
+    )  # fmt: skip
+    for question in questions:
+        expected = question(Compiled().equations(system))
+        for found in both(problem.system, lambda e, q=question: q(e.changed(system))):
+            close(found, expected)
 
-    def thinned(block):
-        weight = np.asarray(block.weight)
-        return replace(block, weight=np.where(np.arange(weight.shape[2]) % 3 == 1, weight, 0.0))
 
-    blocks = tuple(thinned(b) for b in problem.system.blocks)
-    system = replace(problem.system, blocks=blocks, tiles=(None,) * len(blocks))
-    assert any(isinstance(c, interpreted_module._Some) for b in blocks for c in interpreted_module.chunks_of(b, True))
-    for function in (normal_equations, slope):
-        close(*both(lambda f=function: f(system, z)))
-
-
-def test_rough_normal_equations_have_the_exact_gradient(case):
+def test_rough_normal_equations_have_the_exact_gradient(case, cells):
     """Single precision stands in JᵀJ alone: to 1e-5 of its diagonal, and not closer, or it would not be single."""
     problem, z = case
-    whole = both(lambda: normal_equations(problem.system, z))[0]
+    whole = both(problem.system, lambda e: e.normal(z))[0]
     scale = np.sqrt(np.diagonal(np.asarray(whole.matrix)))
     scale = np.where(scale > 0, scale, 1.0)
-    for found in both(lambda: normal_equations(problem.system, z, rough=True)):
+    for found in both(problem.system, lambda e: e.normal(z, rough=True)):
         close(found[:2], whole[:2])
         away = np.abs((np.asarray(found.matrix) - whole.matrix) / np.outer(scale, scale)).max()
         assert 1e-10 < away < 1e-5
@@ -107,17 +121,18 @@ def test_second_derivatives_bend_the_predictions(case):
     rows = tuple(sorted({t.row for t in system.layout.terms}))
     rng = np.random.default_rng(0)
     for block in system.blocks:
-        chunk = next(interpreted_module.chunks_of(block))
+        chunk = map_arrays(lambda a: a[0], block)
+        m = chunk.q.shape[1]
         units = [problem.nuisance[i].unit for i in np.asarray(block.slots)[0, :, 0]]
         steps = np.array([1.0 if r % 6 < 3 else 1e-3 for r in rows] + [1.0 if u == "mm" else 1e-3 for u in units])
-        found = interpreted_module.second_derivatives(system, block.form, chunk, z, rows, 1e-4 * steps).astype(float)
+        found = second_derivatives(system, chunk, z, rows, 1e-4 * steps).astype(float)
         errors = error_values(system.layout, z[:n], evaluate_bases(system.layout, chunk.q, chunk.direction))
         places, whole = (
             [*rows, *range(len(errors), len(errors) + len(chunk.slots))],
             np.vstack([errors, z[n + chunk.slots]]),
         )
         delta = np.zeros_like(whole)
-        delta[places] = 0.1 * steps[:, None] * rng.standard_normal((len(places), chunk.m))
+        delta[places] = 0.1 * steps[:, None] * rng.standard_normal((len(places), m))
 
         def whitened(w, form=block.form, chunk=chunk, split=6 * (problem.system.layout.n_axes + 1)):
             tool, constants = tuple(chunk.tool), tuple(chunk.constants)
@@ -133,32 +148,58 @@ def test_second_derivatives_bend_the_predictions(case):
         )
 
 
-def test_normal_equations_slope_predictions_jacobian_and_leverages_agree(case):
+def test_normal_equations_slope_predictions_jacobian_and_leverages_agree(case, cells):
     problem, z = case
-    close(*both(lambda: normal_equations(problem.system, z)))
-    close(*both(lambda: slope(problem.system, z)))
-    close(*both(lambda: predict_all(problem.system, z)))
-    close(*both(lambda: jacobian(problem.system, z)))
     factor = np.random.default_rng(0).standard_normal((3, problem.system.size))
-    close(*both(lambda: quadratic_forms(problem.system, z, factor)))
-    close(*both(lambda: _projected(problem.system, z, factor)))
+    questions = (
+        lambda e: e.normal(z), lambda e: e.slope(z), lambda e: e.predictions(z), lambda e: e.jacobian(z),
+        lambda e: e.quadratic_forms(z, factor), lambda e: e.projected(z, factor),
+    )  # fmt: skip
+    for question in questions:
+        close(*both(problem.system, question))
 
 
-def test_slope_is_the_gradient_of_the_normal_equations(case):
+def test_leverages_agree(case, cells):
+    """With the root of a covariance, which has more rows than a tile has columns; they lie between 0 and 1."""
     problem, z = case
-    for path in (True, False):
-        with interpreted(path):
-            normal, (cost, gradient) = normal_equations(problem.system, z), slope(problem.system, z)
+    matrix = Compiled().equations(problem.system).normal(z).matrix
+    scale = 1.0 / np.sqrt(np.where(np.diagonal(matrix) > 0.0, np.diagonal(matrix), 1.0))
+    values, vectors = np.linalg.eigh(matrix * np.outer(scale, scale))
+    kept = values > 1e-9 * values[-1]
+    factor = (scale[:, None] * vectors[:, kept] / np.sqrt(values[kept])).T
+    found, expected = both(problem.system, lambda e: e.quadratic_forms(z, factor))
+    for a, b in zip(found, expected, strict=True):
+        np.testing.assert_allclose(a, b, atol=1e-7)
+        assert a.min() >= 0.0 and 0.01 < a.max() < 1.0 + 1e-7
+
+
+def test_sensitivities_and_readings_agree(case):
+    """Of every form: predictions, and how they answer to axis positions and tool vectors."""
+    problem, z = case
+    system, n = problem.system, problem.system.layout.n_coefficients
+    for block in system.blocks:
+        c = map_arrays(lambda a: a[0], block)
+        errors = error_values(system.layout, z[:n], evaluate_bases(system.layout, c.q, c.direction))
+        slots = z[n + c.slots]
+        found, expected = (
+            [e.readings(system.machine, block.form, c.q, c.tool, errors, slots, c.constants),
+             *e.sensitivities(system.machine, block.form, c.q, c.tool, slots, c.constants)]
+            for e in (Interpreted(), Compiled())
+        )  # fmt: skip
+        close(found, expected)
+
+
+def test_slope_is_the_gradient_of_the_normal_equations(case, cells):
+    problem, z = case
+    for normal, (cost, gradient) in both(problem.system, lambda e: (e.normal(z), e.slope(z))):
         assert float(cost) == pytest.approx(float(normal.cost), rel=1e-12)
-        scale = np.sqrt(np.diagonal(np.asarray(normal.matrix)) * float(normal.cost))
-        assert np.all(np.abs(np.asarray(gradient) - np.asarray(normal.gradient)) <= 1e-10 * scale + 1e-300)
+        scale = np.sqrt(np.diagonal(normal.matrix) * float(normal.cost))
+        assert np.all(np.abs(gradient - normal.gradient) <= 1e-10 * scale + 1e-300)
 
 
-def test_the_whole_fit_agrees(monkeypatch):
+def test_the_whole_fit_agrees():
     campaign, _, _ = simulated(VERTICAL, 4, extra=fixed(2), n_per_station=80, waviness=0.1)
-    first = fit(campaign)
-    monkeypatch.setattr(interpreted_module, "LARGEST", 0)
-    second = fit(campaign)
+    first, second = fit(campaign, engine="interpreted"), fit(campaign, engine="compiled")
     u = np.sqrt(np.diagonal(np.asarray(first.covariance)))
     both = [np.concatenate([np.asarray(s.parameters), np.asarray(s.nuisance)]) for s in (first, second)]
     # the iteration stops 1e-7 conditional u from the minimum, a hundred times less than u where parameters are correlated
@@ -166,6 +207,8 @@ def test_the_whole_fit_agrees(monkeypatch):
     away = np.abs(np.asarray(first.covariance) - np.asarray(second.covariance))
     assert np.all(away <= 1e-5 * np.outer(u, u))
     assert first.adequacy.verdict == second.adequacy.verdict
+    with pytest.raises(InputError, match="engine is 'fast'; expected 'compiled' or 'interpreted'"):
+        fit(campaign, engine="fast")
 
 
 @pytest.mark.parametrize("grid", [True, False])
@@ -182,7 +225,7 @@ def test_uncertainty_through_error_values_is_that_of_the_gradient(monkeypatch, g
     gradient = prediction.gradient_matrix(model, theta, low + at * length, tool, way)
     expected = np.linalg.norm(gradient @ root, axis=2)
     for limit in (10_000, 0):
-        monkeypatch.setattr(prediction, "INTERPRETED", limit)
+        monkeypatch.setattr(choice, "POINTS", limit)
         found = prediction.standard_uncertainties(model, theta, root @ root.T, low + at * length, tool, way)
         scale = expected.max(axis=0)
         np.testing.assert_allclose(found / scale, expected / scale, rtol=1e-7, atol=1e-7)
@@ -198,6 +241,10 @@ def test_recorded_operations_have_their_derivatives():
         return 3.0 - (root - a) * values[0] + (-b) * c * 1.0 + c * 0.0 + 0.0
 
     found = gradients(formula(a, b, c), [a, b, c], 5)
+    cosine, sine = a.cos_sin()
+    np.testing.assert_allclose(
+        gradients(cosine * 2.0 + sine * b, [a], 5)[0], -2.0 * np.sin(values[0]) + np.cos(values[0]) * values[1]
+    )
     for i in range(3):
         step = 1e-30j * (np.arange(3) == i)[:, None]
         np.testing.assert_allclose(found[i], formula(*(values + step)).imag / 1e-30, rtol=1e-13)

@@ -3,7 +3,6 @@
 from dataclasses import replace
 from functools import cache
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from exact_chain import ExactMachine, Truth, apply, rigid
@@ -12,10 +11,18 @@ from support.judging import spline_truth
 from support.machines import volid_machine
 
 from volid.fitting.equations import problem as problems
-from volid.fitting.equations.compiled import jacobian, normal_equations, predict_all
+from volid.fitting.equations.compiled import Compiled
+from volid.fitting.equations.interpreted import Interpreted
 from volid.fitting.equations.problem import build_problem, reweight, scatter
 from volid.model.error_functions import motion_names
 from volid.model.error_model import build_model
+
+
+@pytest.fixture(params=[Compiled(), Interpreted()], ids=lambda engine: engine.name)
+def case(request):
+    """`everything`, in both engines."""
+    campaign, built, z, scale = everything()
+    return campaign, built._replace(equations=request.param.equations(built.system)), z, scale
 
 
 def rows_by_set(campaign, built, blocks):
@@ -27,19 +34,19 @@ def rows_by_set(campaign, built, blocks):
 
 
 def predictions(campaign, built, z):
-    return scatter(built, campaign, predict_all(built.system, jnp.asarray(z)))
+    return scatter(built, campaign, built.equations.predictions(z))
 
 
-def test_every_reading_is_predicted_once():
-    campaign, built, z, _ = everything()
+def test_every_reading_is_predicted_once(case):
+    campaign, built, z, _ = case
     for s, p in zip(campaign.sets, predictions(campaign, built, z), strict=True):
         assert np.all(np.isfinite(p)), s.name
     assert sum(len(rows) for _, rows in built.places) == campaign.n_readings
 
 
-def test_structured_jacobian_is_the_finite_difference():
-    campaign, built, z, scale = everything()
-    ours = rows_by_set(campaign, built, jacobian(built.system, jnp.asarray(z)))
+def test_structured_jacobian_is_the_finite_difference(case):
+    campaign, built, z, scale = case
+    ours = rows_by_set(campaign, built, built.equations.jacobian(z))
     for i, step in enumerate(0.01 * scale):
         shift = np.zeros_like(z)
         shift[i] = step
@@ -53,7 +60,7 @@ def test_structured_jacobian_is_the_finite_difference():
 
 def test_jacobian_reaches_every_parameter():
     campaign, built, z, _ = everything()
-    total = sum(np.abs(r).sum(axis=0) for r in rows_by_set(campaign, built, jacobian(built.system, jnp.asarray(z))))
+    total = sum(np.abs(r).sum(axis=0) for r in rows_by_set(campaign, built, built.equations.jacobian(z)))
     assert np.all(total > 0), [
         e.name for e, t in zip(built.nuisance, total[-len(built.nuisance) :], strict=True) if t == 0
     ]
@@ -153,16 +160,16 @@ def test_nuisance_parameters_are_the_expected_ones():
     assert sum(n.startswith("slope") for n in names) == 4 and sum(n.startswith("offset") for n in names) == 8
 
 
-def test_normal_equations_are_those_of_jacobian_residual_and_prior():
-    campaign, built, z, _ = everything()
-    J = np.concatenate(rows_by_set(campaign, built, jacobian(built.system, jnp.asarray(z))))
+def test_normal_equations_are_those_of_jacobian_residual_and_prior(case):
+    campaign, built, z, _ = case
+    J = np.concatenate(rows_by_set(campaign, built, built.equations.jacobian(z)))
     r = np.concatenate(
         [((p - s.readings) / s.u)[:, 0] for s, p in zip(campaign.sets, predictions(campaign, built, z), strict=True)]
     )
     i = built.model.layout.n_coefficients + [e.name for e in built.nuisance].index("length calibrated")
     prior = np.zeros_like(z)
     prior[i] = 1 / 0.001**2
-    normal = normal_equations(built.system, jnp.asarray(z))
+    normal = built.equations.normal(z)
     size = np.sqrt(np.diagonal(J.T @ J + np.diag(prior)))
     np.testing.assert_allclose(
         np.asarray(normal.matrix) / np.outer(size, size), (J.T @ J + np.diag(prior)) / np.outer(size, size), atol=1e-12
@@ -172,13 +179,13 @@ def test_normal_equations_are_those_of_jacobian_residual_and_prior():
     assert float(normal.cost) == pytest.approx(0.5 * (r @ r + prior[i] * z[i] ** 2), rel=1e-12)
 
 
-def test_weights_of_a_reweighted_problem():
-    campaign, built, z, _ = everything()
+def test_weights_of_a_reweighted_problem(case):
+    campaign, built, z, _ = case
     rng = np.random.default_rng(2)
     factors = [np.where(rng.random(s.readings.shape) < 0.3, 0.0, rng.random(s.readings.shape)) for s in campaign.sets]
-    J = np.concatenate(rows_by_set(campaign, built, jacobian(built.system, jnp.asarray(z))))
+    J = np.concatenate(rows_by_set(campaign, built, built.equations.jacobian(z)))
     weighted = J * np.concatenate(factors)
-    normal = normal_equations(reweight(built, campaign, factors).system, jnp.asarray(z))
+    normal = reweight(built, campaign, factors).equations.normal(z)
     known = np.asarray(built.system.prior_root)
     expected = weighted.T @ weighted + known.T @ known
     np.testing.assert_allclose(normal.matrix, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
@@ -193,7 +200,7 @@ def test_padding_to_chunks_changes_nothing(monkeypatch):
     parts = build_problem(one, built.model)
     assert whole.system.blocks[0].weight.shape == (1, 1, 64) and parts.system.blocks[0].weight.shape == (4, 1, 8)
     z = z[: whole.system.size]
-    a, b = (normal_equations(p.system, jnp.asarray(z)) for p in (whole, parts))
+    a, b = (p.equations.normal(z) for p in (whole, parts))
     for x, y in zip(a, b, strict=True):
         np.testing.assert_allclose(x, y, rtol=1e-10, atol=1e-12 * np.abs(np.asarray(x)).max())
     for x, y in zip(predictions(one, whole, z), predictions(one, parts, z), strict=True):

@@ -3,7 +3,6 @@
 from dataclasses import replace
 from functools import cache
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from exact_chain import Smooth, Truth, random_truth, tracker_campaign
@@ -14,7 +13,6 @@ from support.trackers import distance_campaign, simulated
 from volid.exceptions import InputError
 from volid.fitting.diagnosis import resolution
 from volid.fitting.diagnosis.identifiability import WEAKEST
-from volid.fitting.equations.compiled import jacobian, predict_all
 from volid.fitting.equations.problem import build_problem, scatter
 from volid.fitting.fit import fit
 from volid.fitting.starts import find_starts
@@ -106,10 +104,10 @@ def test_candidates_refine_to_the_carrier():
 
 def brute_force(problem, campaign, z, folds, columns):
     """Held-out chi-square per fold by least squares on the rows themselves; `columns` scaled as the search scales them."""
-    (rows,) = jacobian(problem.system, jnp.asarray(z))
+    (rows,) = problem.equations.jacobian(z)
     J = np.asarray(rows).transpose(0, 2, 1).reshape(-1, problem.system.size)[: len(campaign.sets[0])]
     s = campaign.sets[0]
-    predicted = scatter(problem, campaign, predict_all(problem.system, jnp.asarray(z)))[0]
+    predicted = scatter(problem, campaign, problem.equations.predictions(z))[0]
     machine_part = np.where(np.arange(len(z)) < problem.model.layout.n_coefficients, z, 0.0)
     y = ((s.readings - predicted) / s.u)[:, 0] + J @ machine_part
     A = J @ columns

@@ -2,7 +2,6 @@
 
 from functools import cache
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from exact_chain import ExactMachine
@@ -12,7 +11,6 @@ from support.trackers import simulated
 
 from volid.campaign import Campaign
 from volid.exceptions import InputError
-from volid.fitting.equations.compiled import jacobian, normal_equations, predict_all
 from volid.fitting.equations.optimistix_solver import solve_by_optimistix
 from volid.fitting.equations.problem import build_problem, scatter
 from volid.fitting.equations.solver import solve
@@ -59,14 +57,14 @@ def test_same_answer_as_scipy():
     scale = 1 / np.sqrt(np.diagonal(optimum.normal.matrix))
 
     def of(y):
-        return jnp.asarray(problem.start + problem.free @ (scale * y))
+        return problem.start + problem.free @ (scale * y)
 
     def residual(y):
-        predicted = scatter(problem, campaign, predict_all(problem.system, of(y)))[0]
+        predicted = scatter(problem, campaign, problem.equations.predictions(of(y)))[0]
         return ((predicted - campaign.sets[0].readings) / campaign.sets[0].u)[:, 0]
 
     def slopes(y):
-        (rows,) = jacobian(problem.system, of(y))
+        (rows,) = problem.equations.jacobian(of(y))
         rows = np.asarray(rows).transpose(0, 2, 1).reshape(-1, problem.system.size)[: len(campaign.sets[0])]
         return rows @ problem.free * scale
 
@@ -105,7 +103,7 @@ def test_gradient_vanishes_and_normal_equations_belong_to_the_answer():
     problem, optimum = solved()
     scale = 1 / np.sqrt(np.diagonal(optimum.normal.matrix))
     assert np.abs(scale * optimum.normal.gradient).max() < 1e-6
-    again = normal_equations(problem.system, jnp.asarray(optimum.z))
+    again = problem.equations.normal(optimum.z)
     np.testing.assert_allclose(
         problem.free.T @ np.asarray(again.matrix) @ problem.free, optimum.normal.matrix, rtol=1e-9, atol=1e-3
     )

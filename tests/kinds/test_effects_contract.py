@@ -15,8 +15,7 @@ from volid.effects import TYPES
 from volid.effects.base import POINT, Choice, Letters, Number, PerAxis, labelled_scopes
 from volid.effects.prediction import groups_of, is_random
 from volid.exceptions import InputError
-from volid.fitting.equations.compiled import predict_all
-from volid.fitting.equations.interpreted import interpreted
+from volid.fitting.equations.interpreted import Interpreted
 from volid.fitting.equations.problem import build_problem, random_effects, scatter, with_random_effects
 from volid.fitting.fit import fit
 from volid.io import load_campaign, write_campaign, write_manifest
@@ -63,20 +62,19 @@ def with_effect(campaign: Campaign, *effects: Effect) -> Campaign:
 def problem_of(campaign: Campaign):
     machine = campaign.machine
     segments = {n: (2,) * len(spline_axes(machine, n)) for n in motion_names(machine)}
-    return build_problem(campaign, build_model(machine, segments))
+    return build_problem(campaign, build_model(machine, segments), engine=Interpreted())
 
 
 def changes(campaign: Campaign) -> dict[str, np.ndarray]:
     """Change (m, k) of the last set's readings by one u of every unknown of effect `e`, by the unknown's name."""
     problem = problem_of(campaign)
     n, found = problem.model.layout.n_coefficients, {}
-    with interpreted():
-        before = scatter(problem, campaign, predict_all(problem.system, problem.start))[-1]
-        for i, entry in enumerate(problem.nuisance):
-            if entry.effect == "e":
-                z = problem.start.copy()
-                z[n + i] += entry.prior_u
-                found[entry.name] = scatter(problem, campaign, predict_all(problem.system, z))[-1] - before
+    before = scatter(problem, campaign, problem.equations.predictions(problem.start))[-1]
+    for i, entry in enumerate(problem.nuisance):
+        if entry.effect == "e":
+            z = problem.start.copy()
+            z[n + i] += entry.prior_u
+            found[entry.name] = scatter(problem, campaign, problem.equations.predictions(z))[-1] - before
     return found
 
 

@@ -23,8 +23,7 @@ from support.sets import assert_same_set
 
 from volid.campaign import Campaign
 from volid.exceptions import InputError
-from volid.fitting.equations.compiled import jacobian, predict_all
-from volid.fitting.equations.interpreted import interpreted
+from volid.fitting.equations.interpreted import Interpreted
 from volid.fitting.equations.problem import build_problem, scatter
 from volid.fitting.fit import fit
 from volid.fitting.solution import Solution
@@ -97,7 +96,7 @@ def test_the_fit_to_simulated_readings_leaves_nothing_and_finds_the_machine(name
 def test_derivatives_are_finite_differences(name):
     campaign = measured(name)
     solution = fitted(name)
-    problem = build_problem(campaign, solution.model, find_starts(campaign))
+    problem = build_problem(campaign, solution.model, find_starts(campaign), engine=Interpreted())
     n = problem.model.layout.n_coefficients
     rng = np.random.default_rng(0)
     scale = np.concatenate([np.full(n, 1e-4), [1e-2 if e.unit == "mm" else 1e-5 for e in problem.nuisance]])
@@ -105,19 +104,18 @@ def test_derivatives_are_finite_differences(name):
     z = problem.start + scale * rng.normal(size=len(scale))
 
     def predicted(at):
-        return scatter(problem, campaign, predict_all(problem.system, at))
+        return scatter(problem, campaign, problem.equations.predictions(at))
 
-    with interpreted():
-        for _ in range(3):
-            step = scale * rng.normal(size=len(scale))
-            forward = [(a - b) / 2.0 for a, b in zip(predicted(z + step), predicted(z - step), strict=True)]
-            blocks = jacobian(problem.system, z)
-            found = [_along(chunks, step) for chunks in blocks]
-            for (number, rows), values in zip(problem.places, found, strict=True):
-                u, k = campaign.sets[number].u[rows], campaign.sets[number].readings.shape[1]
-                expected = forward[number][rows] / u
-                # third derivatives: step³/6 d², and a metre rounded to 2e-13 mm
-                np.testing.assert_allclose(values.reshape(k, -1).T[: len(rows)], expected, rtol=1e-6, atol=1e-8)
+    for _ in range(3):
+        step = scale * rng.normal(size=len(scale))
+        forward = [(a - b) / 2.0 for a, b in zip(predicted(z + step), predicted(z - step), strict=True)]
+        blocks = problem.equations.jacobian(z)
+        found = [_along(chunks, step) for chunks in blocks]
+        for (number, rows), values in zip(problem.places, found, strict=True):
+            u, k = campaign.sets[number].u[rows], campaign.sets[number].readings.shape[1]
+            expected = forward[number][rows] / u
+            # third derivatives: step³/6 d², and a metre rounded to 2e-13 mm
+            np.testing.assert_allclose(values.reshape(k, -1).T[: len(rows)], expected, rtol=1e-6, atol=1e-8)
 
 
 def _along(chunks, step):

@@ -13,8 +13,7 @@ import numpy as np
 
 from support.judging import spline_truth
 from volid.campaign import Campaign, ObservationSet, Station
-from volid.fitting.equations.compiled import predict_all
-from volid.fitting.equations.interpreted import interpreted
+from volid.fitting.equations.interpreted import Interpreted
 from volid.fitting.equations.problem import build_problem, scatter
 from volid.fitting.solution import Solution
 from volid.fitting.starts import find_starts
@@ -264,22 +263,21 @@ def exact_truth(machine: Machine, seed: int = 7) -> Truth:
 def predictions(solution: Solution, samples: np.ndarray | None = None) -> list[np.ndarray]:
     """What the solution predicts for its own readings, one (m, k) per set, then what each of its `samples` (b, n + k) does."""
     campaign = solution.campaign
-    problem = build_problem(campaign, solution.model, find_starts(campaign))
+    problem = build_problem(campaign, solution.model, find_starts(campaign), engine=Interpreted())
     assert [e.key for e in problem.nuisance] == [e.key for e in solution.nuisance_table]
     n, found = solution.model.n_parameters, []
     own = np.concatenate([np.asarray(solution.parameters), np.asarray(solution.nuisance)])
-    with interpreted():
-        for x in [own, *(() if samples is None else samples)]:
-            z = np.concatenate([solution.model.parametrisation @ x[:n], x[n:]])
-            found += scatter(problem, campaign, predict_all(problem.system, z))
+    for x in [own, *(() if samples is None else samples)]:
+        z = np.concatenate([solution.model.parametrisation @ x[:n], x[n:]])
+        found += scatter(problem, campaign, problem.equations.predictions(z))
     return found
 
 
 def exact_readings(plan: Campaign, seed: int = 2) -> Campaign:
-    """What `simulate` without noise does, but without compiling: exact readings, stations and spheres said to be 2 mm off."""
+    """Exact readings of a machine whose errors are splines of its model; stations and spheres are said to be 2 mm off."""
     machine, rng = plan.machine, np.random.default_rng(seed)
     segments = {n: (2,) * len(spline_axes(machine, n)) for n in motion_names(machine)}
-    problem = build_problem(plan, build_model(machine, segments))
+    problem = build_problem(plan, build_model(machine, segments), engine=Interpreted())
     theta = exact_parameters(problem.model)
     unknowns = [
         e.start
@@ -287,8 +285,7 @@ def exact_readings(plan: Campaign, seed: int = 2) -> Campaign:
         for e in problem.nuisance
     ]
     z = np.concatenate([problem.model.parametrisation @ theta, unknowns])
-    with interpreted():
-        found = scatter(problem, plan, predict_all(problem.system, z))
+    found = scatter(problem, plan, problem.equations.predictions(z))
     sets = [replace(s, readings=r) for s, r in zip(plan.sets, found, strict=True)]
 
     def near(name, place):

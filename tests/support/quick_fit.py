@@ -8,7 +8,6 @@ import numpy as np
 from volid.campaign import Campaign
 from volid.fitting.diagnosis.adequacy import Adequacy
 from volid.fitting.diagnosis.identifiability import analyse
-from volid.fitting.equations.compiled import normal_equations
 from volid.fitting.equations.problem import build_problem
 from volid.fitting.prior import prior_of
 from volid.fitting.results import Residuals, Statistics
@@ -33,7 +32,7 @@ def quick_fit(campaign: Campaign, steps: int = 3, prior: Solution | None = None)
     found = analyse(problem, campaign)
     free, z, x = problem.free @ found.basis, problem.start, np.zeros(found.basis.shape[1])
     for step in range(steps + 1):
-        at = normal_equations(problem.system, problem.start + free @ x)
+        at = problem.equations.normal(problem.start + free @ x)
         normal = free.T @ np.asarray(at.matrix) @ free
         scale = 1.0 / np.sqrt(np.diagonal(normal))
         half = np.linalg.solve(np.linalg.cholesky(normal * np.outer(scale, scale)), np.diag(scale)).T

@@ -72,7 +72,7 @@ def test_a_refit_is_the_fit_of_the_drawn_readings(solution, run):
     assert not found.solved.any() and found.error.max() <= TOLERANCE
     u = np.sqrt(np.diagonal(np.asarray(solution.covariance)))
     for i in range(2):
-        drawn = refitter._flat_predictions() + noise[i] * np.concatenate([s.u.ravel() for s in refitter.campaign.sets])
+        drawn = refitter.flat_predictions() + noise[i] * np.concatenate([s.u.ravel() for s in refitter.campaign.sets])
         again = fit(with_readings(solution.campaign, drawn))
         x = np.concatenate([np.asarray(again.parameters), np.asarray(again.nuisance)])
         assert np.abs(x - found.x[i])[u > 0].max() > 0.0
@@ -121,7 +121,7 @@ def test_small_tiles_take_only_the_splines_of_their_cells(monkeypatch):
     found, spans = [], []
     for rows in (8, 10_000):
         monkeypatch.setattr(curvature, "ROWS", rows)
-        blocks = curvature.curvatures(frozen.system, frozen.z, frozen.numbers, units)
+        blocks = curvature.curvatures(refitter.problem.system, np.asarray(frozen.z), refitter.numbers, units)
         found.append(second_order(frozen.system, blocks, jnp.asarray(steps), turned(noise)))
         spans.append(sum(sum(c.spans) for c in blocks))
     assert spans[0] < 0.75 * spans[1]

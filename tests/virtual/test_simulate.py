@@ -16,7 +16,6 @@ from support.places import MODELS
 from volid.campaign import Campaign, ObservationSet, Station
 from volid.cli import simulate as command
 from volid.exceptions import InputError, OutputError
-from volid.fitting.equations.compiled import predict_all
 from volid.fitting.equations.problem import build_problem, scatter
 from volid.fitting.fit import fit
 from volid.io import load_campaign, parse_machine, read_machine
@@ -252,7 +251,7 @@ def test_the_fit_predicts_its_own_simulation_exactly(solution):
     nuisance = [(true | dict(truth.instruments))[entry.name] for entry in problem.nuisance]
     coefficients = solution.model.parametrisation @ np.asarray(solution.parameters)
     z = jnp.asarray(np.concatenate([coefficients, nuisance]))
-    predicted = scatter(problem, campaign, predict_all(problem.system, z))[0]
+    predicted = scatter(problem, campaign, problem.equations.predictions(z))[0]
     np.testing.assert_allclose(predicted, campaign.sets[0].readings, rtol=0, atol=1e-9)
 
 

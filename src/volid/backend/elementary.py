@@ -49,14 +49,16 @@ def nearest_integer(x: Any) -> Any:
 
 
 def cos_sin(angle: Any) -> tuple[Any, Any]:
-    """Cosine and sine of a plain or JAX angle [rad]."""
+    """Cosine and sine of an angle [rad]."""
+    if isinstance(angle, Recorded):
+        return angle.cos_sin()
     functions = space(angle)
     return functions.cos(angle), functions.sin(angle)
 
 
 def constant_like(x: Any, value: float) -> Any:
-    """`value` wherever `x` is: a number beside NumPy arrays, an array of the shape of `x` beside JAX arrays."""
-    return value if is_plain(x) else space(x).full_like(x, value)
+    """`value` wherever `x` is: a number beside NumPy and recorded arrays, an array of the shape of `x` beside JAX arrays."""
+    return value if is_plain(x) or isinstance(x, Recorded) else space(x).full_like(x, value)
 
 
 def in_rows(parts: Sequence[Any], shape: tuple[int, ...]) -> Any:

@@ -23,6 +23,11 @@ class Recorded:
         self.adjoint: Any = None
         notes.append(self)
 
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """(m,)."""
+        return np.shape(self.value)
+
     def _new(self, value: Any, *sources: tuple[Recorded, Any]) -> Recorded:
         return Recorded(value, self.notes, sources)
 
@@ -62,6 +67,11 @@ class Recorded:
         root = np.sqrt(self.value)
         return self._new(root, (self, 0.5 / root))
 
+    def cos_sin(self) -> tuple[Recorded, Recorded]:
+        """Cosine and sine of an angle [rad], derivatives -sin and cos."""
+        cosine, sine = np.cos(self.value), np.sin(self.value)
+        return self._new(cosine, (self, -sine)), self._new(sine, (self, cosine))
+
 
 def arctan2(y: Any, x: Any) -> Recorded:
     """Angle of (x, y) [rad], at least one of them recorded: ∂/∂y = x/(x² + y²), ∂/∂x = -y/(x² + y²)."""
@@ -72,21 +82,26 @@ def arctan2(y: Any, x: Any) -> Recorded:
     return Recorded(np.arctan2(v, u), recorded[0].notes, tuple(zip(recorded, partials, strict=True)))
 
 
-def gradients(result: Any, leaves: list[Recorded], m: int) -> np.ndarray:
-    """Partial derivatives of `result`, a recorded array, with respect to `leaves`: shape (len(leaves), m)."""
+def gradients(
+    result: Any, leaves: list[Recorded], m: int, seed: Any = 1.0, rows: np.ndarray | None = None
+) -> np.ndarray:
+    """Partial derivatives of `result`, a recorded array, with respect to `leaves`, times `seed`: shape (len(leaves), m).
+
+    `rows`: an array to write them into.
+    """
+    rows = np.empty((len(leaves), m)) if rows is None else rows
     if not isinstance(result, Recorded):
-        return np.zeros((len(leaves), m))
+        rows[:] = 0.0
+        return rows
     for note in result.notes:
         note.adjoint = None
-    result.adjoint = 1.0
+    result.adjoint = seed
     for note in reversed(result.notes):
         if note.adjoint is None:
             continue
         for source, partial in note.sources:
             share = note.adjoint if isinstance(partial, float) and partial == 1.0 else note.adjoint * partial
             source.adjoint = share if source.adjoint is None else source.adjoint + share
-    rows = np.zeros((len(leaves), m))
     for row, leaf in zip(rows, leaves, strict=True):
-        if leaf.adjoint is not None:
-            row[:] = leaf.adjoint
+        row[:] = 0.0 if leaf.adjoint is None else leaf.adjoint
     return rows

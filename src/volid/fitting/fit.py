@@ -16,8 +16,9 @@ from volid.fitting.assembly import Assembly
 from volid.fitting.diagnosis import resolution
 from volid.fitting.diagnosis.identifiability import analyse
 from volid.fitting.diagnosis.robust import down_weight, name_outliers, set_aside
-from volid.fitting.equations.interpreted import interpreted, is_small
-from volid.fitting.equations.problem import Prior, Problem, build_problem, with_random_effects
+from volid.fitting.equations.choice import engine_for_fit, engine_named
+from volid.fitting.equations.engine import Engine
+from volid.fitting.equations.problem import Prior, Problem, build_problem, with_model, with_random_effects
 from volid.fitting.equations.solver import solve
 from volid.fitting.fitter import Fitter, Method
 from volid.fitting.prior import check_prior, prior_notes, prior_of, shared_names
@@ -36,6 +37,13 @@ def _silent(message: str) -> None:
     del message
 
 
+class How(NamedTuple):
+    """Solver and engine of a fit."""
+
+    method: Method
+    engine: Engine
+
+
 class _Resolved(NamedTuple):
     fitter: Fitter
     resolution: resolution.Resolution
@@ -50,27 +58,30 @@ class _Task(NamedTuple):
     robust: bool
     progress: Progress
     method: Method
+    engine: Engine
 
-    def problem(self, segments: resolution.Segments, carrier: resolution.Segments) -> Problem:
-        """The least-squares problem for stated segments."""
+    def problem(
+        self, segments: resolution.Segments, carrier: resolution.Segments, like: Problem | None = None
+    ) -> Problem:
+        """The problem for stated segments; `like`: one with the same carrier, whose readings are taken as they are."""
         model = build_model(self.campaign.machine, segments, carrier=carrier)
         known = None if self.prior is None else prior_of(self.prior, model)
-        return build_problem(self.campaign, model, self.starts, known)
+        if like is not None and like.model.layout == model.layout:
+            return with_model(like, model, known)
+        return build_problem(self.campaign, model, self.starts, known, engine=self.engine)
 
-    def fitter(self, segments: resolution.Segments, carrier: resolution.Segments) -> Fitter:
-        """A fitter for stated segments."""
-        problem = self.problem(segments, carrier)
+    def fitter(self, problem: Problem) -> Fitter:
+        """A fitter for what of a problem is determined."""
         return Fitter(self.campaign, problem, analyse(problem, self.campaign), self.method)
 
 
-def _check_counts(task: _Task, segments: resolution.Segments, carrier: resolution.Segments) -> None:
-    """Raises `InputError` when there are fewer readings than parameters, even with the fewest segments."""
-    campaign, problem = task.campaign, task.problem(segments, carrier)
-    model, n_free, n_known = problem.model, problem.free.shape[1], problem.system.prior_root.shape[0]
+def _check_counts(campaign: Campaign, problem: Problem) -> None:
+    """Raises `InputError` when even the coarsest splines have more parameters than there are readings."""
+    n_free, n_known, n = problem.free.shape[1], problem.system.prior_root.shape[0], problem.model.n_parameters
     if campaign.n_readings + n_known < n_free:
         raise InputError(
             f"{campaign.source or 'campaign'}: {campaign.n_readings} readings for {n_free} parameters "
-            f"({model.n_parameters} of the error model, {n_free - model.n_parameters} of stations and "
+            f"({n} of the error model, {n_free - n} of stations and "
             "instruments); take more readings, or lower [model] segments or switch functions off"
         )
 
@@ -92,12 +103,13 @@ def _resolve(task: _Task) -> _Resolved:
     known, known_carrier = _given(task.prior, machine)
     carrier, automatic = resolution.limits(campaign, known_carrier)
     coarsest = {n: resolution.candidates(c)[0] if n in automatic else known.get(n, c) for n, c in carrier.items()}
-    _check_counts(task, coarsest, carrier)
     guess = {**resolution.first_guess(carrier, automatic), **known}
+    first = task.problem(guess, carrier)
+    _check_counts(campaign, task.problem(coarsest, carrier, like=first))
     if not automatic:
-        return _Resolved(task.fitter(guess, carrier), resolution.Resolution(guess, carrier))
+        return _Resolved(task.fitter(first), resolution.Resolution(guess, carrier))
     task.progress("preliminary fit")
-    preliminary = task.fitter(guess, carrier)
+    preliminary = task.fitter(first)
     optimum = preliminary.solve(preliminary.factors)
     factors = preliminary.factors
     if task.robust:
@@ -105,7 +117,7 @@ def _resolve(task: _Task) -> _Resolved:
         optimum = preliminary.solve(factors)
     task.progress("choosing the spline resolution by held-out prediction")
     chosen = resolution.choose(preliminary.problem, campaign, optimum.z, factors, carrier, guess, automatic)
-    return _Resolved(task.fitter(chosen.segments, carrier), chosen)
+    return _Resolved(task.fitter(task.problem(chosen.segments, carrier, like=first)), chosen)
 
 
 @contextmanager
@@ -129,6 +141,7 @@ def fit(
     datum: Datum | None = None,
     prior: Solution | None = None,
     solver: str = CHORD,
+    engine: str | None = None,
     progress: Progress | None = None,
 ) -> Solution:
     """Identify a machine's error model from a campaign by nonlinear least squares.
@@ -145,6 +158,7 @@ def fit(
             readings, with their covariance.
         solver: "chord" (few assemblies of the normal equations) or "optimistix" (a solver of that library, one assembly per
             step); both reach the same minimum.
+        engine: "interpreted" (NumPy) or "compiled" (JAX); None: the one with which the whole fit takes less time.
         progress: called with a message at every stage.
 
     Raises:
@@ -163,8 +177,8 @@ def fit(
         raise InputError(
             f"fit takes a Campaign; got {type(campaign).__name__}. Read a file with volid.load_campaign(path)"
         )
-    with interpreted(is_small(campaign)):
-        return _fit(campaign, robust, datum, prior, _method(solver), progress or _silent)
+    how = engine_for_fit(campaign, robust=robust) if engine is None else engine_named(engine)
+    return _fit(campaign, robust, datum, prior, How(_method(solver), how), progress or _silent)
 
 
 def _method(solver: str) -> Method:
@@ -191,8 +205,8 @@ class Stages:
         campaign: Campaign,
         prior: Solution | None,
         progress: Progress,
+        how: How,
         robust: bool = False,
-        method: Method = solve,
     ) -> Stages:
         """Check the campaign and find start values."""
         progress("checking the campaign")
@@ -203,8 +217,8 @@ class Stages:
             check_prior(prior, campaign.machine)
             warnings = (*warnings, *prior_notes(prior))
             prior = prior if prior.datum == campaign.machine.datum else prior.in_datum(campaign.machine.datum)
-        noisy = with_random_effects(campaign, starts)
-        return cls(campaign, _Task(noisy, starts, prior, robust, progress, method), warnings)
+        noisy = with_random_effects(campaign, starts, how.engine)
+        return cls(campaign, _Task(noisy, starts, prior, robust, progress, how.method, how.engine), warnings)
 
     def solved(self) -> Fitter:
         """Choose the resolution and solve."""
@@ -233,10 +247,10 @@ def _fit(
     robust: bool,
     datum: Datum | None,
     prior: Solution | None,
-    method: Method,
+    how: How,
     progress: Progress,
 ) -> Solution:
-    stages = Stages.begin(campaign, prior, progress, robust, method)
+    stages = Stages.begin(campaign, prior, progress, how, robust)
     fitter, outliers = stages.solved(), None
     if robust:
         progress("looking for outliers")

@@ -11,8 +11,7 @@ from volid.exceptions import InputError, VolidError
 from volid.fitting.diagnosis.hold_out import held_out_residuals
 from volid.fitting.diagnosis.identifiability import Identifiability, analyse
 from volid.fitting.diagnosis.robust import Weighted
-from volid.fitting.equations.compiled import predict_all, quadratic_forms
-from volid.fitting.equations.problem import Problem, pad_rows, reweight, scatter
+from volid.fitting.equations.problem import Problem, reweight, scatter
 from volid.fitting.equations.solver import Optimum, solve
 
 Method = Callable[..., Optimum]  # as `solver.solve`
@@ -48,7 +47,7 @@ class Fitter:
     def whitened(self) -> list[np.ndarray]:
         """(reading - predicted)/u at the optimum, all readings."""
         assert self.optimum is not None
-        blocks = predict_all(self.problem.system, self.optimum.z)
+        blocks = self.problem.equations.predictions(self.optimum.z)
         values = scatter(self.problem, self.campaign, blocks)
         return [(s.readings - p) / s.u for s, p in zip(self.campaign.sets, values, strict=True)]
 
@@ -73,8 +72,8 @@ class Fitter:
     def leverages(self) -> list[np.ndarray]:
         """h_ii of the readings that take part with full weight."""
         assert self.optimum is not None
-        system = reweight(self.problem, self.campaign, self.factors).system
-        blocks = quadratic_forms(system, self.optimum.z, pad_rows(self.root().T))
+        equations = reweight(self.problem, self.campaign, self.factors).equations
+        blocks = equations.quadratic_forms(self.optimum.z, self.root().T)
         return scatter(self.problem, self.campaign, blocks)
 
     def held_out(self) -> tuple[np.ndarray, ...]:

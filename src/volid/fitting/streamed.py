@@ -8,24 +8,24 @@ residuals, which give the verdict.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from volid.backend.lazy import jax, jnp
 from volid.backend.threads import one_blas_thread
 from volid.campaign import Campaign
 from volid.effects import TYPES
 from volid.exceptions import InputError
 from volid.fitting.diagnosis.adequacy import Tally
-from volid.fitting.equations.compiled import predict_all, quadratic_forms
+from volid.fitting.equations.choice import engine_for_fit, engine_for_stream
+from volid.fitting.equations.engine import Engine, Equations
 from volid.fitting.equations.free_directions import FreeDirections
-from volid.fitting.equations.interpreted import interpreted, is_small
-from volid.fitting.equations.problem import Problem, build_problem, pad_rows, scatter, with_random_effects
+from volid.fitting.equations.problem import Problem, build_problem, scatter, with_random_effects
 from volid.fitting.equations.solver import Objective, solve
-from volid.fitting.fit import Progress, Stages, breakdown_named
+from volid.fitting.equations.system import Normal
+from volid.fitting.fit import How, Progress, Stages, breakdown_named
 from volid.fitting.solution import Solution
 from volid.model.machine import Datum
 from volid.observations.base import NuisanceTable
@@ -57,26 +57,28 @@ class _Part(NamedTuple):
 class _Parts:
     """The parts of a stream as problems that share the unknowns of one complete problem."""
 
-    def __init__(self, stream: Stream, complete: Problem, table: NuisanceTable, progress: Progress) -> None:
-        self.stream, self.complete, self.table, self.progress = stream, complete, table, progress
-        self.prior = replace(complete.system, blocks=(), tiles=())  # what is known beforehand, without any reading
+    def __init__(
+        self, stream: Stream, complete: Problem, table: NuisanceTable, engine: Engine, progress: Progress
+    ) -> None:
+        self.stream, self.complete, self.table, self.engine, self.progress = stream, complete, table, engine, progress
+        self.prior = engine.equations(
+            replace(complete.system, blocks=())
+        )  # what is known beforehand, without any reading
 
     def __call__(self, what: str) -> Iterator[_Part]:
         system, done = self.complete.system, 0
         nothing = (np.zeros_like(system.prior_mean), np.zeros((0, system.size)))
         for raw in self.stream.parts():
-            campaign = with_random_effects(raw, dict(self.table.starts))
+            campaign = with_random_effects(raw, dict(self.table.starts), self.engine)
             known = len(self.table.entries)
-            problem = build_problem(campaign, self.complete.model, table=self.table)
+            problem = build_problem(campaign, self.complete.model, table=self.table, engine=self.engine)
             if len(self.table.entries) > known:
                 name = self.table.entries[known].name
                 raise InputError(
                     f"{campaign.source}: the sample has no reading with '{name}'; expected some of every label"
                 )
-            bare = replace(
-                problem.system, tiles=(None,) * len(problem.places), prior_mean=nothing[0], prior_root=nothing[1]
-            )
-            yield _Part(campaign, problem._replace(system=bare))
+            bare = replace(problem.system, prior_mean=nothing[0], prior_root=nothing[1])
+            yield _Part(campaign, problem._replace(equations=self.engine.equations(bare)))
             done += sum(len(s) for s in campaign.sets)
             self.progress(f"{what}: {done:,} of {self.stream.rows:,} rows ({100 * done // self.stream.rows} %)")
 
@@ -87,17 +89,21 @@ class _StreamObjective(Objective):
     def __init__(self, parts: _Parts, free: np.ndarray) -> None:
         self.free, self._stream, self._passes = FreeDirections(free), parts, 0
 
-    def _sums(self, function: Callable[..., Any], *arguments: Any) -> list[np.ndarray]:
+    def full_normal(self, z: np.ndarray, rough: bool) -> Normal:
+        """Cost, gradient and JᵀJ in z."""
+        return Normal(*self._sums(lambda equations: equations.normal(z, rough)))
+
+    def full_slope(self, z: np.ndarray) -> tuple[float, np.ndarray]:
+        """Cost and gradient in z."""
+        cost, gradient = self._sums(lambda equations: equations.slope(z))
+        return cost, gradient
+
+    def _sums(self, function: Callable[[Equations], Sequence[Any]]) -> list[Any]:
         self._passes += 1
-        total = [np.asarray(a) for a in function(_on_device(self._stream.prior), *arguments)]
+        total = list(function(self._stream.prior))
         for part in self._stream(f"pass {self._passes}"):
-            part_sums = function(_on_device(part.problem.system), *arguments)
-            total = [a + np.asarray(b) for a, b in zip(total, part_sums, strict=True)]
+            total = [a + b for a, b in zip(total, function(part.problem.equations), strict=True)]
         return total
-
-
-def _on_device(system: Any) -> Any:
-    return jax.tree.map(jnp.asarray, system)
 
 
 @one_blas_thread()
@@ -138,36 +144,37 @@ def fit_streamed(
     progress("reading a sample")
     few = stream.sample(sample)
     _check_effects(few)
-    stages = Stages.begin(few, prior, progress)
-    with interpreted(is_small(few)):
-        fitter = stages.solved()
+    stages = Stages.begin(few, prior, progress, How(solve, engine_for_fit(few)))
+    fitter = stages.solved()
     table = NuisanceTable(stages.task.starts)
     complete = build_problem(stages.task.campaign, fitter.problem.model, prior=stages.prior_of(fitter), table=table)
     assert [e.name for e in table.entries] == [e.name for e in fitter.problem.nuisance]
-    parts = _Parts(stream, complete, table, progress)
+    parts = _Parts(stream, complete, table, engine_for_stream(stream.n_readings), progress)
     assert fitter.optimum is not None
-    with interpreted(False):
-        objective = _StreamObjective(parts, fitter.free)
-        fitter.optimum = solve(complete, fitter.optimum.z, fitter.free, objective)
-        tally, squares = _residuals(parts, fitter, few, stream.n_readings)
-    with interpreted(is_small(few)):
-        solution = stages.solution(fitter)
+    objective = _StreamObjective(parts, fitter.free)
+    fitter.optimum = solve(complete, fitter.optimum.z, fitter.free, objective)
+    tally, squares = _residuals(parts, fitter, few, stream.n_readings)
+    solution = stages.solution(fitter)
     pseudo = np.asarray(complete.system.prior_root) @ (fitter.optimum.z - np.asarray(complete.system.prior_mean))
     dof = stream.n_readings + len(pseudo) - fitter.free.shape[1]
-    solution = replace(
-        solution,
-        adequacy=tally.adequacy(dof, float(pseudo @ pseudo)),
-        statistics=solution.statistics._replace(
-            n_readings=stream.n_readings, residual_rms={k: float(np.sqrt(s / n)) for k, (s, n) in squares.items()}
-        ),
-        options={**solution.options, STREAMED: stream.n_readings},
-        notes=(
-            *solution.notes,
-            f"{stream.n_readings:,} readings were read part by part; resolution and rank were decided on {few.n_readings:,} of "
-            "them, which are the readings this solution holds",
-        ),
-    )
+    solution = replace(solution, adequacy=tally.adequacy(dof, float(pseudo @ pseudo)))
+    solution = _of_all_readings(solution, stream.n_readings, few.n_readings, squares)
     return solution if datum in (None, solution.datum) else solution.in_datum(datum)
+
+
+def _of_all_readings(solution: Solution, n: int, n_sample: int, squares: dict[str, tuple[float, int]]) -> Solution:
+    """The solution that says it is made of `n` readings, `n_sample` of which it holds; `squares` as in `_residuals`."""
+    rms = {name: float(np.sqrt(total / count)) for name, (total, count) in squares.items()}
+    note = (
+        f"{n:,} readings were read part by part; resolution and rank were decided on {n_sample:,} of them, which are "
+        "the readings this solution holds"
+    )
+    return replace(
+        solution,
+        statistics=solution.statistics._replace(n_readings=n, residual_rms=rms),
+        options={**solution.options, STREAMED: n},
+        notes=(*solution.notes, note),
+    )
 
 
 def _check_effects(campaign: Campaign) -> None:
@@ -186,11 +193,11 @@ def _residuals(
     """Group sums of all readings at the minimum, and per set the sum of squared residuals and their number."""
     tally = Tally(few, n_readings)
     squares: dict[str, tuple[float, int]] = {}
-    z, factor = fitter.optimum.z, pad_rows(fitter.root().T)
+    z, factor = fitter.optimum.z, fitter.root().T
     for part in parts("residuals"):
-        system, campaign = _on_device(part.problem.system), part.campaign
-        values = scatter(part.problem, campaign, predict_all(system, z))
-        leverages = scatter(part.problem, campaign, quadratic_forms(system, z, factor))
+        equations, campaign = part.problem.equations, part.campaign
+        values = scatter(part.problem, campaign, equations.predictions(z))
+        leverages = scatter(part.problem, campaign, equations.quadratic_forms(z, factor))
         residuals = [s.readings - v for s, v in zip(campaign.sets, values, strict=True)]
         whitened = [r / s.u for r, s in zip(residuals, campaign.sets, strict=True)]
         tally.add(campaign, whitened, leverages, [np.ones(r.shape, dtype=bool) for r in residuals])

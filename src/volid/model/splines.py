@@ -61,14 +61,13 @@ def spline_interval(spline: Spline, x: Any) -> tuple[Any, Any]:
     return interval, t - interval
 
 
-def spline_values(spline: Spline, x: Any, first: Any = 0, count: int | None = None) -> Any:
-    """Values of the basis functions at `x`, shape (size, m), or of `count` of them from number `first` on, (count, m).
+def local_values(spline: Spline, u: Any) -> list[Any]:
+    """Values of the degree + 1 basis functions that are not 0 in an interval, at `u` in interval widths from its lower end.
 
-    Cox-de Boor recursion on integer knots (Piegl and Tiller, The NURBS Book, algorithm A2.2). Outside [low, high] the end
-    polynomials go on.
+    Number r of them belongs to coefficient interval + r (modulo the number of segments when periodic). Cox-de Boor recursion on
+    integer knots (Piegl and Tiller, The NURBS Book, algorithm A2.2).
     """
-    functions = space(x)
-    interval, u = spline_interval(spline, x)
+    functions = space(u)
     local = [functions.ones_like(u)]
     for d in range(1, spline.degree + 1):
         saved = functions.zeros_like(u)
@@ -78,11 +77,22 @@ def spline_values(spline: Spline, x: Any, first: Any = 0, count: int | None = No
             following.append(saved + (r + 1 - u) * share)
             saved = (u + d - r - 1) * share
         local = [*following, saved]
+    return local
+
+
+def spline_values(spline: Spline, x: Any, first: Any = 0, count: int | None = None) -> Any:
+    """Values of the basis functions at `x`, shape (size, m), or of `count` of them from number `first` on, (count, m).
+
+    Outside [low, high] the end polynomials go on.
+    """
+    functions = space(x)
+    interval, u = spline_interval(spline, x)
     number = functions.arange(spline.size if count is None else count, dtype=u.dtype) + first
     offset = number[:, None] - interval[None, :]
     if spline.periodic:
         offset = functions.where(offset < 0, offset + spline.segments, offset)
-    return sum(functions.where(offset == r, weight[None, :], 0.0) for r, weight in enumerate(local))
+    values = enumerate(local_values(spline, u))
+    return sum(functions.where(offset == r, weight[None, :], 0.0) for r, weight in values)
 
 
 def evaluate(basis: Basis, q: Any, direction: Any) -> Any:

@@ -16,15 +16,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from volid.backend.lazy import jnp
-from volid.fitting.equations.compiled import normal_equations
 from volid.fitting.prediction.deviations import gradient_matrix
 from volid.fitting.prediction.spread import linear_uncertainty
 from volid.fitting.solution import Solution
 from volid.fitting.streamed import check_not_streamed
 from volid.observations import KINDS
 from volid.uncertainty.outputs import Outputs
-from volid.uncertainty.trials.refit import Refitter
+from volid.uncertainty.trials.centre import Centre
 
 COMPONENTS = ("ex", "ey", "ez", "ea", "eb", "ec")
 
@@ -128,24 +126,20 @@ def budget_lines(found: Budget, rows: Rows) -> Iterator[Line]:
 def budget(solution: Solution) -> Budget:
     """The budget of a solution: one source per set of readings, per effect, per calibrated length, and the earlier solution."""
     check_not_streamed(solution, "the budget")
-    refitter = Refitter(solution)
-    frozen, covariance = refitter.frozen, np.asarray(solution.covariance)
-    basis = np.asarray(frozen.basis)
+    centre = Centre(solution)
+    basis, covariance = np.asarray(centre.frozen.basis), np.asarray(solution.covariance)
     sources, parts, stated = [], [], []
-    numbers = [int(np.asarray(n).ravel()[0]) for n in frozen.numbers]
-    first = np.cumsum([0, *(s.readings.size for s in refitter.campaign.sets)])
-    for i, s in enumerate(refitter.campaign.sets):
-        blocks = tuple(
-            b for b, number in zip(frozen.system.blocks, numbers, strict=True) if first[i] <= number < first[i + 1]
-        )
-        system = replace(
-            frozen.system, prior_root=jnp.zeros((0, frozen.system.size)), blocks=blocks, tiles=(None,) * len(blocks)
-        )
-        matrix = basis.T @ np.asarray(normal_equations(system, frozen.z).matrix) @ basis
+    whole = centre.problem.system
+    bare = replace(whole, prior_root=np.zeros((0, whole.size)))
+    for i, s in enumerate(centre.campaign.sets):
+        own = [number == i for number, _ in centre.problem.places]
+        system = replace(bare, blocks=tuple(b for b, of_set in zip(whole.blocks, own, strict=True) if of_set))
+        normal = centre.engine.equations(system).normal(np.asarray(centre.frozen.z))
+        matrix = basis.T @ normal.matrix @ basis
         sources.append(f"readings of set '{s.name}'")
         stated.append(_one_u(s.u.ravel(), [part.unit for part in KINDS[s.kind].parts(s)]))
         parts.append(covariance @ matrix @ covariance)
-    for name, rows, u in _prior_sources(solution, refitter):
+    for name, rows, u in _prior_sources(solution, centre):
         reach = rows @ covariance
         sources.append(name)
         stated.append(u)
@@ -159,11 +153,11 @@ def _one_u(u: np.ndarray, units: list[str]) -> tuple[float, str]:
     return (float(u[0]), units[0]) if same else (float("nan"), "")
 
 
-def _prior_sources(solution: Solution, refitter: Refitter) -> list[tuple[str, np.ndarray, tuple[float, str]]]:
+def _prior_sources(solution: Solution, centre: Centre) -> list[tuple[str, np.ndarray, tuple[float, str]]]:
     """Name, pseudo-reading rows (r, p) and stated u of every source of prior knowledge."""
-    entries = [solution.nuisance_table[j] for j in refitter.known]
+    entries = [solution.nuisance_table[j] for j in centre.known]
     names = [f"effect '{e.effect}'" if e.effect else e.name for e in entries]
-    rows = np.asarray(refitter.frozen.prior)
+    rows = np.asarray(centre.frozen.prior)
     result = []
     for name in dict.fromkeys(names):
         rows_of_kind = [i for i, m in enumerate(names) if m == name]

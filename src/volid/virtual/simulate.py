@@ -9,18 +9,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from volid.backend.lazy import jit, jnp
 from volid.campaign import Campaign, Effect, ObservationSet, Station, standard_uncertainty
 from volid.effects.distributions import standardised
-from volid.effects.prediction import (
-    Extended,
-    Form,
-    effect_samples,
-    groups_of,
-    predict_readings,
-)
+from volid.effects.prediction import Extended, effect_samples, groups_of
 from volid.effects.random import random_parts, split_normal
 from volid.exceptions import InputError
+from volid.fitting.equations.choice import engine_for_readings
+from volid.fitting.equations.engine import Engine
+from volid.fitting.equations.sensitivities import sensitivities_of
 from volid.fitting.prediction.deviations import chain_of
 from volid.model.machine import Machine
 from volid.observations import KINDS
@@ -75,30 +71,47 @@ def simulate(
     truth = random_truth(plan.machine, seed) if truth is None else truth
     plan = on_machine(plan, truth.machine)
     real = replace(plan, stations=tuple(_true_station(s, truth, plan) for s in plan.stations))
+    engine = engine_for_readings(plan)
+    drawn = _draw_instruments(engine, real, truth, seed)
+    sets = tuple(
+        _about(_measure(given, _exact(engine, read, truth, found, drawn.values), seed, noise), seed, station_error)
+        for given, read, found in zip(plan.sets, drawn.sets, drawn.groups, strict=True)
+    )
+    record = {"simulated": True, "simulation_seed": seed, "simulation_truth": truth.source or "given"}
+    approximate = tuple(_approximate(s, seed, station_error) for s in real.stations)
+    campaign = replace(plan, sets=sets, stations=approximate, conditions={**plan.conditions, **record})
+    stations = {s.name: s.position for s in real.stations if s.position is not None}
+    instruments = {**truth.instruments, **drawn.recorded()}
+    return campaign, replace(truth, stations={**truth.stations, **stations}, instruments=instruments)
+
+
+class _Drawn(NamedTuple):
+    """Instruments with their true nuisance parameters: `sets` with readings without
+    effects, `groups` and `values` with them."""
+
+    sets: list[ObservationSet]
+    groups: list[list[Extended]]
+    table: NuisanceTable
+    values: np.ndarray
+
+    def recorded(self) -> dict[str, float]:
+        """What was left to chance, and what a truth always records, by name."""
+        entries = zip(self.table.entries, self.values.tolist(), strict=True)
+        return {e.name: value for e, value in entries if e.recorded or _is_open(e)}
+
+
+def _draw_instruments(engine: Engine, real: Campaign, truth: Truth, seed: int) -> _Drawn:
+    """Nuisance parameters of a campaign whose stations stand where they truly do."""
     table = NuisanceTable()
     own = [groups_of(readings, real, table, effects=False) for readings in real.sets]
     values = np.array([_true_value(entry, truth, seed) for entry in table.entries])
-    plain = [_predict(readings, truth, found, values) for readings, found in zip(real.sets, own, strict=True)]
+    plain = [_predict(engine, readings, truth, found, values) for readings, found in zip(real.sets, own, strict=True)]
     read = [replace(s, readings=exact) for s, exact in zip(real.sets, plain, strict=True)]
     table.starts = dict(zip(table.keys, values.tolist(), strict=True))
     groups = [groups_of(readings, real, table) for readings in read]  # what an effect does may depend on the reading
-    samples = effect_samples(plan)
+    samples = effect_samples(real)
     values = np.array([_true_value(entry, truth, seed, samples) for entry in table.entries])
-    sets = tuple(
-        _about(_measure(given, _exact(with_plain, truth, found, values), seed, noise), seed, station_error)
-        for given, with_plain, found in zip(plan.sets, read, groups, strict=True)
-    )
-    record = {"simulated": True, "simulation_seed": seed, "simulation_truth": truth.source or "given"}
-    campaign = replace(
-        plan,
-        sets=sets,
-        stations=tuple(_approximate(s, seed, station_error) for s in real.stations),
-        conditions={**plan.conditions, **record},
-    )
-    entries = zip(table.entries, values, strict=True)
-    drawn = {e.name: float(v) for e, v in entries if e.recorded or _is_open(e)}
-    stations = {s.name: s.position for s in real.stations if s.position is not None}
-    return campaign, replace(truth, stations={**truth.stations, **stations}, instruments={**truth.instruments, **drawn})
+    return _Drawn(read, groups, table, values)
 
 
 def on_machine(plan: Campaign, machine: Machine) -> Campaign:
@@ -156,9 +169,12 @@ class _Exact(NamedTuple):
     random: list[tuple[Effect, np.ndarray]]
 
 
-def _exact(readings: ObservationSet, truth: Truth, groups: list[Extended], values: np.ndarray) -> _Exact:
-    exact = _predict(readings, truth, groups, values)
-    return _Exact(exact, random_parts(readings, truth.machine, groups, values))
+def _exact(
+    engine: Engine, readings: ObservationSet, truth: Truth, groups: list[Extended], values: np.ndarray
+) -> _Exact:
+    exact = _predict(engine, readings, truth, groups, values)
+    sensitivities = partial(sensitivities_of, engine, readings, truth.machine, groups, values)
+    return _Exact(exact, random_parts(readings, truth.machine, sensitivities))
 
 
 def _is_open(entry: Nuisance) -> bool:
@@ -180,13 +196,9 @@ def _true_value(
     return entry.start + float(rng.uniform(-entry.spread, entry.spread))
 
 
-@partial(jit, static_argnames=("form",))
-def _prediction(form: Form, machine: Machine, *numbers: Any) -> Any:
-    q, tool, errors, slots, constants = numbers
-    return predict_readings(machine, form, q, tuple(tool), errors, slots, constants)
-
-
-def _predict(readings: ObservationSet, truth: Truth, groups: list[Extended], values: np.ndarray) -> np.ndarray:
+def _predict(
+    engine: Engine, readings: ObservationSet, truth: Truth, groups: list[Extended], values: np.ndarray
+) -> np.ndarray:
     """Readings without noise, shape (m, k)."""
     errors = truth.errors(readings.positions, readings.directions)
     result = np.full(readings.readings.shape, np.nan)
@@ -194,8 +206,7 @@ def _predict(readings: ObservationSet, truth: Truth, groups: list[Extended], val
     for group in groups:
         rows = group.rows
         numbers = (readings.positions[rows].T, readings.tool[rows].T, errors[:, rows], values[group.slots])
-        arrays = [jnp.asarray(a, dtype=float) for a in (*numbers, group.constants)]
-        result[rows] = np.asarray(_prediction(group.form, chain, *arrays)).T
+        result[rows] = engine.readings(chain, group.form, *numbers, group.constants).T
     return result
 
 

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
 
-from volid.backend.lazy import jnp
 from volid.exceptions import InputError
 from volid.fitting.solution import Solution
 from volid.model.iso230 import DIRECTIONS, LINEAR_AXES, ROTATIONS, SPINDLE, parse
@@ -168,8 +167,7 @@ class Truth:
         """
         q = np.atleast_2d(np.asarray(positions, dtype=float))
         tools = np.broadcast_to(np.asarray(tool, dtype=float), (len(q), 3)).T
-        errors = jnp.asarray(self.errors(q, directions))
-        return np.asarray(deviation(self.machine, jnp.asarray(q.T), tuple(jnp.asarray(tools)), errors)).T  # type: ignore[arg-type]
+        return np.asarray(deviation(self.machine, q.T, tuple(tools), self.errors(q, directions))).T  # type: ignore[arg-type]
 
     def tabulated(self) -> Truth:
         """The same truth with every function as a table over the travel of its axes, as files hold it."""

@@ -10,38 +10,18 @@ any sphere, repeats included. A model that only reproduces its readings has smal
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
 
-from volid.backend.lazy import jax, jit
 from volid.campaign import SAME_ANGLE, Campaign, ObservationSet
-from volid.fitting.equations.compiled import residual_rows
-from volid.fitting.equations.interpreted import interpreting, over_rows
-from volid.fitting.equations.problem import Problem, pad_rows
-from volid.fitting.equations.system import Block, System
+from volid.fitting.equations.problem import Problem
 from volid.model.machine import Machine
 
 CARRIED_ALONE = 1e-6  # eigenvalue of I - H_gg below which a group alone carries something
 LARGEST = 50_000_000  # numbers of the projected Jacobian that are kept in memory at once
 BINS = 6
 LISTED = 8  # distinct positions that are listed one by one
-
-
-@jit
-def _compiled(system: System, z: Any, factor: Any) -> list[Any]:
-    def of_chunk(form: Any, chunk: Block) -> Any:
-        return factor @ residual_rows(system, form, chunk, z)[1]
-
-    return [jax.lax.map(partial(of_chunk, block.form), block) for block in system.blocks]
-
-
-def _projected(system: System, z: Any, factor: Any) -> list[Any]:
-    """F Jᵀ by blocks, each (n_chunks, r, k·chunk), with `factor` F of shape (r, size)."""
-    if interpreting():
-        return over_rows(system, z, lambda rows, form: factor @ rows)
-    return _compiled(system, z, factor)
 
 
 def held_out_residuals(
@@ -56,7 +36,7 @@ def held_out_residuals(
     rotary = any(not axis.is_linear for axis in campaign.machine.axes)
     if not rotary or sum(r.size for r in whitened) * root.shape[1] > LARGEST:
         return ()
-    blocks = _projected(problem.system, z, pad_rows(root.T))
+    blocks = problem.equations.projected(z, root.T)
     rows = _rows(problem, campaign, blocks)
     poses = campaign.rotary_poses()
     group = np.concatenate([np.repeat(p, r.shape[1]) for p, r in zip(poses, whitened, strict=True)])

@@ -14,7 +14,6 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from volid.campaign import Campaign
-from volid.fitting.equations.compiled import jacobian, normal_equations
 from volid.fitting.equations.problem import Problem
 from volid.model.error_functions import motion_names, settings_for
 from volid.model.error_model import LOCATION, ErrorModel
@@ -104,7 +103,7 @@ def _triangle(problem: Problem) -> np.ndarray:
     order = np.concatenate([np.arange(n, problem.free.shape[1]), np.arange(n)])
     free = problem.free[:, order]
     triangle = np.zeros((0, free.shape[1]))
-    for chunks in jacobian(problem.system, problem.start):
+    for chunks in problem.equations.jacobian(problem.start):
         for chunk in np.asarray(chunks):
             triangle = np.asarray(np.linalg.qr(np.vstack([triangle, chunk.T @ free]), mode="r"))
     prior = np.asarray(problem.system.prior_root) @ free
@@ -142,7 +141,7 @@ def analyse(problem: Problem, campaign: Campaign) -> Identifiability:
     model = problem.model
     n, n_free = model.n_parameters, problem.free.shape[1]
     units = parameter_units(model)
-    matrix = problem.free.T @ np.asarray(normal_equations(problem.system, problem.start).matrix) @ problem.free
+    matrix = problem.free.T @ problem.equations.normal(problem.start).matrix @ problem.free
     m = n_free - n
     machine = _clear_cut(matrix, n, units)
     jacobi, kept, deficient = np.ones(m), np.eye(m), np.zeros((m, 0))

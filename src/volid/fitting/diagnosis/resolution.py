@@ -19,7 +19,6 @@ from volid.campaign import Campaign
 from volid.exceptions import InputError
 from volid.fitting.diagnosis.hold_out_equations import Part, Projected, Reduced, held_out_chi_square
 from volid.fitting.diagnosis.identifiability import ROTATION_UNIT, UNIT, WEAKEST, parameter_units
-from volid.fitting.equations.compiled import normal_equations
 from volid.fitting.equations.problem import Problem, reweight
 from volid.model.error_functions import motion_groups, motion_names, settings_for, spline_axes
 from volid.model.error_model import LOCATION, motion_blocks
@@ -141,7 +140,7 @@ def _fold_equations(problem: Problem, campaign: Campaign, z: np.ndarray, factors
     result = []
     for k in range(N_FOLDS):
         masks = [np.where((f == k)[:, None], w, 0.0) for f, w in zip(folds, factors, strict=True)]
-        normal = normal_equations(reweight(problem, campaign, masks).system, z)
+        normal = reweight(problem, campaign, masks).equations.normal(z)
         root = np.asarray(problem.system.prior_root)
         prior = root.T @ root
         offset = z - np.asarray(problem.system.prior_mean)

@@ -1,266 +1,199 @@
-"""Residuals, gradient and normal equations of a system: compiled chunk by chunk, or interpreted (`interpreted`).
+"""The compiled engine: programs that JAX traces and compiles for the shapes of a problem, then runs fast, on a GPU too.
 
-Each reading depends on few error values and nuisance values; their partial derivatives come from one reverse pass per scalar
-reading, the chain to coefficients is a product with the constant basis.
+Large arrays are put where JAX computes, once; on a processor two threads take half of the chunks each.
 """
 
 from __future__ import annotations
 
-from functools import partial
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from volid.backend.elementary import in_rows
-from volid.backend.lazy import jax, jit, jnp
-from volid.effects.prediction import Form, predict_readings
-from volid.fitting.equations import interpreted
-from volid.fitting.equations.system import Block, Normal, System
-from volid.fitting.equations.tiles import assemble_tiles
-from volid.model.error_model import coefficient_rows, error_rows, evaluate_bases, summed_rows
+from volid.backend.lazy import jax, jnp
+from volid.effects.prediction import Form
+from volid.fitting.equations import programs
+from volid.fitting.equations.engine import Calls, PointFunction, slices, taken
+from volid.fitting.equations.system import Block, Normal, System, flat
+from volid.fitting.equations.tiles import Tiles, reweighted, tiles_of
+from volid.model.error_model import Layout
+from volid.model.machine import Machine
+
+CHUNK, SLICE = 512, 16_384  # points of a program at once, whose values stay in the cache, and of one call
+WORTH_HALVING = 8  # chunks of a block from which two threads pay
+_THREADS = ThreadPoolExecutor(2, thread_name_prefix="volid-compiled")
 
 
-class _Linear(NamedTuple):
-    """One chunk at some z: whitened residuals (k, m); for each of the k whitened readings the partial derivatives with respect to
-    error values (rows, m) and nuisance values (slots, m); and the bases."""
+@dataclass(frozen=True)
+class Compiled:
+    """The engine of compiled programs. `tiles` False: large blocks are taken chunk by chunk, so that one program serves all parts
+    of a stream, whatever their cells."""
 
-    residual: Any
-    d_errors: list[Any]
-    d_slots: list[Any]
-    bases: list[Any]
+    tiles: bool = True
+    name = "compiled"
 
+    def equations(self, system: System) -> CompiledEquations:
+        """The least-squares equations of a system."""
+        return CompiledEquations(self, system)
 
-def _chain(system: System, form: Form, chunk: Block, z: Any) -> tuple[Any, Any, list[Any]]:
-    """Prediction (k, m) of one chunk, its reverse pass (k, m) -> partials to error and nuisance values, and the bases."""
-    n, m = system.layout.n_coefficients, chunk.q.shape[1]
-    bases = evaluate_bases(system.layout, chunk.q, chunk.direction)
-    errors = error_rows(system.layout, z[:n], bases, m)
-    prediction, pull = jax.vjp(partial(_predict_chunk, system, form, chunk), errors, list(z[n + chunk.slots]))
+    def readings(
+        self, machine: Machine, form: Form, q: Any, tool: Any, errors: Any, slots: Any, constants: Any
+    ) -> np.ndarray:
+        """Predicted readings (k, m) of one group from its numbers, each (width, m)."""
+        arrays = (jnp.asarray(a, dtype=float) for a in (q, tool, errors, slots, constants))
+        return np.asarray(programs.readings(machine, form, *arrays))
 
-    def pull_back(cotangent: Any) -> tuple[Any, Any]:
-        d_errors, d_slots = pull(cotangent)
-        return in_rows(d_errors, (m,)), in_rows(d_slots, (m,))
+    def sensitivities(
+        self, machine: Machine, form: Form, q: Any, tool: Any, slots: Any, constants: Any
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """∂reading/∂q (n_axes, k, m) and ∂reading/∂tool (3, k, m) at the nominal machine."""
+        arrays = (jnp.asarray(a, dtype=float) for a in (q, tool, slots, constants))
+        by_axis, by_tool = programs.sensitivities(machine, form, *arrays)
+        return np.asarray(by_axis), np.asarray(by_tool)
 
-    return prediction, pull_back, bases
+    def by_points(
+        self, function: PointFunction, machine: Machine, layout: Layout, shared: tuple[Any, ...], points: Any
+    ) -> Calls:
+        """`function` slice by slice of the points, all of one length, so that one program is compiled."""
+        m, program = len(points[0]), _over_chunks(function)
+        coefficients, *extra = jax.tree.map(jnp.asarray, shared)
 
+        def call(part: slice) -> np.ndarray:
+            rows = np.minimum(np.arange(part.start, part.start + SLICE), m - 1)  # the last repeats the last point
+            chunks = jax.tree.map(_in_chunks, taken(points, rows))
+            found = np.asarray(program(machine, layout, coefficients, chunks, *extra))
+            whole = np.moveaxis(found, 0, -2).reshape(*found.shape[1:-1], SLICE)
+            return whole[..., : part.stop - part.start]
 
-def _linearised(system: System, form: Form, chunk: Block, z: Any) -> _Linear:
-    prediction, pull_back, bases = _chain(system, form, chunk, z)
-    parts = []
-    for k in range(form.n_readings):
-        one = (jnp.arange(form.n_readings) == k)[:, None]
-        parts.append(pull_back(jnp.where(one, chunk.weight, 0.0)))
-    return _Linear((prediction - chunk.reading) * chunk.weight, [e for e, _ in parts], [s for _, s in parts], bases)
-
-
-def _nuisance_rows(system: System, chunk: Block, d_slots: Any) -> Any:
-    """Partial derivatives with respect to all nuisance parameters, (n_nuisance, m), from those to the slots."""
-    number = jnp.arange(system.n_nuisance, dtype=chunk.slots.dtype)[:, None]
-    rows = [jnp.where(number == slot, d, 0.0) for slot, d in zip(chunk.slots, d_slots, strict=True)]
-    return sum(rows) if rows else jnp.zeros((system.n_nuisance, chunk.q.shape[1]), dtype=d_slots.dtype)
-
-
-def _nuisance_sums(system: System, chunk: Block, d_slots: Any) -> Any:
-    """`_nuisance_rows` summed over the readings."""
-    return jnp.zeros(system.n_nuisance).at[chunk.slots.reshape(-1)].add(d_slots.reshape(-1))
-
-
-def _rows(system: System, chunk: Block, linear: _Linear, kind: Any) -> Any:
-    """Whitened Jacobian (size, k·m) of one chunk in numbers of type `kind`."""
-    bases = [b.astype(kind) for b in linear.bases]
-    blocks = [
-        jnp.concatenate(
-            [coefficient_rows(system.layout, e.astype(kind), bases), _nuisance_rows(system, chunk, s.astype(kind))]
-        )
-        for e, s in zip(linear.d_errors, linear.d_slots, strict=True)
-    ]
-    return jax.lax.optimization_barrier(jnp.concatenate(blocks, axis=1))
+        return slices(m, SLICE), call
 
 
-def residual_rows(system: System, form: Form, chunk: Block, z: Any) -> tuple[Any, Any]:
-    """Whitened residuals (prediction - reading)/u of one chunk, shape (k·m,), and their Jacobian, (size, k·m)."""
-    linear = _linearised(system, form, chunk, z)
-    return linear.residual.reshape(-1), _rows(system, chunk, linear, jnp.float64)
+@cache
+def _over_chunks(function: PointFunction) -> PointFunction:
+    """The program that carries a function out on chunks (n_chunks, …, `CHUNK`), one after another."""
+
+    def over_chunks(machine: Machine, layout: Layout, coefficients: Any, chunks: Any, *extra: Any) -> Any:
+        return jax.lax.map(lambda chunk: function(machine, layout, coefficients, chunk, *extra), chunks)
+
+    program: PointFunction = jax.jit(over_chunks, static_argnames=("layout",))
+    return program
 
 
-def predicted(system: System, form: Form, chunk: Block, z: Any) -> Any:
-    """Predicted readings of one chunk, shape (k, m)."""
-    n, m = system.layout.n_coefficients, chunk.q.shape[1]
-    errors = error_rows(system.layout, z[:n], evaluate_bases(system.layout, chunk.q, chunk.direction), m)
-    return _predict_chunk(system, form, chunk, errors, list(z[n + chunk.slots]))
+def _in_chunks(values: np.ndarray) -> np.ndarray:
+    return np.moveaxis(values.reshape(-1, SLICE // CHUNK, CHUNK), 1, 0)
 
 
-def _predict_chunk(system: System, form: Form, chunk: Block, errors: Any, slots: Any) -> Any:
-    return predict_readings(system.machine, form, chunk.q, tuple(chunk.tool), errors, slots, chunk.constants)
+class _Part(NamedTuple):
+    """A system, or half of one, with its tiles, where JAX computes."""
+
+    system: System
+    tiles: tuple[Tiles | None, ...]
 
 
-def _normal_of_chunk(system: System, form: Form, chunk: Block, z: Any, rough: bool) -> Normal:
-    """Normal equations of one chunk; when `rough`, JᵀJ in single precision (cost and gradient never are)."""
-    linear = _linearised(system, form, chunk, z)
-    cost = 0.5 * jnp.sum(linear.residual**2)
-    if not rough:
-        rows = _rows(system, chunk, linear, jnp.float64)
-        return Normal(cost, rows @ linear.residual.reshape(-1), rows @ rows.T)
-    rows = _rows(system, chunk, linear, jnp.float32)
-    gradient = sum(
-        _summed(system, chunk, e * r, s * r, linear.bases)
-        for e, s, r in zip(linear.d_errors, linear.d_slots, linear.residual, strict=True)
-    )
-    return Normal(cost, gradient, (rows @ rows.T).astype(jnp.float64))
+class CompiledEquations:
+    """A system as compiled programs take it; see `engine.Equations`."""
 
-
-def _summed(system: System, chunk: Block, d_errors: Any, d_slots: Any, bases: list[Any]) -> Any:
-    curves = summed_rows(system.layout, d_errors, bases)
-    return jnp.concatenate([curves, _nuisance_sums(system, chunk, d_slots)])
-
-
-def assemble(system: System, z: Any, rough: bool = False) -> Normal:
-    """Cost, gradient and Gauss-Newton matrix in z, streamed over the chunks; priors included.
-
-    When `rough`, products of JᵀJ are formed in single precision: good enough for steps, not for a covariance.
-    """
-    root = system.prior_root
-    offset = root @ (z - system.prior_mean)
-    total = Normal(0.5 * jnp.sum(offset**2), root.T @ offset, root.T @ root)
-    for block, tiles in zip(system.blocks, system.tiles, strict=True):
+    def __init__(self, engine: Compiled, system: System, tiles: tuple[Tiles | None, ...] | None = None) -> None:
+        self.engine, self.system = engine, system
         if tiles is not None:
-            parts = assemble_tiles(system, tiles, z, partial(_predict_chunk, system, block.form), rough)
-            total = Normal(*(a + b for a, b in zip(total, parts, strict=True)))
-            continue
+            self.tiles = tiles
 
-        def add(total: Normal, chunk: Block, form: Form = block.form) -> tuple[Normal, None]:
-            added = _normal_of_chunk(system, form, chunk, z, rough)
-            return Normal(*(a + b for a, b in zip(total, added, strict=True))), None
+    @cached_property
+    def tiles(self) -> tuple[Tiles | None, ...]:
+        """The readings of large blocks again, by cells of the working volume."""
+        if not self.engine.tiles:
+            return (None,) * len(self.system.blocks)
+        layout, n = self.system.layout, self.system.n_nuisance
+        return tuple(tiles_of(layout, n, block, _length(block)) for block in self.system.blocks)
 
-        total, _ = jax.lax.scan(add, total, block)
-    return total
+    def changed(self, system: System) -> CompiledEquations:
+        """The equations of `system`: the same rows with other readings, weights or prior knowledge."""
+        new = zip(self.tiles, system.blocks, strict=True)
+        return CompiledEquations(self.engine, system, tuple(reweighted(own, block) for own, block in new))
 
+    @cached_property
+    def _whole(self) -> System:
+        return jax.tree.map(jnp.asarray, self.system)
 
-def slope_of_chunk(system: System, form: Form, chunk: Block, z: Any) -> tuple[Any, Any]:
-    """|r|²/2 and Jᵀr of one chunk, by one reverse pass for the sum of its readings."""
-    prediction, pull_back, bases = _chain(system, form, chunk, z)
-    residual = (prediction - chunk.reading) * chunk.weight
-    d_errors, d_slots = pull_back(residual * chunk.weight)
-    return 0.5 * jnp.sum(residual**2), _summed(system, chunk, d_errors, d_slots, bases)
+    @cached_property
+    def _parts(self) -> list[_Part]:
+        """Halves where two processors share the work and no accelerator does it."""
+        alone = (os.cpu_count() or 1) < 2 or jax.default_backend() != "cpu"
+        parts = [_Part(self.system, self.tiles)] if alone else halves(self.system, self.tiles)
+        return [jax.tree.map(jnp.asarray, part) for part in parts]
 
+    def _sums(self, function: Callable[[_Part], Any]) -> list[np.ndarray]:
+        """What `function` gives for the parts, summed, each on a thread of its own."""
 
-def _nuisance_of_chunk(system: System, form: Form, chunk: Block, z: Any) -> Normal:
-    """Normal equations of one chunk in the nuisance parameters alone."""
-    n, m = system.layout.n_coefficients, chunk.q.shape[1]
-    errors = error_rows(system.layout, z[:n], evaluate_bases(system.layout, chunk.q, chunk.direction), m)
-    predict = partial(_predict_chunk, system, form, chunk, errors)
-    prediction, pull = jax.vjp(predict, list(z[n + chunk.slots]))
-    residual = (prediction - chunk.reading) * chunk.weight
-    rows = []
-    for k in range(form.n_readings):
-        one = (jnp.arange(form.n_readings) == k)[:, None]
-        rows.append(_nuisance_rows(system, chunk, in_rows(pull(jnp.where(one, chunk.weight, 0.0))[0], (m,))))
-    whole = jnp.concatenate(rows, axis=1)
-    return Normal(0.5 * jnp.sum(residual**2), whole @ residual.reshape(-1), whole @ whole.T)
+        def of(part: _Part) -> list[np.ndarray]:
+            return [np.asarray(a) for a in function(part)]
 
+        if len(self._parts) == 1:
+            return of(self._parts[0])
+        first, second = _THREADS.map(of, self._parts)
+        return [a + b for a, b in zip(first, second, strict=True)]
 
-@jit
-def _nuisance_equations(system: System, z: Any) -> Normal:
-    n = system.layout.n_coefficients
-    offset, root = system.prior_root @ (z - system.prior_mean), system.prior_root[:, n:]
-    total = Normal(0.5 * jnp.sum(offset**2), root.T @ offset, root.T @ root)
-    for block in system.blocks:
+    def normal(self, z: np.ndarray, rough: bool = False) -> Normal:
+        """Cost, gradient and JᵀJ; JᵀJ from products in single precision when `rough`."""
+        return Normal(*self._sums(lambda part: programs.normal_equations(part.system, part.tiles, z, rough)))
 
-        def add(total: Normal, chunk: Block, form: Form = block.form) -> tuple[Normal, None]:
-            added = _nuisance_of_chunk(system, form, chunk, z)
-            return Normal(*(a + b for a, b in zip(total, added, strict=True))), None
+    def slope(self, z: np.ndarray) -> tuple[float, np.ndarray]:
+        """Cost and gradient alone."""
+        cost, gradient = self._sums(lambda part: programs.slope(part.system, z))
+        return float(cost), gradient
 
-        total, _ = jax.lax.scan(add, total, block)
-    return total
+    def nuisance(self, z: np.ndarray) -> Normal:
+        """Cost, gradient and JᵀJ in the nuisance parameters alone, all others held."""
+        return Normal(*map(np.asarray, programs.nuisance_equations(self._whole, z)))
 
+    def predictions(self, z: np.ndarray) -> list[np.ndarray]:
+        """Predicted readings of every block, (n_chunks, k, chunk)."""
+        return [np.asarray(a) for a in programs.predictions(self._whole, z)]
 
-def nuisance_equations(system: System, z: Any) -> Normal:
-    """Cost, gradient and Gauss-Newton matrix in the nuisance parameters alone, all others held: a small part of the work."""
-    if interpreted.interpreting():
-        return Normal(*interpreted.nuisance_equations(system, np.asarray(z)))
-    return _nuisance_equations(system, z)
+    def quadratic_forms(self, z: np.ndarray, factor: np.ndarray) -> list[np.ndarray]:
+        """|F J_i|² of every whitened reading i, (n_chunks, k, chunk); `factor` F (r, size)."""
+        return [np.asarray(a) for a in programs.quadratic_forms(self._whole, z, pad_rows(factor))]
 
+    def projected(self, z: np.ndarray, factor: np.ndarray) -> list[np.ndarray]:
+        """F Jᵀ of every block, (n_chunks, r, k · chunk); `factor` F (r, size)."""
+        rows = len(factor)
+        return [np.asarray(a)[:, :rows] for a in programs.projected(self._whole, z, pad_rows(factor))]
 
-@partial(jit, static_argnames=("rough",))
-def _normal_equations(system: System, z: Any, rough: bool) -> Normal:
-    return assemble(system, z, rough)
-
-
-@jit
-def _slope(system: System, z: Any) -> tuple[Any, Any]:
-    root = system.prior_root
-    offset = root @ (z - system.prior_mean)
-    total = 0.5 * jnp.sum(offset**2), root.T @ offset
-    for block in system.blocks:
-
-        def add(total: Any, chunk: Block, form: Form = block.form) -> tuple[Any, None]:
-            cost, gradient = slope_of_chunk(system, form, chunk, z)
-            return (total[0] + cost, total[1] + gradient), None
-
-        total, _ = jax.lax.scan(add, total, block)
-    return total
+    def jacobian(self, z: np.ndarray) -> list[np.ndarray]:
+        """Whitened Jacobian of every block, (n_chunks, size, k · chunk). For rank decisions only: it is large."""
+        return [np.asarray(a) for a in programs.jacobian(self._whole, z)]
 
 
-@jit
-def _predict_all(system: System, z: Any) -> list[Any]:
-    return [
-        jax.lax.map(lambda chunk, form=block.form: predicted(system, form, chunk, z), block) for block in system.blocks
-    ]
+def _length(block: Block) -> int:
+    """Number of rows up to the last one with a weight."""
+    used = np.flatnonzero(flat(block.weight).any(axis=0))
+    return int(used[-1]) + 1 if used.size else 0
 
 
-@jit
-def _quadratic_forms(system: System, z: Any, factor: Any) -> list[Any]:
-    def of_chunk(form: Form, chunk: Block) -> Any:
-        _, rows = residual_rows(system, form, chunk, z)
-        return jnp.sum((factor @ rows) ** 2, axis=0).reshape(form.n_readings, -1)
-
-    return [jax.lax.map(partial(of_chunk, block.form), block) for block in system.blocks]
+def pad_rows(factor: np.ndarray, step: int = 32) -> np.ndarray:
+    """Zero rows added up to a multiple of `step`, so that models of similar size share one compiled program."""
+    return np.pad(np.asarray(factor), ((0, -len(factor) % step), (0, 0)))
 
 
-@jit
-def _jacobian(system: System, z: Any) -> list[Any]:
-    return [
-        jax.lax.map(lambda chunk, form=block.form: residual_rows(system, form, chunk, z)[1], block)
-        for block in system.blocks
-    ]
+def halves(system: System, tiles: tuple[Tiles | None, ...]) -> list[_Part]:
+    """The system in two parts of equal shapes, whose sums are those of the whole; itself where a block is small or odd."""
 
+    def cut(tree: Any, n: int) -> list[Any]:
+        return [jax.tree.map(lambda a, p=p: a[p], tree) for p in (slice(0, n // 2), slice(n // 2, n))]
 
-def normal_equations(system: System, z: Any, rough: bool = False) -> Normal:
-    """Cost, gradient and Gauss-Newton matrix in z, priors included; compiled, or interpreted. `rough` as in `assemble`."""
-    if interpreted.interpreting():
-        return Normal(*interpreted.assemble(system, np.asarray(z), rough))
-    return _normal_equations(system, z, rough)
-
-
-def slope(system: System, z: Any) -> tuple[Any, Any]:
-    """Cost and gradient in z alone: a sixth of the work of `normal_equations` or less."""
-    if interpreted.interpreting():
-        return interpreted.slope(system, np.asarray(z))
-    return _slope(system, z)
-
-
-def predict_all(system: System, z: Any) -> list[Any]:
-    """Predicted readings of every block, each (n_chunks, k, chunk)."""
-    if interpreted.interpreting():
-        return interpreted.predict_all(system, np.asarray(z))
-    return _predict_all(system, z)
-
-
-def quadratic_forms(system: System, z: Any, factor: Any) -> list[Any]:
-    """|F J_i|² for every whitened reading i, with `factor` F of shape (r, size); blocks as in `predict_all`.
-
-    With F Fᵀ-covariance of z these are the leverages h_ii.
-    """
-    if not interpreted.interpreting():
-        return _quadratic_forms(system, z, factor)
-    f = np.asarray(factor)
-    return interpreted.over_rows(
-        system, z, lambda rows, form: np.sum((f @ rows) ** 2, axis=0).reshape(form.n_readings, -1)
+    found = []
+    for block, own in zip(system.blocks, tiles, strict=True):
+        n_chunks, n_tiles = block.q.shape[0], 0 if own is None else own.numbers.shape[0]
+        if n_chunks < WORTH_HALVING or n_chunks % 2 or n_tiles % 2:
+            return [_Part(system, tiles)]
+        found.append([*zip(cut(block, n_chunks), cut(own, n_tiles), strict=True)])
+    if not found:
+        return [_Part(system, tiles)]
+    first, second = (
+        _Part(replace(system, blocks=tuple(f[i][0] for f in found)), tuple(f[i][1] for f in found)) for i in range(2)
     )
-
-
-def jacobian(system: System, z: Any) -> list[Any]:
-    """Whitened Jacobian rows of every block, each (n_chunks, size, k·chunk). For rank decisions only: it is large."""
-    if interpreted.interpreting():
-        return interpreted.over_rows(system, z, lambda rows, form: rows)
-    return _jacobian(system, z)
+    return [first, second._replace(system=replace(second.system, prior_root=np.zeros_like(system.prior_root)))]

@@ -1,274 +1,236 @@
-"""Small problems without compiled programs: the same functions as in `problem`, on NumPy arrays, with recorded derivatives.
+"""The interpreted engine: NumPy arrays with recorded derivatives, nothing traced or compiled.
 
-Tracing and compiling takes seconds, a fit of a few thousand readings milliseconds; so `fit` interprets campaigns of up to
-`LARGEST` readings. Both paths share the kinematic chain, the observation kinds and the bases; they agree to rounding.
+A piece of some thousand readings goes through the chain at once; its partial derivatives meet the basis values tile by tile
+(`arranged`), where JᵀJ is a product of few columns. Two threads share the pieces, in sums whose order does not depend on how many
+processors there are. Agrees with the compiled engine to rounding.
 """
 
 from __future__ import annotations
 
-from collections import OrderedDict
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
-from contextvars import ContextVar
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
 from volid.backend.reverse import Recorded, gradients
-from volid.campaign import Campaign
 from volid.effects.prediction import Form, predict_readings
-from volid.model.error_model import Layout, coefficient_rows, error_values, evaluate_bases, summed_rows
+from volid.fitting.equations.arranged import Arranged, arranged
+from volid.fitting.equations.columns import columns_of
+from volid.fitting.equations.engine import Calls, PointFunction, slices, taken
+from volid.fitting.equations.pieces import Piece
+from volid.fitting.equations.system import Block, Normal, System, flat
+from volid.model.error_model import ROWS, Layout, error_values, evaluate_bases
+from volid.model.machine import Machine
 
-LARGEST = 12_000  # readings: up to here the whole fit takes less than tracing its programs, let alone compiling them
-REMEMBERED = 64  # chunks whose bases are kept
-FEW = 0.5  # share of rows with a weight below which they are taken out of a chunk
-
-_interpreting: ContextVar[bool] = ContextVar("interpreting", default=False)
-_bases: OrderedDict[Any, tuple[Any, Any, list[np.ndarray]]] = OrderedDict()
-
-
-def interpreting() -> bool:
-    """Whether `problem`, `solver` and their like are to do without compiled programs here."""
-    return _interpreting.get()
+SHARED = 8192  # readings from which two threads pay
+STRAIGHT = 4096  # readings, or points, that are predicted at once
+_THREADS = ThreadPoolExecutor(2, thread_name_prefix="volid-interpreted")
 
 
-def is_small(campaign: Campaign) -> bool:
-    """Whether a fit of this campaign is interpreted."""
-    return campaign.n_readings <= LARGEST
+class Interpreted:
+    """The engine without compiled programs."""
+
+    name = "interpreted"
+
+    def equations(self, system: System) -> InterpretedEquations:
+        """The least-squares equations of a system."""
+        return InterpretedEquations(self, system)
+
+    def readings(
+        self, machine: Machine, form: Form, q: Any, tool: Any, errors: Any, slots: Any, constants: Any
+    ) -> np.ndarray:
+        """Predicted readings (k, m) of one group from its numbers, each (width, m)."""
+        return np.asarray(predict_readings(machine, form, q, tuple(tool), errors, slots, constants))
+
+    def sensitivities(
+        self, machine: Machine, form: Form, q: Any, tool: Any, slots: Any, constants: Any
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """∂reading/∂q (n_axes, k, m) and ∂reading/∂tool (3, k, m) at the nominal machine."""
+        notes: list[Recorded] = []
+        axes, tools = ([Recorded(row, notes) for row in np.asarray(a, dtype=float)] for a in (q, tool))
+        m = np.shape(q)[1]
+        errors = np.zeros((ROWS * (len(machine.axes) + 1), m))
+        found = predict_readings(machine, form, axes, tuple(tools), errors, slots, constants)
+        rows = np.stack([gradients(f, [*axes, *tools], m) for f in found], axis=1)
+        return rows[: len(axes)], rows[len(axes) :]
+
+    def by_points(
+        self, function: PointFunction, machine: Machine, layout: Layout, shared: tuple[Any, ...], points: Any
+    ) -> Calls:
+        """`function` slice by slice of the points."""
+
+        def call(part: slice) -> np.ndarray:
+            return np.asarray(function(machine, layout, shared[0], taken(points, part), *shared[1:]))
+
+        return slices(len(points[0]), STRAIGHT), call
 
 
-@contextmanager
-def interpreted(wanted: bool = True) -> Iterator[None]:
-    """Within it, problems are interpreted (or, with False, compiled)."""
-    token = _interpreting.set(wanted)
-    try:
-        yield
-    finally:
-        _interpreting.reset(token)
+class _Sums:
+    """Cost, gradient and upper triangle of JᵀJ (in columns of a number `size`), of one thread."""
+
+    def __init__(self, size: int, square: bool = True) -> None:
+        self.cost, self.gradient = 0.0, np.zeros(size)
+        self.matrix = np.zeros((size, size) if square else (0, 0))
+
+    def add(self, other: _Sums) -> None:
+        """Add the sums of another thread."""
+        self.cost += other.cost
+        self.gradient += other.gradient
+        self.matrix += other.matrix
 
 
-def chunks_of(block: Any, used_only: bool = False) -> Iterator[Any]:
-    """The chunks of a block as NumPy arrays; with `used_only` without the rows after the last one that has a weight, or, where
-    few have one, without all others."""
-    for i in range(block.q.shape[0]):
-        arrays = {name: np.asarray(getattr(block, name))[i] for name in _ARRAYS}
-        whole = _Chunk(arrays, (id(block.q), id(block.direction), i), (block.q, block.direction))
-        if not used_only:
-            yield whole
-            continue
-        seen = np.flatnonzero(arrays["weight"].any(axis=0))
-        if seen.size:
-            last = int(seen[-1]) + 1
-            yield _Some(whole, seen) if seen.size < FEW * last else whole.rows(last)
+class InterpretedEquations:
+    """A system as NumPy takes it; see `engine.Equations`."""
+
+    def __init__(self, engine: Interpreted, system: System, blocks: Sequence[Arranged | None] | None = None) -> None:
+        self.engine, self.system = engine, system
+        self.columns = columns_of(system.layout, system.n_nuisance)
+        if blocks is not None:
+            self.blocks = blocks
+
+    @cached_property
+    def blocks(self) -> Sequence[Arranged | None]:
+        """Every block's rows by tiles; None where none has a weight."""
+        return [arranged(self.columns, block) for block in self.system.blocks]
+
+    def changed(self, system: System) -> InterpretedEquations:
+        """The equations of `system`: the same rows with other readings, weights or prior knowledge."""
+        new = zip(self.blocks, system.blocks, strict=True)
+        return InterpretedEquations(self.engine, system, [own and own.changed(block) for own, block in new])
+
+    def normal(self, z: np.ndarray, rough: bool = False) -> Normal:
+        """Cost, gradient and JᵀJ; JᵀJ from products in single precision when `rough`."""
+        kind = np.float32 if rough else np.float64
+
+        def add(piece: Piece, values: np.ndarray, sums: _Sums) -> None:
+            linear = self._add_slope(piece, values, sums)
+            piece.add_squares(linear, sums.matrix, kind)
+
+        sums = self._summed(add, z, square=True)
+        cost, gradient, root = self._prior(z)
+        matrix = root.T @ root + self.columns.folded_square(sums.matrix)
+        return Normal(cost + sums.cost, gradient + self.columns.folded(sums.gradient), matrix)
+
+    def slope(self, z: np.ndarray) -> tuple[float, np.ndarray]:
+        """Cost and gradient alone."""
+        sums = self._summed(self._add_slope, z, square=False)
+        cost, gradient, _ = self._prior(z)
+        return cost + sums.cost, gradient + self.columns.folded(sums.gradient)
+
+    def _add_slope(self, piece: Piece, values: np.ndarray, sums: _Sums) -> Any:
+        linear = piece.linearised(self.system.machine, values)
+        sums.cost += 0.5 * float(np.sum(linear.residual**2))
+        piece.add_gradient(linear, sums.gradient)
+        return linear
+
+    def nuisance(self, z: np.ndarray) -> Normal:
+        """Cost, gradient and JᵀJ in the nuisance parameters alone, all others held."""
+        n, sums, values = self.system.layout.n_coefficients, _Sums(self.system.n_nuisance), self.columns.spread(z)
+        for piece in self._pieces():
+            piece.add_nuisance(piece.linearised(self.system.machine, values, slots_only=True), sums)
+        cost, gradient, root = self._prior(z)
+        matrix = root[:, n:].T @ root[:, n:]
+        return Normal(cost + sums.cost, gradient[n:] + sums.gradient, matrix + sums.matrix)
+
+    def _pieces(self) -> list[Piece]:
+        used = [block for block in self.blocks if block is not None]
+        return [Piece(block, tiles) for block in used for tiles in block.pieces()]
+
+    def _summed(self, add: Callable[[Piece, np.ndarray, _Sums], Any], z: np.ndarray, square: bool) -> _Sums:
+        """`add` adds every piece to sums; every second piece of a large set goes to a second thread, with sums of its own."""
+        values, pieces = self.columns.spread(z), self._pieces()
+
+        def all_of(own: list[Piece]) -> _Sums:
+            sums = _Sums(self.columns.size, square)
+            for piece in own:
+                add(piece, values, sums)
+            return sums
+
+        if sum(block.m for block in self.blocks if block is not None) < SHARED:
+            return all_of(pieces)
+        first, second = _THREADS.map(all_of, (pieces[::2], pieces[1::2]))
+        first.add(second)
+        return first
+
+    def _prior(self, z: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+        root = np.asarray(self.system.prior_root)
+        offset = root @ (np.asarray(z) - np.asarray(self.system.prior_mean))
+        return 0.5 * float(offset @ offset), root.T @ offset, root
+
+    def predictions(self, z: np.ndarray) -> list[np.ndarray]:
+        """Predicted readings of every block, (n_chunks, k, chunk)."""
+        return [_chunked(self._predicted(block, np.asarray(z)), block) for block in self.system.blocks]
+
+    def _predicted(self, block: Block, z: np.ndarray) -> np.ndarray:
+        layout, n = self.system.layout, self.system.layout.n_coefficients
+        q, way, tool, slots, constants = map(flat, (block.q, block.direction, block.tool, block.slots, block.constants))
+        result = np.empty((block.form.n_readings, q.shape[1]))
+        for start in range(0, q.shape[1], STRAIGHT):
+            own = slice(start, min(start + STRAIGHT, q.shape[1]))
+            errors = error_values(layout, z[:n], evaluate_bases(layout, q[:, own], way[:, own]))
+            if not errors.shape[1]:
+                errors = np.zeros((len(errors), own.stop - own.start))
+            result[:, own] = predict_readings(
+                self.system.machine, block.form, q[:, own], tuple(tool[:, own]), errors, z[n + slots[:, own]],
+                tuple(constants[:, own]),
+            )  # fmt: skip
+        return result
+
+    def quadratic_forms(self, z: np.ndarray, factor: np.ndarray) -> list[np.ndarray]:
+        """|F J_i|² of every whitened reading i, (n_chunks, k, chunk); `factor` F (r, size)."""
+        spread = self.columns.spread(factor)
+        square = spread.T @ spread
+
+        def of(rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+            if len(columns) >= len(spread):
+                return np.einsum("ri,ri->i", *2 * [spread[:, columns] @ rows])
+            return np.einsum("ri,ri->i", square[np.ix_(columns, columns)] @ rows, rows)
+
+        return self._over_rows(z, of, ())
+
+    def projected(self, z: np.ndarray, factor: np.ndarray) -> list[np.ndarray]:
+        """F Jᵀ of every block, (n_chunks, r, k · chunk); `factor` F (r, size)."""
+        spread = self.columns.spread(factor)
+        found = self._over_rows(z, lambda rows, columns: spread[:, columns] @ rows, (len(spread),))
+        return [_side_by_side(a) for a in found]
+
+    def jacobian(self, z: np.ndarray) -> list[np.ndarray]:
+        """Whitened Jacobian of every block, (n_chunks, size, k · chunk). For rank decisions only: it is large."""
+
+        def of(rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+            whole = np.zeros((self.system.size, rows.shape[1]))
+            np.add.at(whole, self.columns.source[columns], rows)
+            return whole
+
+        return [_side_by_side(a) for a in self._over_rows(z, of, (self.system.size,))]
+
+    def _over_rows(self, z: np.ndarray, function: Any, lead: tuple[int, ...]) -> list[np.ndarray]:
+        """`function` of every tile's Jacobian (columns, k · rows) and the numbers of its columns, (n_chunks, *lead, k, chunk).
+
+        0 for readings without weight.
+        """
+        values, found = self.columns.spread(z), []
+        for block, own in zip(self.system.blocks, self.blocks, strict=True):
+            k = block.form.n_readings
+            result = np.zeros((*lead, k, block.q.shape[0] * block.q.shape[2]))
+            if own is not None:
+                for piece in map(partial(Piece, own), own.pieces()):
+                    partials = piece.linearised(self.system.machine, values).partials
+                    for tile, rows in piece.jacobians(partials, np.float64):
+                        part = function(rows, tile.columns)
+                        result[..., own.numbers[tile.first : tile.last]] = part.reshape(*lead, k, -1)
+            found.append(_chunked(result, block))
+        return found
 
 
-_ARRAYS = ("q", "direction", "tool", "reading", "weight", "slots", "constants")
+def _chunked(values: np.ndarray, block: Block) -> np.ndarray:
+    """(…, k, n_chunks · chunk) -> (n_chunks, …, k, chunk)."""
+    cut = values.reshape(*values.shape[:-1], block.q.shape[0], block.q.shape[2])
+    return np.moveaxis(cut, -2, 0)
 
 
-class _Chunk:
-    """Arrays of one chunk, each (width, m), and what its bases are remembered by."""
-
-    def __init__(self, arrays: dict[str, np.ndarray], key: Any, owners: Any) -> None:
-        self.key, self.owners, self.arrays = key, owners, arrays
-        self.m = arrays["q"].shape[1]
-        self.q, self.direction, self.tool = arrays["q"], arrays["direction"], arrays["tool"]
-        self.reading, self.weight = arrays["reading"], arrays["weight"]
-        self.slots, self.constants = arrays["slots"], arrays["constants"]
-
-    def rows(self, first: int) -> _Chunk:
-        """The first rows of this chunk."""
-        return _Chunk({k: a[:, :first] for k, a in self.arrays.items()}, self.key, self.owners)
-
-    def bases(self, layout: Layout) -> list[np.ndarray]:
-        """Basis values, each (size, m): they depend on the positions alone, so the last ones are kept."""
-        key = (*self.key, self.m, layout.bases)
-        known = _bases.get(key)  # threads share them
-        if known is None:
-            known = _bases[key] = (*self.owners, evaluate_bases(layout, self.q, self.direction))
-            if len(_bases) > REMEMBERED:
-                with suppress(KeyError):
-                    _bases.popitem(last=False)
-        return known[2]
-
-
-class _Some(_Chunk):
-    """Some rows of a chunk, anywhere in it."""
-
-    def __init__(self, whole: _Chunk, rows: np.ndarray) -> None:
-        super().__init__({k: a[:, rows] for k, a in whole.arrays.items()}, whole.key, whole.owners)
-        self._whole, self._rows = whole, rows
-
-    def bases(self, layout: Layout) -> list[np.ndarray]:
-        """Those of the whole chunk, which other rows of it ask for, too."""
-        return [b[:, self._rows] for b in self._whole.bases(layout)]
-
-
-def _predict(system: Any, form: Form, chunk: _Chunk, errors: Any, slots: Any) -> Any:
-    tool, constants = tuple(chunk.tool), tuple(chunk.constants)
-    return predict_readings(system.machine, form, chunk.q, tool, errors, slots, constants)
-
-
-def _partials(system: Any, form: Form, chunk: _Chunk, z: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
-    """Predictions (k, m), partial derivatives (k, errors + slots, m), and the bases."""
-    n, bases = system.layout.n_coefficients, chunk.bases(system.layout)
-    rows = np.concatenate([_error_values(system.layout, chunk, z), z[n + chunk.slots]])
-    return *_partials_at(system, form, chunk, rows), bases
-
-
-def _partials_at(system: Any, form: Form, chunk: _Chunk, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Predictions (k, m) and partial derivatives (k, errors + slots, m) at stated error and slot values `rows`."""
-    notes: list[Recorded] = []
-    leaves = [Recorded(row, notes) for row in rows]
-    split = len(leaves) - len(chunk.slots)
-    found = _predict(system, form, chunk, leaves[:split], leaves[split:])
-    values = np.stack([np.broadcast_to(getattr(f, "value", f), chunk.m) for f in found])
-    return values, np.stack([gradients(f, leaves, chunk.m) for f in found])
-
-
-def second_derivatives(
-    system: Any, form: Form, chunk: _Chunk, z: np.ndarray, rows: tuple[int, ...], steps: np.ndarray
-) -> np.ndarray:
-    """Gradient and Hessian of the whitened predictions in the error values `rows` and all slots: (k, m, d + 1, d), gradient last.
-
-    Forward differences of the exact gradient, by `steps` (d,): of 0.1 µm and 0.1 µrad, where truncation is 1e-7 of a Hessian
-    whose arms are 1 m, and rounding of the gradient less.
-    """
-    n = system.layout.n_coefficients
-    at = np.concatenate([_error_values(system.layout, chunk, z), z[n + chunk.slots]])
-    split = len(at) - len(chunk.slots)
-    places = [*rows, *range(split, len(at))]
-    result = np.empty((form.n_readings, chunk.m, len(places) + 1, len(places)), dtype=np.float32)
-    weight = chunk.weight[:, None, :]
-    gradient = _partials_at(system, form, chunk, at)[1][:, places]
-    result[:, :, -1] = (gradient * weight).transpose(0, 2, 1)
-    for j, (place, step) in enumerate(zip(places, steps, strict=True)):
-        moved = at.copy()
-        moved[place] += step
-        moved_gradient = _partials_at(system, form, chunk, moved)[1][:, places]
-        result[:, :, j] = ((moved_gradient - gradient) * (weight / step)).transpose(0, 2, 1)
-    return result
-
-
-def residual_rows(system: Any, form: Form, chunk: _Chunk, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Whitened residuals of one chunk, (k·m,), and their Jacobian, (size, k·m); as `equations.residual_rows`."""
-    values, partials, bases = _partials(system, form, chunk, z)
-    return _residual(chunk, values).reshape(-1), _rows(system, chunk, partials, bases, np.float64)
-
-
-def _residual(chunk: _Chunk, values: np.ndarray) -> np.ndarray:
-    return np.where(chunk.weight > 0.0, (values - chunk.reading) * chunk.weight, 0.0)
-
-
-def _rows(system: Any, chunk: _Chunk, partials: np.ndarray, bases: list[np.ndarray], kind: Any) -> np.ndarray:
-    k, width, m = partials.shape
-    split, n = width - len(chunk.slots), system.layout.n_coefficients
-    rows = np.zeros((system.size, k, m), dtype=kind)
-    columns, bases = np.arange(m), [b.astype(kind, copy=False) for b in bases]
-    for c in range(k):
-        weighted = (partials[c] * chunk.weight[c]).astype(kind, copy=False)
-        rows[:n, c] = coefficient_rows(system.layout, weighted[:split], bases)
-        for slot, extra in zip(chunk.slots, weighted[split:], strict=True):
-            rows[n + slot, c, columns] += extra
-    return rows.reshape(system.size, -1)
-
-
-def _prior(system: Any, z: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-    root = np.asarray(system.prior_root)
-    offset = root @ (z - np.asarray(system.prior_mean))
-    return 0.5 * float(offset @ offset), root.T @ offset, root.T @ root
-
-
-def assemble(system: Any, z: np.ndarray, rough: bool = False) -> tuple[float, np.ndarray, np.ndarray]:
-    """Cost, gradient and Gauss-Newton matrix in z; as `equations.assemble`."""
-    cost, gradient, matrix = _prior(system, z)
-    for block in system.blocks:
-        for chunk in chunks_of(block, used_only=True):
-            values, partials, bases = _partials(system, block.form, chunk, z)
-            residual = _residual(chunk, values)
-            cost += 0.5 * float(np.sum(residual**2))
-            rows = _rows(system, chunk, partials, bases, np.float32 if rough else np.float64)
-            matrix += rows @ rows.T
-            if rough:
-                _add_gradient(system, chunk, partials, bases, residual, gradient)
-            else:
-                gradient += rows @ residual.reshape(-1)
-    return cost, gradient, matrix
-
-
-def _add_gradient(
-    system: Any,
-    chunk: _Chunk,
-    partials: np.ndarray,
-    bases: list[np.ndarray],
-    residual: np.ndarray,
-    gradient: np.ndarray,
-) -> None:
-    n, split = system.layout.n_coefficients, partials.shape[1] - len(chunk.slots)
-    pulled = np.einsum("kwm,km->wm", partials, residual * chunk.weight)
-    gradient[:n] += summed_rows(system.layout, pulled[:split], bases)
-    for slot, extra in zip(chunk.slots, pulled[split:], strict=True):
-        gradient[n:] += np.bincount(slot, extra, minlength=system.n_nuisance)
-
-
-def slope(system: Any, z: np.ndarray) -> tuple[float, np.ndarray]:
-    """Cost and gradient alone; as `equations.slope`."""
-    cost, gradient, _ = _prior(system, z)
-    for block in system.blocks:
-        for chunk in chunks_of(block, used_only=True):
-            values, partials, bases = _partials(system, block.form, chunk, z)
-            residual = _residual(chunk, values)
-            cost += 0.5 * float(np.sum(residual**2))
-            _add_gradient(system, chunk, partials, bases, residual, gradient)
-    return cost, gradient
-
-
-def nuisance_equations(system: Any, z: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-    """Cost, gradient and Gauss-Newton matrix in the nuisance parameters alone; as `equations.nuisance_equations`."""
-    n = system.layout.n_coefficients
-    cost, gradient, matrix = _prior(system, z)
-    gradient, matrix = gradient[n:].copy(), matrix[n:, n:].copy()
-    for block in system.blocks:
-        for chunk in chunks_of(block, used_only=True):
-            notes: list[Recorded] = []
-            leaves = [Recorded(row, notes) for row in z[n + chunk.slots]]
-            found = _predict(system, block.form, chunk, _error_values(system.layout, chunk, z), leaves)
-            values = np.stack([np.broadcast_to(getattr(f, "value", f), chunk.m) for f in found])
-            residual = _residual(chunk, values)
-            rows, columns = np.zeros((system.n_nuisance, *values.shape)), np.arange(chunk.m)
-            for c, f in enumerate(found):
-                partials = gradients(f, leaves, chunk.m)
-                for slot, extra in zip(chunk.slots, partials * chunk.weight[c], strict=True):
-                    rows[slot, c, columns] += extra
-            whole = rows.reshape(system.n_nuisance, -1)
-            cost += 0.5 * float(np.sum(residual**2))
-            gradient, matrix = gradient + whole @ residual.reshape(-1), matrix + whole @ whole.T
-    return cost, gradient, matrix
-
-
-def _error_values(layout: Layout, chunk: _Chunk, z: np.ndarray) -> np.ndarray:
-    errors = error_values(layout, z[: layout.n_coefficients], chunk.bases(layout))
-    return errors if errors.shape[1] else np.zeros((len(errors), chunk.m))
-
-
-def _by_chunks(block: Any, function: Any) -> np.ndarray:
-    return np.stack([function(chunk) for chunk in chunks_of(block)])
-
-
-def predict_all(system: Any, z: np.ndarray) -> list[np.ndarray]:
-    """Predicted readings of every block, (n_chunks, k, chunk)."""
-    n = system.layout.n_coefficients
-
-    def of_chunk(form: Form, chunk: _Chunk) -> np.ndarray:
-        errors = _error_values(system.layout, chunk, z)
-        return np.asarray(_predict(system, form, chunk, errors, z[n + chunk.slots]))
-
-    return [_by_chunks(b, lambda chunk, form=b.form: of_chunk(form, chunk)) for b in system.blocks]
-
-
-def over_rows(system: Any, z: np.ndarray, function: Any) -> list[np.ndarray]:
-    """`function` of every chunk's Jacobian (size, k·chunk) and form, stacked by blocks."""
-    z = np.asarray(z)
-    return [
-        _by_chunks(b, lambda chunk, form=b.form: function(residual_rows(system, form, chunk, z)[1], form))
-        for b in system.blocks
-    ]
+def _side_by_side(values: np.ndarray) -> np.ndarray:
+    """(n_chunks, width, k, chunk) -> (n_chunks, width, k · chunk)."""
+    return values.reshape(*values.shape[:2], -1)

@@ -17,22 +17,25 @@ import lineax as lx
 import numpy as np
 import optimistix as optx
 
-from volid.fitting.equations.compiled import assemble
+from volid.fitting.equations.compiled import Compiled, CompiledEquations
 from volid.fitting.equations.problem import Problem
+from volid.fitting.equations.programs import assemble
 from volid.fitting.equations.solver import Optimum, optimum_at
 from volid.fitting.equations.system import Normal, System
+from volid.fitting.equations.tiles import Tiles
 
 BUCKET = 32
 
 
 class _Arguments(eqx.Module):
     system: System
+    tiles: tuple[Tiles | None, ...]
     origin: Any
     free: Any
 
 
 def _normal(y: Any, args: _Arguments) -> Normal:
-    full = assemble(args.system, args.origin + args.free @ y)
+    full = assemble(args.system, args.tiles, args.origin + args.free @ y)
     matrix = args.free.T @ (full.matrix @ args.free)
     unused = jnp.diagonal(matrix) == 0.0
     return Normal(full.cost, args.free.T @ full.gradient, matrix + jnp.diag(jnp.where(unused, 1.0, 0.0)))
@@ -117,7 +120,9 @@ def solve_by_optimistix(problem: Problem, start: np.ndarray | None = None, free:
     free = problem.free if free is None else free
     width = -(-free.shape[1] // BUCKET) * BUCKET
     padded = jnp.asarray(np.pad(free, ((0, 0), (0, width - free.shape[1]))))
-    system = jax.tree.map(jnp.asarray, problem.system)
-    args = _Arguments(system, jnp.asarray(start), padded)
+    own = problem.equations
+    equations = own if isinstance(own, CompiledEquations) else Compiled().equations(problem.system)
+    system, tiles = jax.tree.map(jnp.asarray, (equations.system, equations.tiles))
+    args = _Arguments(system, tiles, jnp.asarray(start), padded)
     z, normal, iterations, converged = _solve(args, jnp.zeros(width), StructuredGaussNewton())
     return optimum_at(problem, np.asarray(z), float(normal.cost), free, int(iterations), bool(converged))

@@ -5,7 +5,9 @@ Unknowns are z = z0 + P y with y the free ones; see `system` and `equations`.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,8 +16,10 @@ from scipy.linalg import block_diag
 from volid.campaign import Campaign, Effect
 from volid.effects.prediction import Extended, groups_of
 from volid.effects.random import random_parts
+from volid.fitting.equations.choice import engine_for_fit
+from volid.fitting.equations.engine import Engine, Equations
+from volid.fitting.equations.sensitivities import sensitivities_of
 from volid.fitting.equations.system import Block, System
-from volid.fitting.equations.tiles import reweighted, tiles_of
 from volid.model.error_model import ErrorModel
 from volid.model.machine import Machine
 from volid.observations.base import Nuisance, NuisanceTable
@@ -24,17 +28,27 @@ CHUNK = 2048
 
 
 class Problem(NamedTuple):
-    """A system with what links it to campaign and model.
+    """The equations of a campaign with what links them to campaign and model.
 
     `places`: for every block (set number, rows). `start`: z at which to begin. `free`: P, shape (size, n_free).
     """
 
-    system: System
+    equations: Equations
     model: ErrorModel
     nuisance: tuple[Nuisance, ...]
     places: tuple[tuple[int, np.ndarray], ...]
     start: np.ndarray
     free: np.ndarray
+
+    @property
+    def system(self) -> System:
+        """The unknowns and readings."""
+        return self.equations.system
+
+    @property
+    def engine(self) -> Engine:
+        """What computes."""
+        return self.equations.engine
 
 
 def chunk_shape(m: int) -> tuple[int, int]:
@@ -45,11 +59,6 @@ def chunk_shape(m: int) -> tuple[int, int]:
     chunks = int(np.ceil(m / CHUNK))
     step = max(1, int(2 ** np.floor(np.log2(chunks))) // 4)
     return int(np.ceil(chunks / step)) * step, CHUNK
-
-
-def pad_rows(factor: np.ndarray, step: int = 32) -> Any:
-    """Zero rows added up to a multiple of `step`, so that models of similar size share one compiled program."""
-    return np.pad(factor, ((0, -len(factor) % step), (0, 0)))
 
 
 def _pad(values: np.ndarray, chunks: int, length: int, edge: bool) -> np.ndarray:
@@ -80,23 +89,31 @@ def _block(campaign: Campaign, number: int, group: Extended, weights: np.ndarray
     )
 
 
-def with_random_effects(campaign: Campaign, starts: dict[Any, float] | None = None) -> Campaign:
+def with_random_effects(
+    campaign: Campaign, starts: dict[Any, float] | None = None, engine: Engine | None = None
+) -> Campaign:
     """The campaign with u² of every reading enlarged by effects that are drawn anew for each (`per` = "point")."""
     sets = tuple(
         replace(s, u=np.sqrt(s.u**2 + sum(variance for _, variance in parts))) if parts else s
-        for s, parts in zip(campaign.sets, random_effects(campaign, starts), strict=True)
+        for s, parts in zip(campaign.sets, random_effects(campaign, starts, engine), strict=True)
     )
     return replace(campaign, sets=sets)
 
 
-def random_effects(campaign: Campaign, starts: dict[Any, float] | None = None) -> list[list[tuple[Effect, np.ndarray]]]:
+def random_effects(
+    campaign: Campaign, starts: dict[Any, float] | None = None, engine: Engine | None = None
+) -> list[list[tuple[Effect, np.ndarray]]]:
     """Per set: every effect that is drawn anew for each reading, with the variance (m, k) it adds."""
     if not any(s.effects for s in campaign.sets):
         return [[] for _ in campaign.sets]
     table = NuisanceTable(starts)
     groups = [groups_of(s, campaign, table) for s in campaign.sets]
     values = np.array([e.start for e in table.entries])
-    return [random_parts(s, campaign.machine, own, values) for s, own in zip(campaign.sets, groups, strict=True)]
+    engine = engine or engine_for_fit(campaign)
+    return [
+        random_parts(s, campaign.machine, partial(sensitivities_of, engine, s, campaign.machine, own, values))
+        for s, own in zip(campaign.sets, groups, strict=True)
+    ]
 
 
 class Prior(NamedTuple):
@@ -106,7 +123,9 @@ class Prior(NamedTuple):
     root: np.ndarray
 
 
-def _prior_knowledge(model: ErrorModel, nuisance: list[Nuisance], prior: Prior | None) -> tuple[np.ndarray, np.ndarray]:
+def _prior_knowledge(
+    model: ErrorModel, nuisance: Sequence[Nuisance], prior: Prior | None
+) -> tuple[np.ndarray, np.ndarray]:
     """Mean (size,) and root W (r, size) over z, from calibrated nuisance parameters and a prior on θ."""
     n = model.layout.n_coefficients
     start, u = np.array([e.start for e in nuisance]), np.array([e.prior_u for e in nuisance])
@@ -128,10 +147,12 @@ def build_problem(
     starts: dict[Any, float] | None = None,
     prior: Prior | None = None,
     table: NuisanceTable | None = None,
+    engine: Engine | None = None,
 ) -> Problem:
     """Problem of a campaign and an error model; `starts`: start values of nuisance parameters by key.
 
-    `table`: nuisance parameters that are there already, of a campaign that this one is a part of.
+    `table`: nuisance parameters that are there already, of a campaign that this one is a part of. `engine`: by default the one
+    that suits a fit of this campaign.
     """
     table = NuisanceTable(starts) if table is None else table
     blocks, places = [], []
@@ -140,24 +161,28 @@ def build_problem(
             blocks.append(_block(campaign, number, group, 1.0 / observations.u))
             places.append((number, group.rows))
     n = model.layout.n_coefficients
-    start = np.concatenate([np.zeros(n), [e.start for e in table.entries]])
-    unknown = np.array([e.prior_u for e in table.entries]) > 0
     mean, root = _prior_knowledge(model, table.entries, prior)
     chain = Machine(name="", structure="", axes=campaign.machine.axes)
-    system = System(
-        machine=chain,
-        layout=model.layout,
-        n_nuisance=len(table.entries),
-        blocks=tuple(blocks),
-        tiles=tuple(
-            tiles_of(model.layout, len(table.entries), block, len(rows))
-            for block, (_, rows) in zip(blocks, places, strict=True)
-        ),
-        prior_mean=mean,
-        prior_root=root,
+    system = System(chain, model.layout, len(table.entries), tuple(blocks), mean, root)
+    equations = (engine or engine_for_fit(campaign)).equations(system)
+    start = np.concatenate([np.zeros(n), [e.start for e in table.entries]])
+    return Problem(equations, model, tuple(table.entries), tuple(places), start, _free(model, table.entries))
+
+
+def _free(model: ErrorModel, nuisance: Sequence[Nuisance]) -> np.ndarray:
+    """P: columns span what may move, (size, n_free)."""
+    unknown = np.array([e.prior_u for e in nuisance]) > 0
+    return np.asarray(block_diag(model.parametrisation, np.eye(len(unknown))[:, unknown]))
+
+
+def with_model(problem: Problem, model: ErrorModel, prior: Prior | None = None) -> Problem:
+    """The problem with another model of the same layout: other free directions and prior knowledge of the same readings."""
+    assert model.layout == problem.model.layout
+    mean, root = _prior_knowledge(model, problem.nuisance, prior)
+    system = replace(problem.system, prior_mean=mean, prior_root=root)
+    return problem._replace(
+        equations=problem.equations.changed(system), model=model, free=_free(model, problem.nuisance)
     )
-    free = block_diag(model.parametrisation, np.eye(len(unknown))[:, unknown])
-    return Problem(system, model, tuple(table.entries), tuple(places), start, free)
 
 
 def scatter(problem: Problem, campaign: Campaign, blocks: list[Any]) -> list[np.ndarray]:
@@ -172,11 +197,9 @@ def scatter(problem: Problem, campaign: Campaign, blocks: list[Any]) -> list[np.
 
 def reweight(problem: Problem, campaign: Campaign, factors: list[np.ndarray]) -> Problem:
     """The problem with weights factor/u, factors (m, k) per set (square roots of robust weights)."""
-    blocks, tiles = [], []
-    for block, old, (number, rows) in zip(problem.system.blocks, problem.system.tiles, problem.places, strict=True):
+    blocks = []
+    for block, (number, rows) in zip(problem.system.blocks, problem.places, strict=True):
         weights = (factors[number] / campaign.sets[number].u)[rows].T
         padded = _pad(weights, block.weight.shape[0], block.weight.shape[2], edge=False)
         blocks.append(replace(block, weight=padded))
-        tiles.append(reweighted(old, weights))
-    system = replace(problem.system, blocks=tuple(blocks), tiles=tuple(tiles))
-    return problem._replace(system=system)
+    return problem._replace(equations=problem.equations.changed(replace(problem.system, blocks=tuple(blocks))))

@@ -8,22 +8,17 @@ does not descend. Nocedal and Wright, Numerical Optimization, 10.3; Kelley, Iter
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from volid.backend.lazy import jax, jnp
 from volid.backend.threads import one_blas_thread
-from volid.fitting.equations.compiled import normal_equations, nuisance_equations, slope
+from volid.fitting.equations.engine import Equations
 from volid.fitting.equations.free_directions import FreeDirections
-from volid.fitting.equations.interpreted import interpreting
 from volid.fitting.equations.problem import Problem
-from volid.fitting.equations.system import Normal, System, halves, thinned
+from volid.fitting.equations.system import Normal, thinned
 
 TOLERANCE = 1e-7  # estimated distance to the minimum, in units of each parameter's conditional standard uncertainty
 SHRINK = (
@@ -53,57 +48,47 @@ class Optimum:
 
 
 class Objective:
-    """Cost, gradient and JᵀJ in the free directions of a problem; large arrays are put where JAX computes, once."""
+    """Cost, gradient and JᵀJ in the free directions of a problem."""
 
-    def __init__(self, system: System, free: np.ndarray) -> None:
-        self.system = system
+    def __init__(self, equations: Equations, free: np.ndarray) -> None:
+        self.equations = equations
         self.free = FreeDirections(free)
-        self._parts = [system] if interpreting() else [jax.tree.map(jnp.asarray, s) for s in _shared_out(system)]
 
-    def _sums(self, function: Callable[..., Any], *arguments: Any) -> list[np.ndarray]:
-        """The parts of what `function` gives for the system, summed over its halves, each on a thread of its own."""
+    def full_normal(self, z: np.ndarray, rough: bool) -> Normal:
+        """Cost, gradient and JᵀJ in z."""
+        return self.equations.normal(z, rough)
 
-        def of(part: System) -> list[np.ndarray]:
-            return [np.asarray(a) for a in function(part, *arguments)]
-
-        if len(self._parts) == 1:
-            return of(self._parts[0])
-        first, second = _THREADS.map(of, self._parts)
-        return [a + b for a, b in zip(first, second, strict=True)]
+    def full_slope(self, z: np.ndarray) -> tuple[float, np.ndarray]:
+        """Cost and gradient in z."""
+        return self.equations.slope(z)
 
     def normal(self, z: np.ndarray, rough: bool = False) -> Normal:
-        cost, gradient, matrix = self._sums(normal_equations, z, rough)
+        """Cost, gradient (n,) and JᵀJ (n, n) in the free directions; 1 on the diagonal of what no reading sees."""
+        cost, gradient, matrix = self.full_normal(z, rough)
         gradient, matrix = self.free.pull(gradient), self.free.project(matrix)
         unused = np.flatnonzero(np.diagonal(matrix) == 0.0)
         matrix[unused, unused] = 1.0
         return Normal(float(cost), gradient, matrix)
 
     def slope(self, z: np.ndarray) -> tuple[float, np.ndarray]:
-        cost, gradient = self._sums(slope, z)
+        """Cost and gradient (n,)."""
+        cost, gradient = self.full_slope(z)
         return float(cost), self.free.pull(gradient)
 
 
-_THREADS = ThreadPoolExecutor(2, thread_name_prefix="volid-solver")
-
-
-def _shared_out(system: System) -> list[System]:
-    """Halves of a system where two processors share the work and no accelerator does it."""
-    alone = (os.cpu_count() or 1) < 2 or jax.default_backend() != "cpu"
-    return [system] if alone else halves(system)
-
-
-def _placed(system: System, z: np.ndarray, free: np.ndarray) -> np.ndarray:
+def _placed(equations: Equations, z: np.ndarray, free: np.ndarray) -> np.ndarray:
     """`z` with the nuisance parameters at their own minimum, or nearly: stations millimetres off make the first JᵀJ a poor one.
 
     Only those that `free` moves one by one, and by some of the readings. Where a step fails, `z` as it was before.
     """
-    n = system.layout.n_coefficients
+    n = equations.system.layout.n_coefficients
     columns = free[:, ~free[:n].any(axis=0)][n:]
     if not columns.shape[1]:
         return z
-    best, least, system = z, np.inf, thinned(system, max(PLACING, 8 * columns.shape[1]))
+    few = equations.engine.equations(thinned(equations.system, max(PLACING, 8 * columns.shape[1])))
+    best, least = z, np.inf
     for _ in range(PLACING_STEPS):
-        normal = nuisance_equations(system, z)
+        normal = few.nuisance(z)
         matrix = columns.T @ np.asarray(normal.matrix) @ columns
         step, size = _factorise(matrix, 0.0).propose(columns.T @ np.asarray(normal.gradient))
         if not float(normal.cost) <= least or not np.isfinite(size):
@@ -147,7 +132,75 @@ def optimum_at(
     problem: Problem, z: np.ndarray, cost: float, free: np.ndarray, iterations: int, converged: bool
 ) -> Optimum:
     """The optimum that another solver found, with its normal equations on demand."""
-    return Optimum(Objective(problem.system, free), z, cost, iterations, converged)
+    return Optimum(Objective(problem.equations, free), z, cost, iterations, converged)
+
+
+class _Descent:
+    """Where the iteration stands.
+
+    `z`, `cost`, `gradient`: the best point so far. `steps`: the factorisation in use, `age` accepted steps old, of a JᵀJ in
+    single precision when `rough`. `last`: size of the step before, inf when there is none to compare with.
+    """
+
+    def __init__(self, objective: Objective, z: np.ndarray) -> None:
+        self.objective, self.z = objective, z
+        self.rough, self.damping, self.last = True, 0.0, np.inf
+        self._assemble()
+        self.cost, self.gradient = float(self._normal.cost), self._normal.gradient
+
+    def _assemble(self) -> None:
+        self._normal, self.age = self.objective.normal(self.z, self.rough), 0
+        self.steps = _factorise(self._normal.matrix, self.damping)
+
+    @property
+    def light(self) -> bool:
+        """Whether the damping counts as none."""
+        return self.damping <= LIGHT
+
+    def propose(self) -> tuple[np.ndarray, float]:
+        """The next step and its size; from a new JᵀJ where the steps of the old one do not shrink fast."""
+        step, size = self.steps.propose(self.gradient)
+        slow = self.age and size > SHRINK * self.last and size > TOLERANCE
+        if slow or (self.rough and not np.isfinite(size)):
+            self.rough = self.rough and not self.age
+            self._assemble()
+            step, size = self.steps.propose(self.gradient)
+        return step, size
+
+    def distance(self, size: float) -> float:
+        """Estimated distance to the minimum after a step of this size: the step times the share by which it shrank."""
+        return size * (min(1.0, size / self.last) if 0.0 < self.last < np.inf else 1.0)
+
+    def descends(self, cost: float) -> bool:
+        """Whether a trial's cost is no higher than the best, but for rounding."""
+        return cost <= self.cost * (1.0 + SLACK) + SLACK
+
+    def reject(self) -> bool:
+        """Damp more; False when nothing helps."""
+        self.damping = max(10.0 * self.damping, LIGHT)
+        if self.damping > HEAVY or not np.isfinite(self.cost):
+            return False
+        if self.age or self.rough:
+            self.rough = False
+            self._assemble()
+        else:
+            self.steps = _factorise(self._normal.matrix, self.damping)
+        return True
+
+    def accept(self, trial: np.ndarray, cost: float, gradient: np.ndarray, size: float) -> None:
+        """Go to the trial."""
+        self.z, self.cost, self.gradient, self.last, self.age = trial, cost, gradient, size, self.age + 1
+
+    def relax(self) -> None:
+        """Damp less after a step that descended."""
+        if not self.light:
+            self.damping, self.last = 0.1 * self.damping, np.inf
+            self._assemble()
+        self.damping = 0.0 if self.damping < LIGHT else self.damping
+
+    def optimum(self, count: int, converged: bool) -> Optimum:
+        """The best point so far."""
+        return Optimum(self.objective, self.z, self.cost, count, converged)
 
 
 @one_blas_thread()
@@ -167,42 +220,24 @@ def solve(
     taken without a look at where it ends; the cost there follows from the quadratic model.
     """
     z = np.array(problem.start if start is None else start, dtype=float)
-    objective = objective or Objective(problem.system, problem.free if free is None else free)
+    objective = objective or Objective(problem.equations, problem.free if free is None else free)
     if start is None:
-        z = _placed(objective.system, z, objective.free.whole)
-    rough = True
-    normal, age, damping, last = objective.normal(z, rough), 0, 0.0, np.inf
-    cost, gradient = float(normal.cost), normal.gradient
-    steps = _factorise(normal.matrix, damping)
+        z = _placed(problem.equations, z, objective.free.whole)
+    at = _Descent(objective, z)
     for count in range(1, LARGEST_STEPS + 1):
-        step, size = steps.propose(gradient)
-        if (age and size > SHRINK * last and size > TOLERANCE) or (rough and not np.isfinite(size)):
-            rough = rough and not age
-            normal, age = objective.normal(z, rough), 0
-            steps = _factorise(normal.matrix, damping)
-            step, size = steps.propose(gradient)
-        shrunk = min(1.0, size / last) if 0.0 < last < np.inf else 1.0
-        light = damping <= LIGHT
-        if light and age and size * shrunk <= TOLERANCE:
-            cost = max(0.0, cost - 0.5 * float(gradient @ step))
-            return Optimum(objective, objective.free.move(z, step), cost, count, True)
-        trial = objective.free.move(z, step)
-        new_cost, new_gradient = objective.slope(trial) if np.isfinite(size) else (np.inf, gradient)
-        if not new_cost <= cost * (1.0 + SLACK) + SLACK:
-            damping = max(10.0 * damping, LIGHT)
-            if damping > HEAVY or not np.isfinite(cost):
-                return Optimum(objective, z, cost, count, False)
-            if age or rough:
-                rough = False
-                normal, age = objective.normal(z), 0
-            steps = _factorise(normal.matrix, damping)
+        step, size = at.propose()
+        near, light = at.distance(size) <= TOLERANCE, at.light
+        trial = objective.free.move(at.z, step)
+        if light and at.age and near:
+            at.z, at.cost = trial, max(0.0, at.cost - 0.5 * float(at.gradient @ step))
+            return at.optimum(count, True)
+        cost, gradient = objective.slope(trial) if np.isfinite(size) else (np.inf, at.gradient)
+        if not at.descends(cost):
+            if not at.reject():
+                return at.optimum(count, False)
             continue
-        z, cost, gradient, last, age = trial, new_cost, new_gradient, size, age + 1
-        if light and size * shrunk <= TOLERANCE:
-            return Optimum(objective, z, cost, count, True)
-        if not light:
-            damping, last = 0.1 * damping, np.inf
-            normal, age = objective.normal(z, rough), 0
-            steps = _factorise(normal.matrix, damping)
-        damping = 0.0 if damping < LIGHT else damping
-    return Optimum(objective, z, cost, LARGEST_STEPS, False)
+        at.accept(trial, cost, gradient, size)
+        if light and near:
+            return at.optimum(count, True)
+        at.relax()
+    return at.optimum(LARGEST_STEPS, False)

@@ -11,14 +11,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from volid.backend.lazy import jax
 from volid.backend.pytrees import STATIC, map_arrays, register_dataclass
 from volid.effects.prediction import Form
-from volid.fitting.equations.tiles import Tiles
 from volid.model.error_model import Layout
 from volid.model.machine import Machine
-
-WORTH_HALVING = 8  # chunks of a block from which two threads pay
 
 
 @register_dataclass
@@ -45,14 +41,13 @@ class System:
     """Everything a residual needs: kinematic chain, coefficient layout, blocks, and prior knowledge of z.
 
     `prior_root` W, shape (r, size), and `prior_mean`: pseudo-readings W (z - mean) with unit variance, from calibrated
-    artefacts and from an earlier solution. `tiles`: the readings of large blocks again, by cells of the working volume.
+    artefacts and from an earlier solution.
     """
 
     machine: Machine = field(metadata=STATIC)
     layout: Layout = field(metadata=STATIC)
     n_nuisance: int = field(metadata=STATIC)
     blocks: tuple[Block, ...]
-    tiles: tuple[Tiles | None, ...]
     prior_mean: Any
     prior_root: Any
 
@@ -71,7 +66,7 @@ def thinned(system: System, rows: int) -> System:
             chunk, place = np.divmod(seen[np.linspace(0, len(seen) - 1, rows).astype(int)], block.q.shape[2])
             block = map_arrays(partial(_columns, chunk, place), block)
         blocks.append(block)
-    return replace(system, blocks=tuple(blocks), tiles=(None,) * len(blocks))
+    return replace(system, blocks=tuple(blocks))
 
 
 def _columns(chunk: np.ndarray, place: np.ndarray, values: Any) -> np.ndarray:
@@ -79,25 +74,10 @@ def _columns(chunk: np.ndarray, place: np.ndarray, values: Any) -> np.ndarray:
     return np.asarray(values)[chunk, :, place].T[None]
 
 
-def halves(system: System) -> list[System]:
-    """The system in two parts of equal shapes, whose sums are those of the whole; itself where a block is small or odd."""
-
-    def parts(tree: Any, n: int) -> list[Any]:
-        return [jax.tree.map(lambda a, p=p: a[p], tree) for p in (slice(0, n // 2), slice(n // 2, n))]
-
-    found = []
-    for block, tiles in zip(system.blocks, system.tiles, strict=True):
-        n_chunks, n_tiles = block.q.shape[0], 0 if tiles is None else tiles.numbers.shape[0]
-        if n_chunks < WORTH_HALVING or n_chunks % 2 or n_tiles % 2:
-            return [system]
-        found.append([*zip(parts(block, n_chunks), parts(tiles, n_tiles), strict=True)])
-    if not found:
-        return [system]
-    result = [
-        replace(system, blocks=tuple(f[i][0] for f in found), tiles=tuple(f[i][1] for f in found)) for i in range(2)
-    ]
-    result[1] = replace(result[1], prior_root=np.zeros_like(system.prior_root))
-    return result
+def flat(values: np.ndarray) -> np.ndarray:
+    """(n_chunks, width, rows) -> (width, n_chunks · rows)."""
+    chunks, width, rows = np.shape(values)
+    return np.asarray(values).transpose(1, 0, 2).reshape(width, chunks * rows)
 
 
 class Normal(NamedTuple):

@@ -19,6 +19,8 @@ import numpy as np
 from volid.backend.elementary import in_rows
 from volid.backend.lazy import jax, jnp
 from volid.backend.pytrees import STATIC, register_dataclass
+from volid.fitting.equations.cells import cell_numbers, finest_segments, window_width
+from volid.fitting.equations.system import Block, System, flat
 from volid.model.error_model import ROWS, Layout, Term, add_curves, signed_rows
 from volid.model.splines import Spline, evaluate, spline_interval, spline_values
 
@@ -61,26 +63,24 @@ def _size(run: list[Term]) -> int:
 
 
 class _Plan(NamedTuple):
-    spans: dict[int, int]
+    """Intervals per cell along every axis, and rows per tile."""
+
+    share: int
     rows: int
 
 
 def _choose(splines: list[Spline], counts: list[int], whole: int, m: int) -> _Plan:
-    """Intervals per cell along every axis, and rows per tile, for the least estimated work."""
-    finest: dict[int, int] = {}
-    for s in splines:
-        finest[s.axis] = max(finest.get(s.axis, 1), s.segments)
-    best, least = _Plan(dict.fromkeys(finest, 1), LENGTHS[0]), np.inf
+    """The plan of least estimated work."""
+    finest = finest_segments(splines)
+    best, least = _Plan(1, LENGTHS[0]), np.inf
     for share, rows in product((1, 2, 3, 4, 6, 8, 12), LENGTHS):
-        spans = {axis: min(share, n) for axis, n in finest.items()}
-        cells = int(np.prod([-(-n // spans[axis]) for axis, n in finest.items()]))
+        cells = int(np.prod([-(-n // share) for n in finest.values()]))
         wide = whole + sum(
-            k * min(s.size, int(np.ceil(spans[s.axis] * s.segments / finest[s.axis])) + s.degree)
-            for s, k in zip(splines, counts, strict=True)
+            k * window_width(s, share, finest[s.axis], s.size) for s, k in zip(splines, counts, strict=True)
         )
         work = (m + 0.5 * rows * min(cells, m)) * wide * (wide + 150.0) * (1.0 + 60.0 / rows)
         if work < least:
-            best, least = _Plan(spans, rows), work
+            best, least = _Plan(share, rows), work
     return best
 
 
@@ -92,10 +92,10 @@ def tiles_of(layout: Layout, n_nuisance: int, block: Any, m: int) -> Tiles | Non
         return None
     splines = [run[0].basis.factors[0] for run in split.windows]
     plan = _choose(splines, [len(run) for run in split.windows], whole, m)
-    flat = {name: _flat(getattr(block, name), m) for name in _ARRAYS}
-    intervals = [np.asarray(spline_interval(s, flat["q"][s.axis])[0], dtype=np.int64) for s in splines]
-    numbers = _by_cell(splines, intervals, plan, m)
-    cut = {name: _cut(values, numbers, name == "weight") for name, values in flat.items()}
+    arrays = {name: flat(getattr(block, name))[:, :m] for name in _ARRAYS}
+    intervals = [np.asarray(spline_interval(s, arrays["q"][s.axis])[0], dtype=np.int64) for s in splines]
+    numbers = _by_cell(cell_numbers(splines, intervals, plan.share), plan.rows)
+    cut = {name: _cut(values, numbers, name == "weight") for name, values in arrays.items()}
     starts, widths = _windows(splines, intervals, numbers, m)
     return Tiles(type(block)(form=block.form, **cut), starts, numbers, widths)
 
@@ -103,26 +103,15 @@ def tiles_of(layout: Layout, n_nuisance: int, block: Any, m: int) -> Tiles | Non
 _ARRAYS = ("q", "direction", "tool", "reading", "weight", "slots", "constants")
 
 
-def _flat(values: Any, m: int) -> np.ndarray:
-    values = np.asarray(values)
-    chunks, width, rows = values.shape
-    return values.transpose(1, 0, 2).reshape(width, chunks * rows)[:, :m]
-
-
-def _by_cell(splines: list[Spline], intervals: list[np.ndarray], plan: _Plan, m: int) -> np.ndarray:
-    """Row numbers by tiles, (n_tiles, rows), `m` for padding: every tile lies in one cell."""
-    key = np.zeros(m, dtype=np.int64)
-    done = set()
-    for s, i in sorted(zip(splines, intervals, strict=True), key=lambda pair: -pair[0].segments):
-        if s.axis not in done:
-            done.add(s.axis)
-            key = key * (s.segments + 1) + i // plan.spans[s.axis]
-    order = np.argsort(key, kind="stable")
-    _, first, count = np.unique(key[order], return_index=True, return_counts=True)
-    tiles = -(-count // plan.rows)
+def _by_cell(cell: np.ndarray, rows: int) -> np.ndarray:
+    """Row numbers by tiles, (n_tiles, rows), m for padding: every tile lies in one cell."""
+    m = len(cell)
+    order = np.argsort(cell, kind="stable")
+    _, first, count = np.unique(cell[order], return_index=True, return_counts=True)
+    tiles = -(-count // rows)
     n_tiles = _rounded(int(tiles.sum()))
-    numbers = np.full((n_tiles, plan.rows), m, dtype=np.int64)
-    target = np.concatenate([[0], np.cumsum(tiles)[:-1]]) * plan.rows
+    numbers = np.full((n_tiles, rows), m, dtype=np.int64)
+    target = np.concatenate([[0], np.cumsum(tiles)[:-1]]) * rows
     place = np.repeat(target - first, count) + np.arange(m)
     numbers.ravel()[place] = order
     return numbers
@@ -158,13 +147,17 @@ def _windows(
     return starts, tuple(widths)
 
 
-def reweighted(tiles: Tiles | None, weights: np.ndarray) -> Tiles | None:
-    """Tiles with other weights (k, m)."""
+def reweighted(tiles: Tiles | None, block: Block) -> Tiles | None:
+    """Tiles with the readings and weights of `block`; a weight of 0 stays 0."""
     if tiles is None:
         return None
-    padded = np.pad(weights, ((0, 0), (0, 1)))
-    new = np.ascontiguousarray(padded[:, np.asarray(tiles.numbers)].transpose(1, 0, 2))
-    return replace(tiles, chunk=replace(tiles.chunk, weight=new))
+    last = block.q.shape[0] * block.q.shape[2] - 1
+    numbers = np.minimum(np.asarray(tiles.numbers), last)
+    reading, weight = (
+        np.ascontiguousarray(flat(a)[:, numbers].transpose(1, 0, 2)) for a in (block.reading, block.weight)
+    )
+    weight = np.where(np.any(tiles.chunk.weight, axis=1, keepdims=True), weight, 0.0)
+    return replace(tiles, chunk=replace(tiles.chunk, reading=reading, weight=weight))
 
 
 class _Local(NamedTuple):
@@ -203,16 +196,27 @@ class _TileLinear(NamedTuple):
     rows: Any
 
 
-def _linearised(
-    system: Any, tiles: Tiles, split: _Split, chunk: Any, starts: Any, z: Any, predict: Any, kind: Any
-) -> _TileLinear:
+class _Assembly(NamedTuple):
+    """What all tiles of an assembly share: system and its runs, widths of the windows, z, the prediction (chunk, error values,
+    slots) -> readings, and the type of the Jacobian's numbers."""
+
+    system: System
+    split: _Split
+    widths: tuple[int, ...]
+    z: Any
+    predict: Any
+    kind: Any
+
+
+def _linearised(of: _Assembly, chunk: Any, starts: Any) -> _TileLinear:
+    system, z, kind = of.system, of.z, of.kind
     n, m = system.layout.n_coefficients, chunk.q.shape[1]
-    local = _bases(split, chunk, starts, tiles.widths)
-    errors = _errors(system.layout, split, local, z, starts, m)
-    values, pull_back = jax.vjp(lambda e, s: predict(chunk, e, s), errors, list(z[n + chunk.slots]))
+    local = _bases(of.split, chunk, starts, of.widths)
+    errors = _errors(system.layout, of.split, local, z, starts, m)
+    values, pull_back = jax.vjp(lambda e, s: of.predict(chunk, e, s), errors, list(z[n + chunk.slots]))
     residual = (values - chunk.reading) * chunk.weight
     number = jnp.arange(system.n_nuisance, dtype=chunk.slots.dtype)[:, None]
-    runs = list(zip((*split.windows, *split.whole), (*local.windows, *local.whole), strict=True))
+    runs = list(zip((*of.split.windows, *of.split.whole), (*local.windows, *local.whole), strict=True))
     parts, gradient = [], jnp.zeros(())
     for k in range(values.shape[0]):
         one = jnp.where((jnp.arange(values.shape[0]) == k)[:, None], chunk.weight, 0.0)
@@ -231,9 +235,10 @@ def _linearised(
     return _TileLinear(0.5 * jnp.sum(residual**2), gradient, whole)
 
 
-def assemble_tiles(system: Any, tiles: Tiles, z: Any, predict: Any, rough: bool = False) -> tuple[Any, Any, Any]:
+def assemble_tiles(system: System, tiles: Tiles, z: Any, predict: Any, rough: bool = False) -> tuple[Any, Any, Any]:
     """Cost, gradient and JᵀJ in z of one block, summed tile by tile in windows; JᵀJ of a tile in single precision if `rough`."""
     split, kind = _split(system.layout), jnp.float32 if rough else jnp.float64
+    shared = _Assembly(system, split, tiles.widths, z, predict, kind)
     spaces = [(len(run), run[0].basis.size) for run in split.windows]
     whole = sum(_size(run) for run in split.whole) + system.n_nuisance
     shapes = [(len(run), w) for run, w in zip(split.windows, tiles.widths, strict=True)]
@@ -244,7 +249,7 @@ def assemble_tiles(system: Any, tiles: Tiles, z: Any, predict: Any, rough: bool 
 
     def add(total: Any, tile: Any) -> tuple[Any, None]:
         chunk, starts = tile
-        found = _linearised(system, tiles, split, chunk, starts, z, predict, kind)
+        found = _linearised(shared, chunk, starts)
         gradient, matrix = found.gradient, (found.rows @ found.rows.T).astype(jnp.float64)
         ends = np.cumsum([0, *(t * w for t, w in shapes)])
         cost, slopes, rest, squares, crossed, corner = total

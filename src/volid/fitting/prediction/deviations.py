@@ -5,23 +5,20 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from volid.backend.elementary import in_rows
-from volid.backend.lazy import jax, jnp
+from volid.fitting.equations.choice import engine_for_points
+from volid.fitting.equations.engine import Calls, PointFunction
 from volid.fitting.prediction import spread
 from volid.model.error_model import ErrorModel, Layout, coefficient_rows, error_rows, evaluate_bases
 from volid.model.jacobian import deviation_partials
 from volid.model.kinematics import deviation
 from volid.model.machine import Machine
 
-CHUNK, SLICE = 512, 16_384  # points of a program at once, whose values stay in the cache, and of one call
-INTERPRETED_CHUNK = 4096  # NumPy needs longer arrays
 THREADS = 2  # that share a long computation, here and where others import it
-INTERPRETED = 20_000  # points: up to here NumPy is done before a program is traced
 ESTIMABLE = 1e-3  # 0.1 µm for an undetermined rotation of 0.1 mrad; see `identifiability.NAMED`
 
 
@@ -80,54 +77,10 @@ def _variances(machine: Machine, layout: Layout, coefficients: Any, chunk: _Poin
     return spread.quadratic_forms(own, products, chunk.number)
 
 
-_Function = Callable[..., Any]
-
-
-@cache
-def _program(function: _Function) -> _Function:
-    """The program that carries a function out on chunks (n_chunks, …, `CHUNK`), one after another."""
-
-    def over_chunks(machine: Machine, layout: Layout, coefficients: Any, chunks: _Points, *extra: Any) -> Any:
-        return jax.lax.map(lambda chunk: function(machine, layout, coefficients, chunk, *extra), chunks)
-
-    return jax.jit(over_chunks, static_argnames=("layout",))
-
-
-def _calls(
-    function: _Function, model: ErrorModel, coefficients: np.ndarray, points: _Points, *extra: Any
-) -> tuple[list[slice], Callable[[slice], np.ndarray]]:
-    """Slices of the points (m, …), and what carries `function` out on one of them; its result has points last.
-
-    Few points are interpreted; many go in slices of one length, so that one program is compiled.
-    """
-    m, chain = len(points.q), chain_of(model.machine)
-    if m <= INTERPRETED:
-        return _slices(m, INTERPRETED_CHUNK), lambda part: function(
-            chain, model.layout, coefficients, _taken(points, part), *extra
-        )
-    shared, program = jax.tree.map(jnp.asarray, (coefficients, *extra)), _program(function)
-
-    def call(part: slice) -> np.ndarray:
-        rows = np.minimum(np.arange(part.start, part.start + SLICE), m - 1)  # the last repeats the last point
-        chunks = jax.tree.map(_in_chunks, _taken(points, rows))
-        found = np.asarray(program(chain, model.layout, shared[0], chunks, *shared[1:]))
-        whole = np.moveaxis(found, 0, -2).reshape(*found.shape[1:-1], SLICE)
-        return whole[..., : part.stop - part.start]
-
-    return _slices(m, SLICE), call
-
-
-def _slices(m: int, size: int) -> list[slice]:
-    return [slice(start, min(start + size, m)) for start in range(0, m, size)]
-
-
-def _taken(points: _Points, rows: Any) -> _Points:
-    """Some of the points, points last."""
-    return _Points(*(None if v is None else np.ascontiguousarray(v[rows].T) for v in points))
-
-
-def _in_chunks(values: np.ndarray) -> np.ndarray:
-    return np.moveaxis(values.reshape(-1, SLICE // CHUNK, CHUNK), 1, 0)
+def _calls(function: PointFunction, model: ErrorModel, coefficients: np.ndarray, points: _Points, *extra: Any) -> Calls:
+    """Slices of the points (m, …), and what carries `function` out on one of them; its result has points last."""
+    engine = engine_for_points(len(points.q))
+    return engine.by_points(function, chain_of(model.machine), model.layout, (coefficients, *extra), points)
 
 
 def _each(carry_out: Callable[[slice], Any], slices: list[slice]) -> Iterator[Any]:
@@ -142,7 +95,7 @@ def _each(carry_out: Callable[[slice], Any], slices: list[slice]) -> Iterator[An
 
 
 def _whole(
-    function: _Function, model: ErrorModel, coefficients: np.ndarray, points: _Points, *extra: Any
+    function: PointFunction, model: ErrorModel, coefficients: np.ndarray, points: _Points, *extra: Any
 ) -> np.ndarray:
     """`function` over all points, points last."""
     slices, call = _calls(function, model, coefficients, points, *extra)

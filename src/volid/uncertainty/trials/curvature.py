@@ -15,7 +15,7 @@ import numpy as np
 
 from volid.backend.lazy import jnp
 from volid.backend.pytrees import STATIC, map_arrays, register_dataclass
-from volid.fitting.equations import interpreted
+from volid.fitting.equations.second_derivatives import second_derivatives
 from volid.fitting.equations.system import Block, System
 from volid.fitting.prediction.deviations import THREADS
 from volid.model.error_model import ROWS as ROWS_PER_BODY
@@ -121,11 +121,11 @@ def _curvature(system: System, block: Block, z: np.ndarray, numbers: np.ndarray,
 
     def fill(start: int) -> None:
         own = slice(start, start + SLICE)
-        (chunk,) = interpreted.chunks_of(map_arrays(lambda a: a[:, :, own], whole))
+        chunk = map_arrays(lambda a: a[0, :, own], whole)
         values = dict(zip(system.layout.bases, evaluate_bases(system.layout, chunk.q, chunk.direction), strict=True))
         for group, columns in zip(groups, bases, strict=True):
             columns[own] = (np.concatenate([values[b] for b in group.bases]) * chunk.weight.any(axis=0)).T
-        second[:, own, :, :-1] = interpreted.second_derivatives(system, block.form, chunk, z, rows, np.array(steps))
+        second[:, own, :, :-1] = second_derivatives(system, chunk, z, rows, np.array(steps))
 
     with ThreadPoolExecutor(THREADS) as pool:
         list(pool.map(fill, range(0, whole.q.shape[2], SLICE)))

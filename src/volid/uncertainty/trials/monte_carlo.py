@@ -95,17 +95,7 @@ def monte_carlo(
     20
     """
     progress = progress or (lambda message: None)
-    if trials is not None and digits is not None:
-        raise InputError("Monte Carlo: trials and digits exclude each other; give the number or the goal")
-    if trials is not None and trials < FEWEST:
-        raise InputError(
-            f"Monte Carlo: {trials} trials; expected at least {FEWEST}, so that a 95 % interval has an end"
-        )
-    if digits is not None and not 1 <= digits <= 4:
-        raise InputError(f"Monte Carlo: {digits} significant digits; expected 1 to 4")
-    check_not_streamed(solution, "Monte Carlo")
-    if seed < 0:
-        raise InputError(f"seed is {seed}; expected a whole number >= 0")
+    _check(solution, trials, digits, seed)
     progress("preparing the refits")
     keeper = None
     if folder is None:
@@ -121,6 +111,21 @@ def monte_carlo(
     else:
         total, reached = _adaptive(solution, carry_out, store, digits, progress)
     return replace(solution, samples=_samples(store, total, seed, reached, keeper))
+
+
+def _check(solution: Solution, trials: int | None, digits: int | None, seed: int) -> None:
+    """Raises `InputError` for numbers out of range, or a solution that does not hold all its readings."""
+    if trials is not None and digits is not None:
+        raise InputError("Monte Carlo: trials and digits exclude each other; give the number or the goal")
+    if trials is not None and trials < FEWEST:
+        raise InputError(
+            f"Monte Carlo: {trials} trials; expected at least {FEWEST}, so that a 95 % interval has an end"
+        )
+    if digits is not None and not 1 <= digits <= 4:
+        raise InputError(f"Monte Carlo: {digits} significant digits; expected 1 to 4")
+    check_not_streamed(solution, "Monte Carlo")
+    if seed < 0:
+        raise InputError(f"seed is {seed}; expected a whole number >= 0")
 
 
 def fingerprint(solution: Solution) -> str:

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from volid.backend.lazy import jax, jit, jnp
-from volid.backend.pytrees import register_dataclass
+from volid.backend.pytrees import map_arrays, register_dataclass
 from volid.effects.prediction import predict_readings
-from volid.fitting.equations.compiled import residual_rows
+from volid.fitting.equations.programs import residual_rows
 from volid.fitting.equations.system import Block, System
 from volid.model.error_model import ROWS as ROWS_PER_BODY
 from volid.model.error_model import Layout, add_curves, evaluate_bases
@@ -44,7 +44,7 @@ class Frozen:
     aside: Any
 
 
-def tiles_of(block: Block, numbers: np.ndarray) -> tuple[Block, Any]:
+def tiles_of(block: Block, numbers: np.ndarray) -> tuple[Block, np.ndarray]:
     """A block and its reading numbers cut into equal chunks of at most `ROWS` rows, those of padding alone left out."""
     each = gcd(block.q.shape[2], ROWS)
 
@@ -54,24 +54,7 @@ def tiles_of(block: Block, numbers: np.ndarray) -> tuple[Block, Any]:
         return parts.reshape(n * (rows // each), width, each)
 
     used = cut(np.asarray(block.weight)).any(axis=(1, 2))
-    return jax.tree.map(lambda a: jnp.asarray(cut(np.asarray(a))[used]), (block, numbers))
-
-
-def weighted_rows(frozen: Frozen, n_readings: int) -> np.ndarray:
-    """TᵀJᵀ (p, N) in the order of the readings."""
-    found = np.zeros((frozen.basis.shape[1], n_readings))
-    for block, numbers in zip(frozen.system.blocks, frozen.numbers, strict=True):
-        rows = np.asarray(_projected_rows(frozen.system, block, frozen.z, frozen.basis))
-        for chunk, number, weight in zip(rows, np.asarray(numbers), np.asarray(block.weight), strict=True):
-            seen = weight.ravel() > 0.0
-            found[:, number.ravel()[seen]] = chunk[:, seen]
-    return found
-
-
-@jit
-def _projected_rows(system: System, block: Block, z: Any, basis: Any) -> Any:
-    """TᵀJᵀ of one block by chunks, (n_chunks, p, k·rows)."""
-    return jax.lax.map(lambda chunk: basis.T @ residual_rows(system, block.form, chunk, z)[1], block)
+    return map_arrays(lambda a: cut(np.asarray(a))[used], block), cut(numbers)[used]
 
 
 @jit

@@ -1,0 +1,35 @@
+"""How readings answer to axis positions and tool vectors: what effects drawn anew for every reading act through."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from volid.campaign import ObservationSet
+from volid.effects.prediction import Extended
+from volid.fitting.equations.engine import Engine
+from volid.model.machine import Machine
+
+
+class Sensitivities(NamedTuple):
+    """∂reading/∂q (n_axes, m, k) and ∂reading/∂tool (3, m, k) of a set at the nominal machine."""
+
+    by_axis: np.ndarray
+    by_tool: np.ndarray
+
+
+def sensitivities_of(
+    engine: Engine, observations: ObservationSet, machine: Machine, groups: list[Extended], values: np.ndarray
+) -> Sensitivities:
+    """Sensitivities of every row; `values`: of the nuisance parameters that the groups' slots number."""
+    k = observations.readings.shape[1]
+    by_axis = np.zeros((len(machine.axes), len(observations), k))
+    by_tool = np.zeros((3, len(observations), k))
+    chain = Machine(name="", structure="", axes=machine.axes)
+    for group in groups:
+        rows = group.rows
+        arrays = (observations.positions[rows].T, observations.tool[rows].T, values[group.slots], group.constants)
+        axes, tools = engine.sensitivities(chain, group.form, *arrays)
+        by_axis[:, rows], by_tool[:, rows] = axes.transpose(0, 2, 1), tools.transpose(0, 2, 1)
+    return Sensitivities(by_axis, by_tool)
