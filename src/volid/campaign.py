@@ -125,6 +125,11 @@ class ObservationSet:
         """True unless the set measures to a reflector on another body than the tool (option `target_body`)."""
         return str(self.options.get("target_body", TOOL)) == TOOL
 
+    @property
+    def file_and_set(self) -> str:
+        """The set in messages: "volume.csv, set 'volume'"."""
+        return f"{self.source or self.name}, set '{self.name}'"
+
     def rows_of(self, numbers: Int[np.ndarray, " k"]) -> ObservationSet:
         """The set with the rows of these `numbers` only, shape (k,), in their order."""
         given = {name: getattr(self, name) for name in ROW_ARRAYS}

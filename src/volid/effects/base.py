@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from volid.campaign import Campaign, Effect, ObservationSet
+from volid.campaign import SAME_TOOL, Campaign, Effect, ObservationSet
 from volid.effects.distributions import NORMAL
 from volid.exceptions import InputError
 from volid.model.machine import Machine
@@ -138,7 +138,7 @@ def scopes_of(observations: ObservationSet, effect: Effect) -> Iterator[tuple[st
         yield "" if effect.per == CAMPAIGN else observations.name, np.arange(m)
         return
     if effect.per == TOOL:
-        tools, index = np.unique(np.round(observations.tool, 6), axis=0, return_inverse=True)
+        tools, index = np.unique(np.round(observations.tool, SAME_TOOL), axis=0, return_inverse=True)
         for i, t in enumerate(tools):
             yield f"tool ({t[0]:g}, {t[1]:g}, {t[2]:g})", np.flatnonzero(np.ravel(index) == i)
         return

@@ -36,7 +36,10 @@ class LocationError:
         u: standard uncertainty of both; NaN where the data do not determine them.
         remark: what else a reader should know.
 
-    Source: ISO 230-1, ISO 230-7; CONVENTIONS 3. An example stands at `volid.location_errors`.
+    Source: ISO 230-1, ISO 230-7; CONVENTIONS 3. `volid.location_errors` has another example.
+
+    >>> LocationError("EX0C", "C", "machine", -0.0196, 0.0196, 0.0002).symbol
+    'EX0C'
     """
 
     name: str

@@ -83,6 +83,9 @@ class Solution:
     >>> found = solution.evaluate([[100.0, 0.0, 0.0]], [0.0, 0.0, 0.0])
     >>> round(1e3 * float(found.values[0, 0]), 1), round(1e3 * float(found.u[0, 0]), 1)  # EXX at X = 100 mm, and its u [µm]
     (8.4, 0.4)
+    >>> row = solution.motion("EXX", np.array([100.0]))[0]
+    >>> round(1e3 * row.value, 1), solution.outside(np.array([[100.0, 0.0, 0.0]])).tolist()
+    (8.4, [False])
     """
 
     parameters: Any
@@ -166,6 +169,9 @@ class Solution:
             positions: axis positions, shape (m, n_axes), machine axis order [mm or degrees].
             tool: tool vectors, shape (m, 3) or (3,) [mm].
             direction: approach, shape (m, n_axes), +1, -1 or 0; None: the mean of both.
+
+        Returns:
+            `values` and `u`, shape (m, 6) [mm, rad]; `outside`, shape (m,), where nothing was measured; see `Deviations`.
         """
         positions = np.atleast_2d(np.asarray(positions, dtype=float))
         tool = np.broadcast_to(np.asarray(tool, dtype=float), (len(positions), 3))
@@ -188,9 +194,11 @@ class Solution:
     def outside(
         self, positions: Float[np.ndarray, "m axes"], axes: Sequence[str] | None = None
     ) -> Bool[np.ndarray, " m"]:
-        """True for positions [mm or degrees] outside what was measured, by more than 1 % of the travel.
+        """True for positions outside what was measured, by more than 1 % of the travel, shape (m,).
 
-        `axes`: letters of the axes that are judged; None: all. A rotary axis measured over a full turn is measured everywhere.
+        Args:
+            positions: axis positions, machine axis order, shape (m, n_axes) [mm or degrees].
+            axes: letters of the axes that are judged; None: all. A rotary axis measured over a full turn is measured everywhere.
         """
         low, high = self.measured_range().T
         slack = 0.01 * np.array([axis.length for axis in self.machine.axes])
@@ -226,7 +234,14 @@ class Solution:
         return every_step(*axis.travel, step)
 
     def location(self, name: str) -> FunctionValue:
-        """A constant (squareness, location error, tool-frame rotation) with its standard uncertainty."""
+        """A constant (squareness, location error, tool-frame rotation) with its standard uncertainty.
+
+        Args:
+            name: ISO 230-1 symbol of a constant in the model, such as "EC0Y" (KeyError for another one).
+
+        Returns:
+            A row with `value` and `u` [mm or rad]; NaN when the data do not determine it.
+        """
         i = self.model.by_name[name, "location"].parameters.start
         fixed = name in self.held_tool_rotation
         unknown = bool(self.is_not_determined(np.eye(self.model.n_parameters)[i : i + 1])[0]) or fixed
@@ -235,14 +250,25 @@ class Solution:
         return FunctionValue(name, parse(name).axis, np.nan, 0, value, u)
 
     def motion_rows(self, name: str, positions: Float[np.ndarray, " m"], direction: int) -> Float[np.ndarray, "m n"]:
-        """Rows a with E(position, direction) = a·θ, shape (m, n); cross effects along the line at the other axes' references."""
+        """Rows a with E(position, direction) = a·θ, shape (m, n) [mm or rad per parameter].
+
+        Args:
+            name: ISO 230-1 symbol of an error motion in the model, such as "EXX".
+            positions: of its axis, shape (m,) [mm or degrees]; the second axis of a cross effect stands at its reference.
+            direction: approach, +1, -1 or 0 (mean of both).
+        """
         references = [[reference_of(self.machine, self.datum, a.letter)] for a in self.machine.axes]
         q = np.tile(references, len(positions))
         q[self.machine.index(parse(name).axis)] = positions
         return function_rows(self.model, name, q, np.full_like(q, direction))
 
     def motion(self, name: str, positions: Float[np.ndarray, " m"]) -> list[FunctionValue]:
-        """An error motion tabulated at positions of its own axis [mm or degrees]."""
+        """An error motion tabulated over its axis: one row per position, for each approach direction if it has reversal.
+
+        Args:
+            name: ISO 230-1 symbol of an error motion in the model, such as "EXX".
+            positions: of its axis, shape (m,) [mm or degrees]; the second axis of a cross effect stands at its reference.
+        """
         axis = parse(name).axis
         result = []
         for direction in (1, -1) if (name, "reversal") in self.model.by_name else (0,):
@@ -256,7 +282,11 @@ class Solution:
         return result
 
     def is_not_determined(self, rows: Float[np.ndarray, "m n"]) -> Bool[np.ndarray, " m"]:
-        """Which linear functions `rows` · θ change along a combination that is not determined."""
+        """Which linear functions of θ change along a combination that is not determined, shape (m,).
+
+        Args:
+            rows: the functions as rows on θ, shape (m, n).
+        """
         units = parameter_units(self.model)
         if not self.null_space.shape[1]:
             return np.zeros(len(rows), dtype=bool)
@@ -279,9 +309,14 @@ class Solution:
     def in_datum(self, datum: Datum) -> Solution:
         """The same solution in another datum, by an S-transformation of all unknowns, never by a new fit.
 
-        Every unknown answers as its kind of observation declares, so that no predicted reading changes. Raises `InputError` when
-        the model cannot be expressed in that datum, or when predicted readings would have to change (for example those of a
-        straightedge whose slope is stated to be known), with the reason and what to do. Source: CONVENTIONS 4.
+        Every unknown answers as its kind of observation declares, so that no predicted reading changes. Source: CONVENTIONS 4.
+
+        Args:
+            datum: the new datum, such as `volid.parse_datum` makes it.
+
+        Raises:
+            InputError: the model cannot be expressed in that datum, or predicted readings would have to change (for example those
+                of a straightedge whose slope is stated to be known). The text gives the reason and what to do.
         """
         machine = self.machine
         model = build_model(machine, self.model.segments, carrier=self.model.carrier, datum=datum)

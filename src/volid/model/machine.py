@@ -5,12 +5,16 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from volid.backend.pytrees import STATIC, register_dataclass, register_if_imported
 from volid.exceptions import InputError
 from volid.model.iso230 import LINEAR_AXES, ROTARY_AXES
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 BED = "bed"
 WORKPIECE = "workpiece"
@@ -202,8 +206,12 @@ class Machine:
         i = self.index(body)
         return i if self.axes[i].primed else i + 1
 
-    def order(self, **positions: np.ndarray | float) -> np.ndarray:
-        """Stack positions given by letter, X=…, Y=…, Z=…, in the machine's axis order; shape (..., n_axes)."""
+    def order(self, **positions: Float[np.ndarray, ...] | float) -> Float[np.ndarray, "... axes"]:
+        """Positions in the machine's axis order, shape (..., n_axes) [mm or degrees].
+
+        Args:
+            positions: one number or array (...) for every axis, by its letter: X=…, Y=…, Z=… [mm or degrees].
+        """
         return np.stack(np.broadcast_arrays(*(np.asarray(positions[a], dtype=float) for a in self.letters)), axis=-1)
 
 

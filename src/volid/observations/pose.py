@@ -52,7 +52,7 @@ def check_units(
     after = {said: misfit(change(observations.readings)) for said, change in units.items()}
     said = min(after, key=lambda k: after[k])
     if after[said] < _BETTER * before:
-        raise InputError(f"{observations.source or observations.name}, set '{observations.name}': {said}")
+        raise InputError(f"{observations.file_and_set}: {said}")
 
 
 def _misfit_of(targets: np.ndarray, points: np.ndarray) -> float:

@@ -46,9 +46,17 @@ class Closure:
 def check_campaign(campaign: Campaign) -> tuple[str, ...]:
     """Warnings about what looks odd in a campaign, each naming file and rows.
 
-    Raises `InputError` for what no fit can use: no readings, numbers that are not finite, u <= 0, duplicated rows,
-    readings or positions in another unit than mm, rad, degrees; spheres out of the sensor's range; probing without
-    any rotary motion.
+    Args:
+        campaign: with readings.
+
+    Raises:
+        InputError: for what no fit can use: no readings, numbers that are not finite, u <= 0, duplicated rows, readings or
+            positions in another unit than mm, rad, degrees, spheres out of the sensor's range, or probing without any rotary
+            motion. The text names file and row.
+
+    >>> import volid
+    >>> volid.check_campaign(volid.load_campaign("datasets/published_positioning/campaign.toml"))
+    ()
     """
     if not any(len(readings) for readings in campaign.sets):
         raise InputError(f"{campaign.source or 'campaign'}: there are no readings; expected at least one set with rows")
@@ -104,7 +112,7 @@ def _name_rows(readings: ObservationSet, rows: np.ndarray) -> str:
 
 def _small_positions(readings: ObservationSet, machine: Machine) -> Iterable[str]:
     if positions_look_small(readings, machine):
-        where = f"{readings.source or readings.name}, set '{readings.name}'"
+        where = readings.file_and_set
         yield f"{where}: all positions lie within 2 % of the travels around zero; are they in mm?"
 
 
@@ -167,12 +175,23 @@ def _common_step(values: np.ndarray, tolerance: float) -> float:
 
 
 def closures(campaign: Campaign) -> tuple[Closure, ...]:
-    """Readings repeated at the same place, compared: one summary per set and reading column that has any.
+    """How well readings repeat at the same place: one summary per set and reading column that has repeated readings.
 
-    The same place: same labels (station, segment, line …), axis positions within 1 µm or 1e-6°, same tool vector, same
-    approach direction. The difference is later - earliest, in order of time where every row has one, else of the file;
-    its u takes the two readings as independent. Sphere centres (displacements that are all 0) repeat at the same
-    rotary positions; compared are the nominal places of the centre in the workpiece frame.
+    Readings are at the same place when they have the same labels (station, segment, line …), axis positions within 1 µm or
+    1e-6°, the same tool vector, and the same approach direction. The difference is later - earliest, in the order of time where
+    every row has one, else of the file; its u takes the two readings as independent. Sphere centres (displacements that are all
+    0) repeat at the same rotary positions; for them the nominal places of the centre in the workpiece frame are compared.
+
+    Args:
+        campaign: with readings.
+
+    Returns:
+        A tuple of records with `n` differences, their `rms`, `max` and `u` in the unit of the reading, and the ratios to u.
+
+    >>> import volid
+    >>> first = volid.closures(volid.load_campaign("datasets/vertical_multilateration/campaign.toml"))[0]
+    >>> first.reading, first.n > 0, first.rms_ratio < 2.0
+    ('distance', True, True)
     """
     result: list[Closure] = []
     for readings in campaign.sets:

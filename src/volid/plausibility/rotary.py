@@ -58,7 +58,7 @@ def check_radians(readings: ObservationSet, campaign: Campaign) -> None:
 def _say_radians(readings: ObservationSet, machine: Machine, columns: list[int], why: str) -> None:
     letters = " and ".join(machine.letters[i] for i in columns)
     raise InputError(
-        f"{_where(readings)}: positions of {letters} seem to be in radians: all lie within ±2π, and {why}; expected degrees"
+        f"{readings.file_and_set}: positions of {letters} seem to be in radians: all lie within ±2π, and {why}; expected degrees"
     )
 
 
@@ -107,7 +107,7 @@ def scattered(readings: ObservationSet, machine: Machine) -> Iterator[str]:
                 f"check `direction` of [axis.{machine.letters[i]}]"
             )
     what = KINDS[readings.kind].standing
-    yield f"{_where(readings)}: the places of a {what} on the workpiece scatter by {before:.3g} mm; {hint}"
+    yield f"{readings.file_and_set}: the places of a {what} on the workpiece scatter by {before:.3g} mm; {hint}"
 
 
 def scatter(readings: ObservationSet, machine: Machine, positions: np.ndarray) -> float | None:
@@ -150,7 +150,3 @@ def _in_degrees(positions: np.ndarray, columns: list[int]) -> np.ndarray:
     turned = positions.copy()
     turned[:, columns] = np.rad2deg(turned[:, columns])
     return turned
-
-
-def _where(readings: ObservationSet) -> str:
-    return f"{readings.source or readings.name}, set '{readings.name}'"

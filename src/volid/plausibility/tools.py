@@ -33,7 +33,7 @@ def check_tools(readings: ObservationSet, campaign: Campaign) -> Iterator[str]:
     length = np.linalg.norm(readings.tool, axis=1).max()
     if not 0.0 < length < _SHORT:
         return
-    where = f"{readings.source or readings.name}, set '{readings.name}'"
+    where = readings.file_and_set
     if _fits_only_longer(readings, campaign) or _displaced(readings, campaign):
         raise InputError(
             f"{where}: tool vectors seem to be in metres: the longest is {length:g} mm, but the distances agree with one that is "
@@ -81,7 +81,7 @@ def check_stations(readings: ObservationSet, campaign: Campaign) -> None:
     if not _any_disagrees(readings, campaign):
         return
     places = [(beam.station, found) for beam, found in _located(readings, campaign)]
-    where = f"{readings.source or readings.name}, set '{readings.name}'"
+    where = readings.file_and_set
     for scale, unit in _SCALES.items():
         small = [(s, f) for s, f in places if _same(scale * np.array(s.position), f)]
         large = [(s, f) for s, f in places if _same(np.array(s.position), scale * f)]

@@ -38,8 +38,8 @@ def _check_axis(readings: ObservationSet, q: np.ndarray, axis: Axis) -> None:
         return
     units = "millimetres, not metres, and the positions not micrometres" if axis.is_linear else "degrees"
     raise InputError(
-        f"{_where(readings)}: positions {axis.letter} = {q.min():g} … {q.max():g} {axis.unit} lie many times its travel away "
-        f"from it; [axis.{axis.letter}] of the machine file has travel = [{lower:g}, {upper:g}]. Expected both in "
+        f"{readings.file_and_set}: positions {axis.letter} = {q.min():g} … {q.max():g} {axis.unit} lie many times its travel "
+        f"away from it; [axis.{axis.letter}] of the machine file has travel = [{lower:g}, {upper:g}]. Expected both in "
         f"{axis.unit}: check that the travel is in {units}"
     )
 
@@ -57,8 +57,8 @@ def check_metres(readings: ObservationSet, machine: Machine) -> None:
     found = ", ".join(f"{machine.letters[i]} = {q[:, i].min():g} … {q[:, i].max():g}" for i in linear)
     travels = ", ".join("{:g} … {:g}".format(*machine.axes[i].travel) for i in linear)
     raise InputError(
-        f"{_where(readings)}: axis positions seem to be in metres: {found}, where the travels are {travels} mm; expected mm. "
-        "Multiply these columns by 1000, and see whether tool vectors and readings need the same"
+        f"{readings.file_and_set}: axis positions seem to be in metres: {found}, where the travels are {travels} mm; expected "
+        "mm. Multiply these columns by 1000, and see whether tool vectors and readings need the same"
     )
 
 
@@ -73,8 +73,8 @@ def check_digits(readings: ObservationSet) -> None:
         step = _resolution(values)
         if step and u.max() < _CLEARLY * step / np.sqrt(12.0):
             raise InputError(
-                f"{_where(readings)}: u is at most {u.max():.2g}, but the readings are rounded to {step:g}, which alone has a "
-                f"standard uncertainty of {step / np.sqrt(12.0):.2g}; expected u in the unit of the readings (mm or rad). "
+                f"{readings.file_and_set}: u is at most {u.max():.2g}, but the readings are rounded to {step:g}, which alone has "
+                f"a standard uncertainty of {step / np.sqrt(12.0):.2g}; expected u in the unit of the readings (mm or rad). "
                 "Is it in metres? Mend u, or write the readings with all their digits"
             )
 
@@ -89,7 +89,3 @@ def _resolution(values: np.ndarray) -> float:
         if np.all(np.abs(scaled - np.round(scaled)) <= 4.0 * np.spacing(np.abs(scaled))):
             return float(10.0**-digits)
     return 0.0
-
-
-def _where(readings: ObservationSet) -> str:
-    return f"{readings.source or readings.name}, set '{readings.name}'"

@@ -46,7 +46,7 @@ def check_lengths(readings: ObservationSet, campaign: Campaign) -> None:
     if len(wrong) * 2 <= len(verdicts):
         return
     k = max(set(wrong), key=wrong.count)
-    where = f"{readings.source or readings.name}, set '{readings.name}'"
+    where = readings.file_and_set
     if k == _INCH or (k > 1.0 and _positions_are_small(readings, campaign.machine)):
         unit = "metres" if k == 1e3 else SCALES[k]
         raise InputError(f"{where}: axis positions seem to be in {unit}, {k:g} times too small; expected mm")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
@@ -16,6 +16,10 @@ from volid.model.iso230 import DIRECTIONS, LINEAR_AXES, ROTATIONS, SPINDLE, pars
 from volid.model.kinematics import ROWS, deviation
 from volid.model.machine import Machine
 from volid.model.splines import Spline, design_matrix
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
+    from numpy.typing import ArrayLike
 
 POINTS = 401  # of a table over the travel: cubic interpolation of a wave of 0.45 travels is then good to 1e-8 of it
 POINTS_ACROSS = 81  # over the second axis of a cross effect
@@ -137,11 +141,12 @@ class Truth:
             for name, function in tables.items():
                 self._check_range(name, parse(name).axis, getattr(function, "positions", None))
 
-    def errors(self, positions: np.ndarray, directions: np.ndarray | None = None) -> np.ndarray:
-        """Error values as the kinematics takes them, shape (6·(n_axes + 1), m) [mm, rad]. CONVENTIONS 3.
+    def errors(self, positions: ArrayLike, directions: ArrayLike | None = None) -> Float[np.ndarray, "errors m"]:
+        """Error values in the order of the kinematic model, shape (6·(n_axes + 1), m) [mm, rad]. CONVENTIONS 3.
 
-        `positions`: shape (m, n_axes), machine axis order [mm or degrees]. `directions`: of approach, +1, -1 or 0 (the mean of
-        both), shape (m, n_axes).
+        Args:
+            positions: axis positions, machine axis order, shape (m, n_axes) [mm or degrees].
+            directions: of approach, shape (m, n_axes): +1, -1 or 0 (the mean of both); None: 0.
         """
         q = np.asarray(positions, dtype=float)
         way = np.zeros_like(q) if directions is None else np.broadcast_to(np.asarray(directions, dtype=float), q.shape)
@@ -159,11 +164,15 @@ class Truth:
             self._add_constant(values, q, name, value)
         return values
 
-    def deviation(self, positions: np.ndarray, tool: np.ndarray, directions: np.ndarray | None = None) -> np.ndarray:
+    def deviation(
+        self, positions: ArrayLike, tool: ArrayLike, directions: ArrayLike | None = None
+    ) -> Float[np.ndarray, "m 6"]:
         """True deviation of the functional point and orientation, shape (m, 6) [mm, rad]. CONVENTIONS 5.
 
-        `positions`: shape (m, n_axes), machine axis order [mm or degrees]. `tool`: shape (m, 3) or (3,) [mm]. `directions`: of
-        approach, +1, -1 or 0 (the mean of both), shape (m, n_axes).
+        Args:
+            positions: axis positions, machine axis order, shape (m, n_axes) or (n_axes,) [mm or degrees].
+            tool: tool vectors, shape (m, 3) or (3,) [mm].
+            directions: of approach, shape (m, n_axes): +1, -1 or 0 (the mean of both); None: 0.
         """
         q = np.atleast_2d(np.asarray(positions, dtype=float))
         tools = np.broadcast_to(np.asarray(tool, dtype=float), (len(q), 3)).T

@@ -51,7 +51,7 @@ class SpatialGrid(ABC):
 
     type: str
     axes: tuple[str, ...]
-    nodes: tuple[np.ndarray, ...]
+    nodes: tuple[Float[np.ndarray, " nodes"], ...]
     positions: Float[np.ndarray, "n k"]
     values: Float[np.ndarray, "n 6"]
     u: Float[np.ndarray, "n 6"]
@@ -170,10 +170,11 @@ class Grid(SpatialGrid):
         """The tool vector [mm]."""
         return np.asarray(self.tool, dtype=float)
 
-    def table_2(self, *, errors: bool = False) -> tuple[tuple[str, ...], np.ndarray]:
+    def table_2(self, *, errors: bool = False) -> tuple[tuple[str, ...], Float[np.ndarray, "n columns"]]:
         """The table of ISO/TR 16907, Table 2: columns n, X, Y, Z [mm], ΔX, ΔY, ΔZ [mm], ΔA, ΔB, ΔC [°]; one row per node.
 
-        Compensation values, or error values (`errors`).
+        Args:
+            errors: error values instead of compensation values.
         """
         return self._table(errors)
 
@@ -245,10 +246,13 @@ class RotaryGrid(SpatialGrid):
         values[:, :3] += np.cross(values[:, 3:], points - self.reference)
         return values
 
-    def table_3(self, *, errors: bool = False) -> tuple[tuple[str, ...], np.ndarray]:
+    def table_3(self, *, errors: bool = False) -> tuple[tuple[str, ...], Float[np.ndarray, "n columns"]]:
         """The table of ISO/TR 16907, Table 3: columns n, A (or B), C [°], ΔX, ΔY, ΔZ [mm], ΔA, ΔB, ΔC [°]; one row per node.
 
-        Compensation values, or error values (`errors`). A grid over one axis has one column of positions.
+        A grid over one axis has one column of positions.
+
+        Args:
+            errors: error values instead of compensation values.
         """
         return self._table(errors)
 

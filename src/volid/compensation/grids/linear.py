@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,6 +16,9 @@ from volid.compensation.tables.sampling import Sampling
 from volid.compensation.types import TYPES
 from volid.fitting.solution import Solution
 
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
 
 def linear_grid(
     solution: Solution,
@@ -22,7 +26,7 @@ def linear_grid(
     step: float | None = None,
     points: int | None = None,
     tool: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    nodes: Mapping[str, np.ndarray] | None = None,
+    nodes: Mapping[str, Float[np.ndarray, " n"]] | None = None,
 ) -> Grid:
     """Spatial grid of the linear axes over the entire travel, for (rotated) tool vector `tool`.
 

@@ -8,6 +8,7 @@ the rotated tool vector.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,6 +23,9 @@ from volid.exceptions import InputError
 from volid.fitting.solution import Solution
 from volid.model.machine import Machine
 
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
 
 def rotary_grids(
     solution: Solution,
@@ -29,7 +33,7 @@ def rotary_grids(
     step: float | None = None,
     points: int | None = None,
     reference_point: tuple[float, float, float] | None = None,
-    nodes: Mapping[str, np.ndarray] | None = None,
+    nodes: Mapping[str, Float[np.ndarray, " n"]] | None = None,
 ) -> tuple[RotaryGrid, ...]:
     """Spatial grids of the rotary axes over their entire travel: table first, then head, those that the machine has.
 

@@ -84,7 +84,7 @@ class Forecast:
     """
 
     columns: tuple[Column, ...]
-    tools: np.ndarray
+    tools: Float[np.ndarray, "k 3"]
     draws: int
     source: str
     notes: tuple[str, ...] = field(default_factory=tuple)

@@ -91,12 +91,18 @@ class ErrorTable:
         up, down = (np.interp(x, self.positions, v) for v in (self.forward, self.reverse))
         return np.asarray(0.5 * (up + down) + 0.5 * np.sign(direction) * (up - down))
 
-    def table_1(self, reversal: str = COLUMNS, *, errors: bool = False) -> tuple[tuple[str, ...], np.ndarray]:
+    def table_1(
+        self, reversal: str = COLUMNS, *, errors: bool = False
+    ) -> tuple[tuple[str, ...], Float[np.ndarray, "n columns"]]:
         """The table of ISO/TR 16907, Table 1: columns such as X, EXX(+), EXX(-); one row per position.
 
-        `reversal`: "columns" for both directions, "difference" for EXX(+) and the reversal value B = E(+) - E(-) in a second
-        column, "value" for the mean alone (its one reversal value is `reversal_value`). Compensation values, or error values
-        (`errors`).
+        Args:
+            reversal: "columns" for both directions, "difference" for EXX(+) and the reversal value B = E(+) - E(-) in a second
+                column, "value" for the mean alone (its one reversal value is `reversal_value`).
+            errors: error values instead of compensation values.
+
+        Returns:
+            Names of the columns, and the numbers, shape (n, number of columns) [mm or °, then mm or rad].
         """
         sign = 1.0 if errors else -1.0
         up, down, f = sign * self.forward, sign * self.reverse, self.function

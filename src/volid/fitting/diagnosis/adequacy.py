@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtrc
 
-from volid.campaign import Campaign, ObservationSet
+from volid.campaign import SAME_TOOL, Campaign, ObservationSet
 from volid.fitting.diagnosis.robust import critical_value
 from volid.model.iso230 import LINEAR_AXES, ROTARY_AXES
 from volid.observations import KINDS
@@ -78,9 +78,9 @@ def _groupings(
     columns = KINDS[observations.kind].readings
     for k, name in enumerate(columns if len(columns) > 1 else ()):
         yield f"direction {name}", np.tile(np.arange(len(columns)) == k, (m, 1))
-    tools = np.unique(np.round(like.tool, 6), axis=0)
+    tools = np.unique(np.round(like.tool, SAME_TOOL), axis=0)
     for tool in tools if 1 < len(tools) <= 12 else ():
-        with_tool = np.all(np.round(observations.tool, 6) == tool, axis=1)
+        with_tool = np.all(np.round(observations.tool, SAME_TOOL) == tool, axis=1)
         yield f"tool vector ({tool[0]:g}, {tool[1]:g}, {tool[2]:g}) mm", with_tool
     yield from _position_groups(campaign, observations, like)
     for i, axis in enumerate(campaign.machine.axes):
