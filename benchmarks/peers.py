@@ -17,7 +17,7 @@ from volid.effects.prediction import predict_readings
 from volid.fitting.equations.compiled import Compiled
 from volid.fitting.equations.programs import jacobian, predictions
 from volid.fitting.equations.system import System
-from volid.model.error_model import error_values, evaluate_bases
+from volid.model.error_values import error_values, evaluate_bases
 
 TOLERANCE = 1e-10  # relative, of scipy, which then ends as near to the minimum as volid does
 STOCK = 1e-7  # of optimistix, which then does so, too; below 1e-9 rounding keeps Gauss-Newton going for ever

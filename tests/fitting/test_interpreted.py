@@ -23,7 +23,7 @@ from volid.fitting.equations.problem import build_problem
 from volid.fitting.equations.second_derivatives import second_derivatives
 from volid.fitting.fit import fit
 from volid.fitting.prediction import deviations as prediction
-from volid.model.error_model import coefficient_rows, error_values, evaluate_bases
+from volid.model.error_values import coefficient_rows, error_values, evaluate_bases
 
 
 def five_axis():
@@ -251,7 +251,7 @@ def test_recorded_operations_have_their_derivatives():
 
 
 def test_coefficient_rows_sum_to_summed_rows(case):
-    from volid.model.error_model import evaluate_bases, summed_rows
+    from volid.model.error_values import evaluate_bases, summed_rows
 
     problem, _ = case
     block, layout = problem.system.blocks[0], problem.system.layout

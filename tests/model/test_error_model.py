@@ -16,7 +16,8 @@ from volid.fitting.diagnosis.identifiability import analyse
 from volid.fitting.equations.problem import build_problem
 from volid.fitting.starts import find_starts
 from volid.model.error_functions import motion_names, squareness_effect, squareness_names
-from volid.model.error_model import build_model, error_values, evaluate_bases
+from volid.model.error_model import build_model
+from volid.model.error_values import error_values, evaluate_bases
 from volid.model.machine import Datum, FunctionSettings
 
 TRAVEL = {"X": (0.0, 1000.0), "Y": (-100.0, 500.0), "Z": (-500.0, 0.0)}

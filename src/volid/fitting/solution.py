@@ -23,7 +23,8 @@ from volid.fitting.prediction.deviations import ESTIMABLE, chain_of
 from volid.fitting.prediction.spread import linear_uncertainty
 from volid.fitting.results import Deviations, FunctionValue, Residuals, Statistics, read_only
 from volid.model.error_functions import reference_of
-from volid.model.error_model import ErrorModel, Function, build_model, error_values, evaluate_bases
+from volid.model.error_model import ErrorModel, Function, build_model
+from volid.model.error_values import error_values, evaluate_bases
 from volid.model.iso230 import SPINDLE, describe, parse
 from volid.model.kinematics import deviation
 from volid.model.linear_maps import function_rows

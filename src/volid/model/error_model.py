@@ -7,7 +7,7 @@ holds exactly and the problem keeps full rank without penalty terms.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import groupby
@@ -16,7 +16,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.linalg import block_diag, null_space
 
-from volid.backend.elementary import in_rows, space
 from volid.model.datum_constraints import linear_constraints, make_splines, refine_all, rotary_constraints
 from volid.model.error_functions import (
     location_names,
@@ -29,7 +28,7 @@ from volid.model.error_functions import (
 )
 from volid.model.iso230 import parse
 from volid.model.machine import Datum, Machine
-from volid.model.splines import Basis, Spline, evaluate
+from volid.model.splines import Basis, Spline
 
 ROWS = 6
 MEAN, REVERSAL, LOCATION = "mean", "reversal", "location"
@@ -149,71 +148,6 @@ class ErrorModel:
             key = (f.parameters.start, f.parameters.stop)
             found.setdefault(key, ([], f.part, f.parameters))[0].append(f.name)
         return [(tuple(names), part, parameters) for names, part, parameters in found.values()]
-
-
-def error_values(layout: Layout, coefficients: Any, bases: Any) -> Any:
-    """Error values (6·(n_axes + 1), m) from coefficients and the evaluated `bases` (one (size, m) array each)."""
-    if not layout.terms:
-        return np.zeros((ROWS * (layout.n_axes + 1), 0))
-    m = bases[0].shape[1]
-    return in_rows(error_rows(layout, coefficients, bases, m), (m,))
-
-
-def error_rows(layout: Layout, coefficients: Any, bases: Any, m: int) -> list[Any]:
-    """`error_values` as a list of rows (m,).
-
-    In JAX the rows are not one array: XLA would split the product that puts curves into rows, and add up its parts again at every
-    use of a row.
-    """
-    values = dict(zip(layout.bases, bases, strict=True))
-    rows: list[Any] = [None] * (ROWS * (layout.n_axes + 1))
-    for run in layout.runs:
-        last = run[-1].start + run[-1].basis.size
-        curves = coefficients[run[0].start : last].reshape(len(run), -1) @ values[run[0].basis]
-        add_curves(rows, run, curves)
-    zero = space(coefficients).zeros(m)
-    return [zero if row is None else row for row in rows]
-
-
-def add_curves(rows: list[Any], run: Sequence[Term], curves: Any) -> None:
-    """Add the curves of a run's terms, (terms, m), to the rows of error values they belong to; None stands for 0."""
-    for term, curve in zip(run, curves, strict=True):
-        signed = curve if term.sign == 1.0 else term.sign * curve
-        rows[term.row] = signed if rows[term.row] is None else rows[term.row] + signed
-
-
-def evaluate_bases(layout: Layout, q: Any, direction: Any) -> list[Any]:
-    """All distinct bases at positions `q` (n_axes, m) and approach directions (n_axes, m)."""
-    return [evaluate(basis, q, direction) for basis in layout.bases]
-
-
-def coefficient_rows(layout: Layout, partials: Any, bases: Any) -> Any:
-    """Chain rule from error values to coefficients: ∂r/∂c, shape (n_coefficients, m), from ∂r/∂(error values)."""
-    if not layout.terms:
-        return np.zeros((0, partials.shape[1]))
-    values = dict(zip(layout.bases, bases, strict=True))
-    blocks = []
-    for run in layout.runs:
-        signed = signed_rows(run, partials)
-        blocks.append((signed[:, None, :] * values[run[0].basis][None, :, :]).reshape(-1, partials.shape[1]))
-    return space(blocks[0]).concatenate(blocks)
-
-
-def signed_rows(run: Sequence[Term], partials: Any) -> Any:
-    """Partial derivatives with respect to the curves of a run's terms, (terms, m), from those to error values."""
-    return partials[np.array([t.row for t in run])] * np.array([[t.sign] for t in run], dtype=partials.dtype)
-
-
-def summed_rows(layout: Layout, partials: Any, bases: Any) -> Any:
-    """`coefficient_rows` summed over the positions, shape (n_coefficients,), without the rows themselves."""
-    if not layout.terms:
-        return np.zeros(0)
-    values = dict(zip(layout.bases, bases, strict=True))
-    blocks = []
-    for run in layout.runs:
-        signed = signed_rows(run, partials)
-        blocks.append((signed @ values[run[0].basis].T).reshape(-1))
-    return space(blocks[0]).concatenate(blocks)
 
 
 class _Builder:

@@ -21,7 +21,8 @@ from volid.fitting.equations.columns import columns_of
 from volid.fitting.equations.engine import Calls, PointFunction, slices, taken
 from volid.fitting.equations.pieces import Piece
 from volid.fitting.equations.system import Block, Normal, System, flat
-from volid.model.error_model import ROWS, Layout, error_values, evaluate_bases
+from volid.model.error_model import ROWS, Layout
+from volid.model.error_values import error_values, evaluate_bases
 from volid.model.machine import Machine
 
 SHARED = 8192  # readings from which two threads pay

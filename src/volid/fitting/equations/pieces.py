@@ -14,7 +14,8 @@ import numpy as np
 from volid.backend.reverse import Recorded, gradients
 from volid.effects.prediction import predict_readings
 from volid.fitting.equations.arranged import Arranged, Tile
-from volid.model.error_model import ROWS, add_curves
+from volid.model.error_model import ROWS
+from volid.model.error_values import add_curves
 from volid.model.machine import Machine
 
 

@@ -14,7 +14,8 @@ from volid.backend.lazy import jax, jit, jnp
 from volid.effects.prediction import Form, predict_readings
 from volid.fitting.equations.system import Block, Normal, System
 from volid.fitting.equations.tiles import Tiles, assemble_tiles
-from volid.model.error_model import ROWS, coefficient_rows, error_rows, evaluate_bases, summed_rows
+from volid.model.error_model import ROWS
+from volid.model.error_values import coefficient_rows, error_rows, evaluate_bases, summed_rows
 from volid.model.machine import Machine
 
 

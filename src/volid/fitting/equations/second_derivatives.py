@@ -9,7 +9,7 @@ import numpy as np
 from volid.backend.reverse import Recorded, gradients
 from volid.effects.prediction import predict_readings
 from volid.fitting.equations.system import Block, System
-from volid.model.error_model import error_values, evaluate_bases
+from volid.model.error_values import error_values, evaluate_bases
 
 
 def second_derivatives(

@@ -21,7 +21,8 @@ from volid.backend.lazy import jax, jnp
 from volid.backend.pytrees import STATIC, register_dataclass
 from volid.fitting.equations.cells import cell_numbers, finest_segments, window_width
 from volid.fitting.equations.system import Block, System, flat
-from volid.model.error_model import ROWS, Layout, Term, add_curves, signed_rows
+from volid.model.error_model import ROWS, Layout, Term
+from volid.model.error_values import add_curves, signed_rows
 from volid.model.splines import Spline, evaluate, spline_interval, spline_values
 
 LEAST = 8192  # rows of a block from which tiles pay

@@ -13,7 +13,8 @@ from volid.backend.elementary import in_rows
 from volid.fitting.equations.choice import engine_for_points
 from volid.fitting.equations.engine import Calls, PointFunction
 from volid.fitting.prediction import spread
-from volid.model.error_model import ErrorModel, Layout, coefficient_rows, error_rows, evaluate_bases
+from volid.model.error_model import ErrorModel, Layout
+from volid.model.error_values import coefficient_rows, error_rows, evaluate_bases
 from volid.model.jacobian import deviation_partials
 from volid.model.kinematics import deviation
 from volid.model.machine import Machine

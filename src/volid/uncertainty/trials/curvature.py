@@ -19,7 +19,8 @@ from volid.fitting.equations.second_derivatives import second_derivatives
 from volid.fitting.equations.system import Block, System
 from volid.fitting.prediction.deviations import THREADS
 from volid.model.error_model import ROWS as ROWS_PER_BODY
-from volid.model.error_model import Layout, Term, evaluate_bases
+from volid.model.error_model import Layout, Term
+from volid.model.error_values import evaluate_bases
 from volid.model.splines import Basis, Spline, spline_interval
 
 LARGEST = 512 * 2**20  # bytes of Hessians that are kept

@@ -17,7 +17,8 @@ from volid.effects.prediction import predict_readings
 from volid.fitting.equations.programs import residual_rows
 from volid.fitting.equations.system import Block, System
 from volid.model.error_model import ROWS as ROWS_PER_BODY
-from volid.model.error_model import Layout, add_curves, evaluate_bases
+from volid.model.error_model import Layout
+from volid.model.error_values import add_curves, evaluate_bases
 from volid.uncertainty.trials.curvature import Curvature
 from volid.uncertainty.trials.second_order import second_order
 
