@@ -97,7 +97,9 @@ def add_range(parser: argparse.ArgumentParser, kind: str) -> None:
         help=f"lowest and highest of the {kind} by axis; default: the part of the travel that was measured",
     )
     parser.add_argument(
-        "--extrapolate", action="store_true", help=f"{kind} outside what was measured are meant; default: whole travel"
+        "--extrapolate",
+        action="store_true",
+        help=f"{kind} outside what was measured are intended; default: entire travel",
     )
 
 

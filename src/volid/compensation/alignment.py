@@ -60,7 +60,7 @@ def aligned_to_spindle(solution: Solution, base: Base) -> Base:
 
 
 def alignment_notes(solution: Solution, base: Base, letters: Iterable[str]) -> list[str]:
-    """What the record of a table or grid of the axes `letters` says about an alignment; nothing without one."""
+    """Notes about an alignment for the record of a table or grid of the axes `letters`; none without an alignment."""
     if base.turn is None:
         return []
     a, b, _ = 1e6 * (base.turn @ np.asarray(solution.parameters))

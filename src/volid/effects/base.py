@@ -164,7 +164,7 @@ def unknown_of(
     u: float,
     distribution: str | None = None,
 ) -> int:
-    """Number of the unknown of one scope. Raises `InputError` when two sets say different things of one effect."""
+    """Number of the unknown of one scope. Raises `InputError` when two sets state one effect differently."""
     number = table.index(
         ("effect", effect.name, scope, what),
         " ".join(part for part in (effect.name, scope, what) if part),

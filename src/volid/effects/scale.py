@@ -51,7 +51,7 @@ class Scale(EffectType):
         if not set(str(effect.options.get("components", ""))) <= names:
             raise InputError(
                 f"set '{observations.name}', effect '{effect.name}': components = \"{effect.options['components']}\", but a "
-                f"'{observations.kind}' reading has {', '.join(sorted(names))}; leave components out to scale the whole reading"
+                f"'{observations.kind}' reading has {', '.join(sorted(names))}; leave components out to scale the entire reading"
             )
 
 

@@ -229,7 +229,7 @@ class Stages:
         return resolved.fitter
 
     def prior_of(self, fitter: Fitter) -> Prior | None:
-        """What an earlier solution says of the parameters of the fitter's model."""
+        """The prior knowledge that an earlier solution gives about the parameters of the fitter's model."""
         return None if self.task.prior is None else prior_of(self.task.prior, fitter.problem.model)
 
     def solution(self, fitter: Fitter, outliers: list[np.ndarray] | None = None) -> Solution:

@@ -85,8 +85,8 @@ class Solution:
     >>> round(1e3 * float(found.values[0, 0]), 1), round(1e3 * float(found.u[0, 0]), 1)  # EXX at X = 100 mm, and its u [µm]
     (8.4, 0.4)
     >>> row = solution.motion("EXX", np.array([100.0]))[0]
-    >>> round(1e3 * row.value, 1), solution.outside(np.array([[100.0, 0.0, 0.0]])).tolist()
-    (8.4, [False])
+    >>> row.direction, round(1e3 * row.value, 1), solution.outside(np.array([[100.0, 0.0, 0.0]]), axes=["X"]).tolist()
+    (1, 8.5, [False])
     """
 
     parameters: Any

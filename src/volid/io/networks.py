@@ -142,7 +142,7 @@ def write_coordinates(
 
 
 def coordinates_csv(stream: TextIO, solution: NetworkSolution, spread: Spread | None = None) -> None:
-    """The same to an open text stream, u a priori; lines that begin with # say what the numbers rest on."""
+    """The same to an open text stream, with u a priori; lines that begin with # state what the numbers are based on."""
     axes = "xyz"[: solution.coordinates.shape[1]]
     stream.write(f"# adjusted coordinates and their standard uncertainty from the stated u ({_UNIT})\n")
     datum = " (inner constraints)" if solution.defect else ""

@@ -34,7 +34,7 @@ class NetworkSolution:
         covariance: A priori, from the stated u, shape (k, k): coordinates of `unknown` in that order (x, y, z of the first,
             then of the second, …), under inner constraints.
         rank: Number of combinations of coordinates that the distances determine.
-        defect: Number of combinations that they leave open.
+        defect: Number of combinations that they do not determine.
         datum_defect: How many of those are rigid motions of the entire network.
         undetermined: Names of the points that the other combinations, which are not determined, move.
         degrees_of_freedom: Number of observations kept minus `rank`.

@@ -1,7 +1,7 @@
 """Where a station stands: its position from readings to known targets alone, without a machine model.
 
 The position is the start value of every identification with tracking interferometers: it needs no approximate
-coordinates, accepts beam breaks and gross outliers, and says when the data allow two answers.
+coordinates, accepts beam breaks and gross outliers, and reports when the data allow two answers.
 """
 
 from __future__ import annotations

@@ -164,7 +164,7 @@ def _nominal(observations: ObservationSet, campaign: Campaign) -> list[tuple[np.
 
 
 def _pose(campaign: Campaign, station: Station) -> tuple[np.ndarray, np.ndarray]:
-    """R0 (3, 3) and the station's position (3,) from all its readings; without readings (a plan) as the campaign says.
+    """R0 (3, 3) and the station's position (3,) from all its readings; without readings (a plan) as the campaign states them.
 
     Raises `InputError` for fewer than three points that do not lie on one line.
     """

@@ -93,7 +93,7 @@ def _beam_misfit(beam: Beam) -> np.ndarray:
 
 
 def scattered(readings: ObservationSet, machine: Machine) -> Iterator[str]:
-    """A warning when the sphere's places scatter more than errors of a machine explain, with the sign that would mend it."""
+    """A warning when the sphere's places scatter more than a machine's errors explain, with the sign that would correct it."""
     before = scatter(readings, machine, readings.positions) if _rotary_columns(machine) else None
     if before is None or before <= SCATTER:
         return

@@ -77,7 +77,7 @@ def beams(readings: ObservationSet, campaign: Campaign) -> Iterable[Beam]:
 
 
 def _scale(beam: Beam) -> float | None:
-    """k, one of `SCALES` or 1, or None when the readings do not say."""
+    """k, one of `SCALES` or 1, or None when the readings do not determine it."""
     if beam.extent == 0.0:
         return None
     slope = _slope(beam)

@@ -225,7 +225,7 @@ def run_study(
     save: Callable[[Task, Record], None] | None = None,
     progress: Progress | None = None,
 ) -> list[Record]:
-    """Records of all campaigns, in the order of `study.tasks`; the same whatever carries them out, but for `seconds`.
+    """Records of all campaigns, in the order of `study.tasks`; only `seconds` depends on where they are computed.
 
     `workers`: processes on this machine, one per core by default; `scheduler`: address of a Dask scheduler instead (its
     workers should have one thread each). `done`: records that are there already; `save`: called with every new one.

@@ -18,7 +18,7 @@ from volid.virtual.truth import Truth
 POINTS = 64  # of the deviation field, over the travel (Halton)
 POSITIONS = 7  # of every error motion
 COVERAGE_FACTOR = 1.96  # 95 % of a normal distribution
-NOTHING = 1e-6  # of the largest u of a function: below, the datum fixes the value and u says nothing
+NOTHING = 1e-6  # of the largest u of a function: below, the datum fixes the value and u has no meaning
 
 
 class Comparison(NamedTuple):

@@ -125,7 +125,7 @@ def _refuse_existing(path: Path, overwrite: bool, folder: bool = False) -> None:
 
 
 def _cannot_write(path: Path, error: OSError) -> OutputError:
-    """What is wrong with the place, in words; HDF5 and the operating system say it each in their own way."""
+    """What is wrong with the place, in words; the errors of HDF5 and of the operating system state it differently."""
     folder = path.parent
     if not folder.exists():
         reason = f"the folder {folder} does not exist; create it or choose another"
