@@ -359,7 +359,7 @@ def test_wrong_points_are_named(solution_file, run, tmp_path):
     ("arguments", "message"),
     [
         (["--type", "R-POS"], "--type R-POS has no grid; it is a table of the axis itself: volid tables --type R-POS"),
-        (["--type", "LVOL"], "'LVOL' is no compensation type of ISO/TR 16907; available: L-POS, L-STR"),
+        (["--type", "LVOL"], "--type LVOL is no compensation type of ISO/TR 16907; available: L-POS, L-STR"),
         (["--type", "R-VOL"], "has no rotary axis"),
         (["--type", "R-VOL", "--tool", "0,0,1"], "--tool is for L-VOL"),
         (["--reference-point", "0,0,1"], "--reference-point is for R-VOL"),

@@ -368,3 +368,14 @@ def test_prediction_is_of_what_would_be_written(files, run, tmp_path):
         left[option] = json.loads(text)["columns"][1]["predictions"][0]["exact"]["RMS"]
     assert left[()] == left["--range", "X=-400:0"]
     assert left[()] > 2.0 * left["--extrapolate",]
+
+
+def test_a_figure_that_cannot_be_drawn_is_refused_before_the_work(files, run, tmp_path, monkeypatch):
+    path, _ = files["tilting table"]
+    asked = ("residual", path, "--type", "L-VOL", "-o", tmp_path / "r.csv", "--figure")
+    status, _, err = run(*asked, tmp_path / "f.docx")
+    assert (status, "a figure ends in .png, .svg, .pdf" in err) == (2, True), err
+    monkeypatch.setattr("volid.cli.common.find_spec", lambda name: None)  # as on a machine without matplotlib
+    status, _, err = run(*asked, tmp_path / "f.png")
+    assert (status, "figures need matplotlib, which is not installed" in err) == (2, True), err
+    assert not (tmp_path / "r.csv").exists()

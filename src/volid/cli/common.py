@@ -8,6 +8,7 @@ import os
 import re
 import sys
 from collections.abc import Iterable, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -54,7 +55,8 @@ def in_options(text: str, args: argparse.Namespace) -> str:
 
     A value other than True follows its option; what is no option of the verb stays as it is.
     """
-    known = set(re.findall(r"--[a-z-]+", args.usage.format_usage()))
+    parser = getattr(args, "usage", None)  # set where the command line was parsed
+    known = set(re.findall(r"--[a-z-]+", parser.format_usage())) if parser is not None else set()
 
     def option(match: re.Match[str]) -> str:
         name, value = match.groups()
@@ -64,6 +66,26 @@ def in_options(text: str, args: argparse.Namespace) -> str:
         return found if value in (None, "True") else f"{found} {value}"
 
     return _PARAMETER.sub(option, text)
+
+
+FIGURES = (".png", ".svg", ".pdf")
+
+
+def check_figure(path: str | Path | None) -> None:
+    """Refuse a figure now that could not be drawn after the work.
+
+    Raises `InputError` without matplotlib, or for another ending.
+    """
+    from volid.exceptions import InputError
+
+    if path is None:
+        return
+    if Path(path).suffix.lower() not in FIGURES:
+        raise InputError(f"{path}: a figure ends in {', '.join(FIGURES)}; name the file so")
+    if find_spec("matplotlib") is None:
+        raise InputError(
+            "figures need matplotlib, which is not installed; run pip install 'volid[plots]', or ask for none"
+        )
 
 
 class _Stop(Exception):

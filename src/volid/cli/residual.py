@@ -11,6 +11,7 @@ from volid.cli.common import (
     add_output,
     add_solution,
     attention,
+    check_figure,
     check_output,
     conclude,
     explain,
@@ -96,6 +97,7 @@ def run(args: argparse.Namespace) -> int:
     """Read, forecast, write; 1 when values need attention. Raises `InputError`, `OutputError`, `NotDeterminedError`."""
     check_output(args.output, args.force, [args.solution])
     check_output(args.figure, args.force, [args.solution])
+    check_figure(args.figure)
     with Progress() as progress:
         progress("reading the solution")
         import numpy as np

@@ -34,6 +34,8 @@ class LackOfFit(NamedTuple):
         return float(np.sqrt(self.factor**2 - 1.0))
 
     def __str__(self) -> str:
+        if not np.isfinite(self.unit_weight):
+            return "not testable: there are no more readings than unknowns"
         seen = f"unit weight {self.unit_weight:.2f}"
         if np.isfinite(self.held_out):
             seen += f", held out {self.held_out:.2f}"
