@@ -8,6 +8,7 @@ from support.places import ROOT
 SCRIPTS = sorted((ROOT / "notebooks").glob("*.py"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda p: p.stem)
 def test_notebook_runs(script):
     notebook = jupytext.read(script)

@@ -219,6 +219,7 @@ def test_finest_resolution_on_offer_is_noted():
     assert len(noted) == bool(finest) and all(name in noted[0] for name in finest)
 
 
+@pytest.mark.slow
 def test_choice_does_not_depend_on_the_order_of_rows():
     campaign, solution = wavy_and_straight()
     s = campaign.sets[0]

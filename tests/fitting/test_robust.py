@@ -111,7 +111,7 @@ def pair(seed, fraction=0.01):
     return (*solutions, truth, trackers[0], trackers[1])
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, *(pytest.param(s, marks=pytest.mark.slow) for s in (2, 3))])
 def test_one_per_cent_outliers_are_named_and_do_no_harm(seed):
     robust, clean, truth, dirty, same = pair(seed)
     gross = dirty.distance - same.distance

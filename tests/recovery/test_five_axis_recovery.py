@@ -95,7 +95,7 @@ def test_large_errors_of_linear_axes_that_the_fit_leaves_out_reject_the_model():
     assert "model rejected by the data" in solution.adequacy.verdict
 
 
-@pytest.mark.parametrize("layout", ["tilting table C'A'", "mill-turn"])
+@pytest.mark.parametrize("layout", ["tilting table C'A'", pytest.param("mill-turn", marks=pytest.mark.slow)])
 def test_the_deviation_can_be_differentiated_and_mapped(layout):
     """grad, jacobian and vmap with respect to positions, tool and parameters against central differences."""
     exact = exact_machine(STRUCTURES[layout])

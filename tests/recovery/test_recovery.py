@@ -82,7 +82,11 @@ def pooled_rms(found):
 # --------------------------------------------------------------------------------------------- three seeds, always
 
 
-@pytest.mark.parametrize("machine", MACHINES)
+# one machine in the quick loop, all in every run
+ONE_QUICK = ["vertical", *(pytest.param(m, marks=pytest.mark.slow) for m in ("gantry", "horizontal"))]
+
+
+@pytest.mark.parametrize("machine", ONE_QUICK)
 def test_recovery_in_three_seeds(machine):
     """The field of one fit has about 70 independent directions that matter: over three seeds the pooled RMS is 1 ± 0.06."""
     found = runs(machine, "single tool", QUICK)
@@ -94,6 +98,7 @@ def test_recovery_in_three_seeds(machine):
         assert np.isnan(r.tool_rotation).all(), "what is held at 0 is not stated"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("machine", MACHINES)
 def test_recovery_with_every_tool_at_every_station_in_three_seeds(machine):
     """Real fits; 100 campaigns of each machine, refitted in the model of the first, are pooled in test_recovery_pooled."""
@@ -105,6 +110,7 @@ def test_recovery_with_every_tool_at_every_station_in_three_seeds(machine):
     assert all(r.solution.held_tool_rotation == () for r in found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("machine", ["vertical"])
 def test_recovery_with_outliers_in_one_seed(machine):
     (dirty,) = runs(machine, "outliers", 1)

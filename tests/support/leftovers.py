@@ -32,7 +32,7 @@ def state() -> dict[str, dict[str, Any]]:
         "os.environ": {k: v for k, v in os.environ.items() if k not in NOT_LEFT},
         "process": {
             "working directory": os.getcwd(),
-            "sys.path": tuple(sys.path),
+            "sys.path": frozenset(sys.path),  # pytest itself moves a package's folder to the front
             "profile": sys.getprofile(),
             "recursion limit": sys.getrecursionlimit(),
         },
@@ -68,7 +68,7 @@ def put_back(before: dict[str, dict[str, Any]]) -> None:
     """The environment, working directory, path and signals of before; what else was left is only named."""
     restore(os.environ, before["os.environ"] | {k: os.environ[k] for k in NOT_LEFT if k in os.environ})
     os.chdir(before["process"]["working directory"])
-    sys.path[:] = before["process"]["sys.path"]
+    sys.path[:] = [folder for folder in sys.path if folder in before["process"]["sys.path"]]
     for name, handler in before["signal"].items():
         if handler is not None:  # set outside Python
             signal.signal(getattr(signal, name), handler)
