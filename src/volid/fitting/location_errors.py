@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from volid.exceptions import InputError
+from volid.fitting.prediction.spread import linear_uncertainty
 from volid.fitting.results import FunctionValue
 from volid.fitting.solution import Solution
 from volid.model.error_functions import reference_of
@@ -108,7 +109,8 @@ def _of_axis(solution: Solution, axis: Axis, datum: Axis | None) -> list[Locatio
     result = []
     for k in (i for i in range(6) if i % 3 != along):
         row = functional[k]
-        line, u = float(row @ np.asarray(solution.parameters)), _u(solution, row)
+        line = float(row @ np.asarray(solution.parameters))
+        u = float(linear_uncertainty(row, solution.parameter_covariance))
         if solution.is_not_determined(row[None])[0]:
             line, u = np.nan, np.nan
         name, to = f"E{DIRECTIONS[k]}0{axis.letter}", MACHINE if datum is None else datum.letter
@@ -134,10 +136,6 @@ def _line_rows(solution: Solution, axis: Axis, at: tuple[float, float, float]) -
         rows[:3] += translation + np.cross(rotation, lever[:, None], axis=0)
         rows[3:] += rotation
     return -rows if axis.primed else rows
-
-
-def _u(solution: Solution, row: np.ndarray) -> float:
-    return float(np.sqrt(max(row @ solution.parameter_covariance @ row, 0.0)))
 
 
 def _remark(axis: Axis, component: int, datum: Axis | None) -> str:
@@ -183,10 +181,12 @@ def motions_with_mean(solution: Solution, letter: str, positions: np.ndarray) ->
         if not rows.any():
             continue
         values, not_determined = rows @ np.asarray(solution.parameters), solution.is_not_determined(rows)
-        u = [_u(solution, row) for row in rows]
+        u = linear_uncertainty(rows, solution.parameter_covariance)
         for x, v, s, unknown in zip(positions, values, u, not_determined, strict=True):
             result.append(
-                FunctionValue(name, letter, float(x), 0, np.nan if unknown else float(v), np.nan if unknown else s)
+                FunctionValue(
+                    name, letter, float(x), 0, np.nan if unknown else float(v), np.nan if unknown else float(s)
+                )
             )
     return result
 
