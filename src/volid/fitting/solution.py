@@ -19,14 +19,14 @@ from volid.fitting.diagnosis.adequacy import Adequacy
 from volid.fitting.diagnosis.identifiability import NAMED, parameter_units, undetermined_directions
 from volid.fitting.frames import check_exact, frames, unknown_rows
 from volid.fitting.prediction.determination import known_deviations
-from volid.fitting.prediction.deviations import ESTIMABLE, chain_of
+from volid.fitting.prediction.deviations import ESTIMABLE
 from volid.fitting.prediction.spread import linear_uncertainty
 from volid.fitting.results import Deviations, FunctionValue, Residuals, Statistics, read_only
 from volid.model.error_functions import reference_of
 from volid.model.error_model import ErrorModel, Function, build_model
 from volid.model.error_values import error_values, evaluate_bases
 from volid.model.iso230 import SPINDLE, describe, parse
-from volid.model.kinematics import deviation
+from volid.model.kinematics import chain_of, deviation
 from volid.model.linear_maps import function_rows
 from volid.model.machine import Datum, Machine
 from volid.observations.base import Nuisance

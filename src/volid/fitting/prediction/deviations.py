@@ -16,16 +16,11 @@ from volid.fitting.prediction import spread
 from volid.model.error_model import ErrorModel, Layout
 from volid.model.error_values import coefficient_rows, error_rows, evaluate_bases
 from volid.model.jacobian import deviation_partials
-from volid.model.kinematics import deviation
+from volid.model.kinematics import chain_of, deviation
 from volid.model.machine import Machine
 
 THREADS = 2  # that share a long computation, here and where others import it
 ESTIMABLE = 1e-3  # 0.1 µm for an undetermined rotation of 0.1 mrad; see `identifiability.NAMED`
-
-
-def chain_of(machine: Machine) -> Machine:
-    """The machine reduced to its kinematic chain: equal chains share compiled programs whatever their names."""
-    return Machine(name="", structure="", axes=machine.axes)
 
 
 def partial_rows(machine: Machine, errors: Any, q: Any, tool: Any) -> list[Any]:
