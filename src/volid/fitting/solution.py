@@ -19,7 +19,7 @@ from volid.fitting.diagnosis.adequacy import Adequacy
 from volid.fitting.diagnosis.identifiability import NAMED, parameter_units, undetermined_directions
 from volid.fitting.frames import check_exact, frames, unknown_rows
 from volid.fitting.prediction.determination import known_deviations
-from volid.fitting.prediction.deviations import ESTIMABLE
+from volid.fitting.prediction.deviations import determined
 from volid.fitting.prediction.spread import linear_uncertainty
 from volid.fitting.results import Deviations, FunctionValue, Residuals, Statistics, read_only
 from volid.model.error_functions import reference_of
@@ -293,7 +293,7 @@ class Solution:
             return np.zeros(len(rows), dtype=bool)
         null = undetermined_directions(self.null_space, units)
         along = np.linalg.norm((rows * units) @ null, axis=1)
-        return np.asarray(along > ESTIMABLE * np.maximum(np.linalg.norm(rows * units, axis=1), 1e-12))
+        return ~determined(along, np.maximum(np.linalg.norm(rows * units, axis=1), 1e-12))
 
     def save(self, path: str | Path, overwrite: bool = False) -> None:
         """Write the solution, its campaign and machine included, to one HDF5 file: `volid.save_solution`."""

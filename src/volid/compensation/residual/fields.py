@@ -10,7 +10,7 @@ from volid.compensation.base import Base, deviation_rows
 from volid.compensation.orientation import SPINDLE_AXIS, orientation_between
 from volid.exceptions import NotDeterminedError
 from volid.fitting.diagnosis.identifiability import parameter_units, undetermined_directions
-from volid.fitting.prediction.deviations import ESTIMABLE
+from volid.fitting.prediction.deviations import determined
 from volid.fitting.prediction.working_volume import spread_positions
 from volid.fitting.solution import Solution
 from volid.model.jacobian import rigid_motion_rows
@@ -70,12 +70,12 @@ class Field:
         null = undetermined_directions(solution.null_space, units)
         moved = self.without_rigid_motion((self.gradient @ (units[:, None] * null)).transpose(2, 0, 1))
         possible = np.abs(self.gradient * units)
-        if np.abs(moved[:, :, :3]).max() > ESTIMABLE * possible[:, :3].max():
+        if not determined(np.abs(moved[:, :, :3]).max(), possible[:, :3].max()):
             where = ", ".join(f"{v:g}" for v in self.tool)
             raise NotDeterminedError(
                 f"residual: the data do not determine the deviation for tool vector ({where}) mm. {' '.join(solution.statements)}"
             )
-        return bool(np.abs(moved[:, :, 3:]).max() <= ESTIMABLE * possible[:, 3:].max())
+        return bool(determined(np.abs(moved[:, :, 3:]).max(), possible[:, 3:].max()))
 
 
 def moved_by(machine: Machine, commanded: np.ndarray, altered: np.ndarray, tool: np.ndarray) -> np.ndarray:

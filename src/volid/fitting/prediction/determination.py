@@ -1,7 +1,7 @@
 """Whether the data determine a deviation: as it stands, or up to a rigid motion of the workpiece frame.
 
 With unknown stations a field may be known in shape for the measured tool vector although the functions that place it are
-not: then its undetermined combinations move the whole field like one rigid body (CONVENTIONS 4, last rules). Such values
+not: then its combinations that are not determined move the field like one rigid body (CONVENTIONS 4, last rules). Such values
 are given with these combinations at zero, which fixes the frame, and marked `rigid`.
 """
 
@@ -13,10 +13,10 @@ import numpy as np
 
 from volid.fitting.diagnosis.identifiability import parameter_units, undetermined_directions
 from volid.fitting.prediction.deviations import (
-    ESTIMABLE,
+    determined,
     deviation_values,
-    estimable,
     gradient_matrix,
+    is_determined,
     standard_uncertainties,
 )
 from volid.fitting.prediction.spread import covariance_root
@@ -39,7 +39,7 @@ def determination(
 ) -> Determination:
     """What the data determine at m points, approached in `direction` (0: mean), with `null_space` (n_parameters, k)."""
     units = parameter_units(model)
-    known = estimable(model, null_space, units, positions, tool, direction)
+    known = is_determined(model, null_space, units, positions, tool, direction)
     rigid = np.zeros(len(positions), dtype=bool)
     if known.all():
         return Determination(known, rigid)
@@ -110,7 +110,7 @@ def _translation_gradient(model: ErrorModel, theta: np.ndarray, mesh: _Mesh) -> 
 
 
 def _rigid_motion(model: ErrorModel, null: np.ndarray, tool: np.ndarray) -> np.ndarray | None:
-    """M, shape (6, k): rigid motion (t, ω) that each undetermined combination makes of the field for one tool vector.
+    """M, shape (6, k): rigid motion (t, ω) that each combination that is not determined makes of the field for one tool vector.
 
     None when some combination changes the field's shape.
     """
@@ -119,8 +119,8 @@ def _rigid_motion(model: ErrorModel, null: np.ndarray, tool: np.ndarray) -> np.n
     change = gradient @ null
     motion, *_ = np.linalg.lstsq(mesh.rigid, change, rcond=None)
     left = np.abs(mesh.rigid @ motion - change).max()
-    whole = np.abs(gradient * parameter_units(model)).max()
-    return mesh.scale[:, None] * motion if left <= ESTIMABLE * whole else None
+    possible = np.abs(gradient * parameter_units(model)).max()
+    return mesh.scale[:, None] * motion if determined(left, possible) else None
 
 
 def in_own_frame(
@@ -160,8 +160,8 @@ def _moves_along(
     tool: np.ndarray,
     direction: np.ndarray,
 ) -> np.ndarray:
-    """Components that follow the rigid motions `motion` along every undetermined combination, bool (m, 6)."""
+    """Components that follow the rigid motions `motion` along every combination that is not determined, bool (m, 6)."""
     gradient = gradient_matrix(model, np.zeros(model.n_parameters), positions, tool, direction)
     left = np.abs(gradient @ null - rigid_motion_rows(model.machine, positions, tool) @ motion).max(axis=2)
-    whole = np.abs(gradient * parameter_units(model)).max(axis=(0, 2))
-    return np.asarray(left <= ESTIMABLE * np.maximum(whole, 1e-300))
+    possible = np.abs(gradient * parameter_units(model)).max(axis=(0, 2))
+    return determined(left, possible)

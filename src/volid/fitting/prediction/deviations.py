@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from volid.backend.elementary import in_rows
+from volid.fitting.diagnosis.identifiability import undetermined_directions
 from volid.fitting.equations.choice import engine_for_points
 from volid.fitting.equations.engine import Calls, PointFunction
 from volid.fitting.prediction import spread
@@ -20,7 +21,15 @@ from volid.model.kinematics import chain_of, deviation
 from volid.model.machine import Machine
 
 THREADS = 2  # that share a long computation, here and where others import it
-ESTIMABLE = 1e-3  # 0.1 µm for an undetermined rotation of 0.1 mrad; see `identifiability.NAMED`
+NOTICED = 1e-3  # 0.1 µm for a rotation of 0.1 mrad that is not determined; see `identifiability.NAMED`
+
+
+def determined(along: np.ndarray, possible: np.ndarray | float) -> np.ndarray:
+    """Whether the data determine outputs: combinations of 0.1 mm and 0.1 mrad that are not determined change them too little.
+
+    `along`: by how much these change them; `possible`: what all parameters, of that size, can; of shapes that broadcast.
+    """
+    return np.asarray(along <= NOTICED * np.maximum(possible, 1e-150))
 
 
 def partial_rows(machine: Machine, errors: Any, q: Any, tool: Any) -> list[Any]:
@@ -144,7 +153,7 @@ def standard_uncertainties(
     return np.sqrt(np.maximum(found, 0.0)).T
 
 
-def estimable(
+def is_determined(
     model: ErrorModel,
     null_space: np.ndarray,
     units: np.ndarray,
@@ -154,15 +163,16 @@ def estimable(
 ) -> np.ndarray:
     """Whether the data determine each component of the deviation, bool (m, 6).
 
-    A component is determined when undetermined combinations of 0.1 mm and 0.1 mrad change it by less than a thousandth of
-    what its parameters can, all of that size; judged at the nominal machine.
+    A component is determined when combinations of 0.1 mm and 0.1 mrad that are not determined change it by less than a
+    thousandth of what its parameters can, all of that size; judged at the nominal machine.
     """
     if null_space.shape[1] == 0:
         return np.ones((len(positions), 6), dtype=bool)
     zero, points = np.zeros(model.layout.n_coefficients), _Points(positions, tool, direction)
-    null, _ = np.linalg.qr(null_space / units[:, None])
-    along, whole = (_squares(model, zero, f, points).T for f in _factors(model, null, units))
-    return np.asarray(along <= ESTIMABLE**2 * np.maximum(whole, 1e-300))
+    null = undetermined_directions(null_space, units)
+    squares = (_squares(model, zero, f, points).T for f in _factors(model, null, units))
+    along, possible = (np.sqrt(np.maximum(s, 0.0)) for s in squares)
+    return determined(along, possible)
 
 
 def _factors(model: ErrorModel, null: np.ndarray, units: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
