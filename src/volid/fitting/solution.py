@@ -23,9 +23,9 @@ from volid.fitting.prediction.deviations import determined
 from volid.fitting.prediction.spread import linear_uncertainty
 from volid.fitting.results import Deviations, FunctionValue, Residuals, Statistics, read_only
 from volid.model.error_functions import reference_of
-from volid.model.error_model import ErrorModel, Function, build_model
+from volid.model.error_model import ErrorModel, build_model
 from volid.model.error_values import error_values, evaluate_bases
-from volid.model.iso230 import SPINDLE, describe, parse
+from volid.model.iso230 import describe, parse
 from volid.model.kinematics import chain_of, deviation
 from volid.model.linear_maps import function_rows
 from volid.model.machine import Datum, Machine
@@ -36,14 +36,9 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
 
-def tool_frame(model: ErrorModel) -> list[Function]:
-    """The constants of the tool frame among the functions of a model, in its order."""
-    return [f for f in model.functions if parse(f.name).axis == SPINDLE]
-
-
 def held_constants(model: ErrorModel, directions: Float[np.ndarray, "s r"]) -> tuple[str, ...]:
     """Names of tool-frame constants that cannot be stated because part of them is held at 0 along `directions`."""
-    rows = zip(tool_frame(model), directions, strict=False)
+    rows = zip(model.tool_frame, directions, strict=False)
     return tuple(f.name for f, row in rows if np.any(row**2 > NAMED))
 
 
@@ -348,7 +343,7 @@ class Solution:
 
     def _hold_tool_rotation(self, model: ErrorModel) -> np.ndarray:
         """Projector that keeps at 0, in the new datum too, what is not determined of the constant tool rotation."""
-        places = [f.parameters.start for f in tool_frame(model)]
+        places = [f.parameters.start for f in model.tool_frame]
         units = parameter_units(model)[places]
         projector = np.eye(model.n_parameters)
         fixed = np.asarray(self.held_directions @ self.held_directions.T) * units[:, None] / units

@@ -11,7 +11,7 @@ from volid.fitting.prediction.spread import covariance_root, linear_uncertainty
 from volid.fitting.prediction.working_volume import spread_positions
 from volid.fitting.solution import Solution
 from volid.model.error_functions import reference_of
-from volid.model.iso230 import SPINDLE, parse
+from volid.model.iso230 import parse
 from volid.model.jacobian import rigid_motion_rows, tool_rotation_rows
 from volid.virtual.truth import Truth
 
@@ -80,7 +80,7 @@ def gauge_basis(solution: Solution, positions: np.ndarray, tool: np.ndarray) -> 
     at 0 or not determined.
     """
     columns = [rigid_motion_rows(solution.machine, positions, tool)[:, :3]]
-    tool_frame = [name for name in solution.model.names if parse(name).location and parse(name).axis == SPINDLE]
+    tool_frame = [f.name for f in solution.model.tool_frame]
     open_ones = [parse(name) for name in tool_frame if not np.isfinite(solution.location(name).value)]
     rows = tool_rotation_rows(solution.machine, positions, tool)
     if any(error.is_rotation for error in open_ones):
