@@ -17,6 +17,7 @@ from volid.fitting.prediction.spread import linear_uncertainty
 from volid.fitting.results import FunctionValue
 from volid.fitting.solution import Solution
 from volid.model.error_functions import reference_of
+from volid.model.geometry import skew
 from volid.model.iso230 import DIRECTIONS, ROTARY_AXES
 from volid.model.machine import Axis
 
@@ -205,7 +206,7 @@ def split_mean(solution: Solution, letter: str, positions: np.ndarray, values: n
     across = np.eye(3) - np.outer(along, along)
     turn = -1.0 if axis.primed else 1.0
     angle = np.deg2rad(x)
-    rotor = np.cos(angle)[:, None, None] * across + turn * np.sin(angle)[:, None, None] * _cross_matrix(
+    rotor = np.cos(angle)[:, None, None] * across + turn * np.sin(angle)[:, None, None] * skew(
         along
     )  # (m, 3, 3): rotor-fixed vector -> stator
     reference = reference_of(solution.machine, solution.datum, letter)
@@ -222,7 +223,3 @@ def split_mean(solution: Solution, letter: str, positions: np.ndarray, values: n
         motions[:, 3 * half : 3 * half + 3] = part - constant - rotor @ corotating[half]
     names = {f"E{d}0{letter}": float(v) for d, v in zip(DIRECTIONS, mean, strict=True)}
     return Split(names, corotating, motions)
-
-
-def _cross_matrix(v: np.ndarray) -> np.ndarray:
-    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])

@@ -1,7 +1,7 @@
 """Rigid motions on component arrays: a vector is a tuple (x, y, z) of equally shaped arrays.
 
 Separate component arrays instead of (m, 3) arrays keep the long dimension contiguous, which makes a fit several times faster
-on a CPU. `best_rigid_motion` alone takes points as rows, (m, 3).
+on a CPU. `skew` and `best_rigid_motion` alone take vectors as rows, (m, 3).
 """
 
 from __future__ import annotations
@@ -31,6 +31,14 @@ def subtract(a: Vector, b: Vector) -> Vector:
 def cross(a: Vector, b: Vector) -> Vector:
     """Vector product a × b."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+def skew(v: np.ndarray) -> np.ndarray:
+    """[v]×, (..., 3, 3), of vectors given as rows (..., 3): [v]× x = v × x, and what a rotation ω does is ω × v = [v]×ᵀ ω."""
+    result = np.zeros((*np.shape(v), 3))
+    result[..., [2, 0, 1], [1, 2, 0]] = v
+    result[..., [1, 2, 0], [2, 0, 1]] = -v
+    return result
 
 
 def norm(a: Vector) -> Any:
