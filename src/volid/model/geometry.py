@@ -1,7 +1,7 @@
 """Rigid motions on component arrays: a vector is a tuple (x, y, z) of equally shaped arrays.
 
 Separate component arrays instead of (m, 3) arrays keep the long dimension contiguous, which makes a fit several times faster
-on a CPU. `skew` and `best_rigid_motion` alone take vectors as rows, (m, 3).
+on a CPU. Only `skew`, `across_pair` and `best_rigid_motion` take vectors as rows of an array.
 """
 
 from __future__ import annotations
@@ -39,6 +39,14 @@ def skew(v: np.ndarray) -> np.ndarray:
     result[..., [2, 0, 1], [1, 2, 0]] = v
     result[..., [1, 2, 0], [2, 0, 1]] = -v
     return result
+
+
+def across_pair(direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Two orthonormal vectors (3,) across the unit vector `direction` (3,); coordinate directions when it is one."""
+    first = np.eye(3)[int(np.argmin(np.abs(direction)))]
+    first = first - direction * (direction @ first)
+    first = first / np.linalg.norm(first)
+    return first, np.cross(direction, first)
 
 
 def norm(a: Vector) -> Any:
