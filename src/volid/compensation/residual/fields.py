@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from volid.backend.rms import rms
 from volid.compensation.base import Base, deviation_rows
 from volid.compensation.orientation import SPINDLE_AXIS, orientation_between
 from volid.exceptions import NotDeterminedError
@@ -88,6 +89,6 @@ def moved_by(machine: Machine, commanded: np.ndarray, altered: np.ndarray, tool:
 def quantities(fields: np.ndarray, tool_axis: np.ndarray) -> np.ndarray:
     """The numbers of `QUANTITIES` of fields (s, m, 6), (s, 10); `tool_axis`: unit vectors (m, 3), machine frame."""
     size = np.linalg.norm(fields[:, :, :3], axis=2)
-    overall = [size.max(axis=1), np.quantile(size, 0.95, axis=1), np.sqrt(np.mean(size**2, axis=1))]
+    overall = [size.max(axis=1), np.quantile(size, 0.95, axis=1), rms(size, axis=1)]
     tilt = np.linalg.norm(np.cross(tool_axis, fields[:, :, 3:]), axis=2)
     return np.column_stack([*overall, np.abs(fields).max(axis=1), tilt.max(axis=1)])
