@@ -30,6 +30,7 @@ from volid.model.kinematics import chain_of, deviation
 from volid.model.linear_maps import function_rows
 from volid.model.machine import Datum, Machine
 from volid.observations.base import Nuisance
+from volid.observations.used_tool import most_used_tool
 
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float
@@ -186,6 +187,10 @@ class Solution:
     def measured_range(self) -> Float[np.ndarray, "axes 2"]:
         """Lowest and highest measured position of every axis [mm or degrees]."""
         return self.campaign.measured_range()
+
+    def most_used_tool(self) -> tuple[float, float, float]:
+        """The tool vector of most rows that see the tool [mm]; of equally frequent ones the first."""
+        return most_used_tool(self.campaign)
 
     def outside(
         self, positions: Float[np.ndarray, "m axes"], axes: Sequence[str] | None = None

@@ -44,7 +44,7 @@ def summary_data(solution: Solution, tool: Sequence[float] | None = None) -> dic
         solution: of a fit.
         tool: tool vector (3,) of the volumetric numbers [mm]; None: the one of most readings.
     """
-    x, y, z = solution.campaign.most_used_tool() if tool is None else map(float, tool)
+    x, y, z = solution.most_used_tool() if tool is None else map(float, tool)
     table = _tabulated(solution)
     data = {
         "format": FORMAT,
