@@ -130,11 +130,11 @@ def budget(solution: Solution) -> Budget:
     centre = Centre(solution)
     basis, covariance = np.asarray(centre.frozen.basis), np.asarray(solution.covariance)
     sources, parts, stated = [], [], []
-    whole = centre.problem.system
-    bare = replace(whole, prior_root=np.zeros((0, whole.size)))
+    system_of_all = centre.problem.system
+    bare = replace(system_of_all, prior_root=np.zeros((0, system_of_all.size)))
     for i, s in enumerate(centre.campaign.sets):
         own = [number == i for number, _ in centre.problem.places]
-        system = replace(bare, blocks=tuple(b for b, of_set in zip(whole.blocks, own, strict=True) if of_set))
+        system = replace(bare, blocks=tuple(b for b, of_set in zip(system_of_all.blocks, own, strict=True) if of_set))
         normal = centre.engine.equations(system).normal(np.asarray(centre.frozen.z))
         matrix = basis.T @ normal.matrix @ basis
         sources.append(f"readings of set '{s.name}'")

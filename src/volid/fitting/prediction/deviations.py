@@ -99,7 +99,7 @@ def _each(carry_out: Callable[[slice], Any], slices: list[slice]) -> Iterator[An
         yield from (f.result() for f in waiting)
 
 
-def _whole(
+def _over_points(
     function: PointFunction, model: ErrorModel, coefficients: np.ndarray, points: _Points, *extra: Any
 ) -> np.ndarray:
     """`function` over all points, points last."""
@@ -114,7 +114,7 @@ def _squares(model: ErrorModel, coefficients: np.ndarray, factor: np.ndarray, po
         return np.zeros((6, len(points.q)))
     if spread.worth_products(tables, len(points.q)):
         numbered = points._replace(number=np.stack([t.number for t in tables], axis=1))
-        return _whole(_variances, model, coefficients, numbered, spread.products(tables))
+        return _over_points(_variances, model, coefficients, numbered, spread.products(tables))
     slices, call = _calls(_partials, model, coefficients, points)
     squares = _each(lambda part: spread.squares(tables, part, call(part)), slices)
     return np.concatenate(list(squares), axis=-1)
@@ -125,7 +125,7 @@ def deviation_values(
 ) -> np.ndarray:
     """Deviation at m points, shape (m, 6) [mm, rad]."""
     coefficients = model.parametrisation @ theta
-    return _whole(_values, model, coefficients, _Points(positions, tool, direction)).T
+    return _over_points(_values, model, coefficients, _Points(positions, tool, direction)).T
 
 
 def gradient_matrix(
@@ -133,9 +133,9 @@ def gradient_matrix(
 ) -> np.ndarray:
     """∂(deviation)/∂θ at m points, shape (m, 6, n_parameters). For a few thousand points."""
     coefficients = model.parametrisation @ theta
-    rows = _whole(_gradients, model, coefficients, _Points(positions, tool, direction))
-    whole = np.ascontiguousarray(rows.transpose(2, 0, 1)).reshape(-1, rows.shape[1]) @ model.parametrisation
-    return np.asarray(whole.reshape(-1, rows.shape[0], whole.shape[1]))
+    rows = _over_points(_gradients, model, coefficients, _Points(positions, tool, direction))
+    by_parameter = np.ascontiguousarray(rows.transpose(2, 0, 1)).reshape(-1, rows.shape[1]) @ model.parametrisation
+    return np.asarray(by_parameter.reshape(-1, rows.shape[0], by_parameter.shape[1]))
 
 
 def standard_uncertainties(
