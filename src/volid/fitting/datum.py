@@ -15,6 +15,7 @@ from volid.model.error_model import LOCATION, ErrorModel
 from volid.model.iso230 import LINEAR_AXES
 from volid.model.jacobian import rigid_motion_rows, tool_rotation_rows
 from volid.model.machine import Datum, Machine
+from volid.model.rigid_fields import column_space, without
 
 LAST_CHOICE = 1e-5  # weight of a motion of the tool vectors, which stands for what the model cannot express otherwise
 ARM = 500.0  # mm: weighs rotations against translations in the comparison of two fields
@@ -140,8 +141,7 @@ def split_null_space(model: ErrorModel, null_space: np.ndarray) -> tuple[np.ndar
     field = _nominal_gradient(model, positions, tool, direction) @ (units[:, None] * null)
     field = (field * weight).reshape(-1, null.shape[1])
     rigid = (rigid_motion_rows(model.machine, positions, tool) * weight).reshape(len(field), 6)
-    q, _ = np.linalg.qr(rigid)
-    deforming = field - q @ (q.T @ field)
+    deforming = without(column_space(rigid), field)
     _, values, vt = np.linalg.svd(deforming, full_matrices=True)
     harmless = np.append(values, np.zeros(len(vt) - len(values))) < 1e-6 * np.sqrt(len(field)) * UNIT
     return units[:, None] * (null @ vt[harmless].T), units[:, None] * (null @ vt[~harmless].T)

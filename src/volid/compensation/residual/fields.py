@@ -14,9 +14,9 @@ from volid.fitting.diagnosis.identifiability import parameter_units, undetermine
 from volid.fitting.prediction.deviations import determined
 from volid.fitting.prediction.working_volume import spread_positions
 from volid.fitting.solution import Solution
-from volid.model.jacobian import rigid_motion_rows
 from volid.model.kinematics import nominal_point, side_rotation
 from volid.model.machine import Machine
+from volid.model.rigid_fields import WorkpieceMotion
 
 POINTS = 512
 LENGTHS = ("largest", "95 %", "RMS", "X", "Y", "Z")
@@ -35,21 +35,6 @@ def volume_places(machine: Machine, points: int = POINTS, seed: int = 0) -> Plac
     """Points spread evenly over the travel (Halton), approach directions at random."""
     positions = spread_positions(machine, points, seed)
     return Places(positions, np.random.default_rng(seed).choice([-1.0, 1.0], positions.shape))
-
-
-class WorkpieceMotion:
-    """The rigid motion of the workpiece frame that is in fields over some places for one tool vector (CONVENTIONS 4)."""
-
-    def __init__(self, machine: Machine, positions: np.ndarray, tool: np.ndarray) -> None:
-        self.rows = rigid_motion_rows(machine, positions, tool)
-        translations = self.rows[:, :3].reshape(-1, 6)
-        scale = np.linalg.norm(translations, axis=0)
-        self.inverse = np.linalg.pinv(translations / scale) / scale[:, None]
-
-    def removed_from(self, fields: np.ndarray) -> np.ndarray:
-        """Fields (s, m, 6) or translations (s, m, 3) less the rigid motion that fits their translations best."""
-        motion = fields[:, :, :3].reshape(len(fields), -1) @ self.inverse.T
-        return np.asarray(fields - np.einsum("mij,sj->smi", self.rows[:, : fields.shape[2]], motion))
 
 
 class Field:

@@ -10,11 +10,12 @@ import numpy as np
 from volid.backend.rms import rms
 from volid.compensation.grids.grid import Grid, RotaryGrid
 from volid.compensation.grids.rotary import deviation_from_grids
-from volid.compensation.residual.fields import WorkpieceMotion, volume_places
+from volid.compensation.residual.fields import volume_places
 from volid.fitting.prediction.deviations import deviation_values, gradient_matrix
 from volid.fitting.prediction.spread import covariance_root
 from volid.fitting.prediction.working_volume import volume_positions
 from volid.fitting.solution import Solution
+from volid.model.rigid_fields import WorkpieceMotion
 
 POINTS = 512
 SAMPLES = 200

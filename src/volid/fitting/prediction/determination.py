@@ -22,6 +22,7 @@ from volid.fitting.prediction.deviations import (
 from volid.fitting.prediction.spread import covariance_root
 from volid.model.error_model import ErrorModel
 from volid.model.jacobian import rigid_motion_rows
+from volid.model.rigid_fields import WorkpieceMotion
 
 NODES = 4  # per axis, of the field that is compared with a rigid motion
 MOST_TOOLS = 16
@@ -87,21 +88,18 @@ def known_deviations(
 
 
 class _Mesh(NamedTuple):
-    """Points spread over the travel for one tool vector, and their rigid motion rows, (3 n, 6), scaled columns."""
+    """Points spread over the travel for one tool vector, and what a rigid motion does to a field there."""
 
     positions: np.ndarray
     tool: np.ndarray
-    rigid: np.ndarray
-    scale: np.ndarray
+    rigid: WorkpieceMotion
 
 
 def _mesh(model: ErrorModel, tool: np.ndarray) -> _Mesh:
     nodes = np.meshgrid(*(np.linspace(*axis.travel, NODES) for axis in model.machine.axes), indexing="ij")
     positions = np.stack([m.ravel() for m in nodes], axis=1)
     tools = np.broadcast_to(tool, (len(positions), 3))
-    rigid = rigid_motion_rows(model.machine, positions, tools)[:, :3].reshape(-1, 6)
-    scale = 1.0 / np.linalg.norm(rigid, axis=0)
-    return _Mesh(positions, tools, rigid * scale, scale)
+    return _Mesh(positions, tools, WorkpieceMotion(model.machine, positions, tools))
 
 
 def _translation_gradient(model: ErrorModel, theta: np.ndarray, mesh: _Mesh) -> np.ndarray:
@@ -117,10 +115,10 @@ def _rigid_motion(model: ErrorModel, null: np.ndarray, tool: np.ndarray) -> np.n
     mesh = _mesh(model, tool)
     gradient = _translation_gradient(model, np.zeros(model.n_parameters), mesh)
     change = gradient @ null
-    motion, *_ = np.linalg.lstsq(mesh.rigid, change, rcond=None)
-    left = np.abs(mesh.rigid @ motion - change).max()
+    motion = mesh.rigid.inverse @ change
+    left = np.abs(mesh.rigid.translations @ motion - change).max()
     possible = np.abs(gradient * parameter_units(model)).max()
-    return mesh.scale[:, None] * motion if determined(left, possible) else None
+    return motion if determined(left, possible) else None
 
 
 def in_own_frame(
@@ -137,7 +135,7 @@ def in_own_frame(
     """
     mesh = _mesh(model, tool[0])
     field = deviation_values(model, theta, mesh.positions, mesh.tool, np.zeros_like(mesh.positions))[:, :3]
-    inverse = mesh.scale[:, None] * np.linalg.pinv(mesh.rigid)
+    inverse = mesh.rigid.inverse
     motion, slope = inverse @ field.ravel(), inverse @ _translation_gradient(model, theta, mesh)
     values = deviation_values(model, theta, positions, tool, direction)
     root = None if covariance is None else covariance_root(covariance)
