@@ -187,14 +187,14 @@ def test_dotted_names_in_texts_lead_somewhere():
 
 def test_files_named_in_texts_are_there():
     """A path as from the root of the repository, the package, or the folder of the text or one in it."""
-    lost = []
+    missing = []
     for where, text in texts().items():
         for name in re.findall(r"`((?:[\w.]+/)*\w+\.py)`", text):
             folder = (ROOT / where).parent
             starts = (ROOT, PACKAGE, SOURCE, folder, *(p for p in folder.iterdir() if p.is_dir() and folder != ROOT))
             if not any((start / name).exists() for start in starts):
-                lost.append((where, name))
-    assert lost == []
+                missing.append((where, name))
+    assert missing == []
 
 
 @pytest.mark.parametrize("stage", ["ruff check", "mypy", "lint-imports"])

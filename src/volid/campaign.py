@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from volid.model.machine import TOOL, WORKPIECE, Machine
+from volid.model.machine import WORKPIECE, Machine
 
 if TYPE_CHECKING:
     from jaxtyping import Float, Int
@@ -121,11 +121,6 @@ class ObservationSet:
         return len(self.positions)
 
     @property
-    def sees_tool(self) -> bool:
-        """True unless the set measures to a reflector on another body than the tool (option `target_body`)."""
-        return str(self.options.get("target_body", TOOL)) == TOOL
-
-    @property
     def file_and_set(self) -> str:
         """The set in messages: "volume.csv, set 'volume'"."""
         return f"{self.source or self.name}, set '{self.name}'"
@@ -219,10 +214,3 @@ class Campaign:
     def tool_vectors(self) -> Float[np.ndarray, "tools 3"]:
         """The distinct tool vectors of all sets [mm], in ascending order."""
         return np.unique(np.round(np.concatenate([s.tool for s in self.sets]), SAME_TOOL), axis=0)
-
-    def most_used_tool(self) -> tuple[float, float, float]:
-        """The tool vector of most rows that see the tool [mm]; of equally frequent ones the first."""
-        tools = np.concatenate([s.tool for s in self.sets if s.sees_tool] or [s.tool for s in self.sets])
-        values, first, counts = np.unique(np.round(tools, SAME_TOOL), axis=0, return_index=True, return_counts=True)
-        x, y, z = (values[np.lexsort((first, -counts))[0]] + 0.0).tolist()
-        return x, y, z

@@ -13,7 +13,7 @@ from volid.exceptions import InputError
 from volid.fitting.diagnosis.identifiability import analyse, parameter_units
 from volid.fitting.equations.problem import build_problem
 from volid.fitting.fit import fit
-from volid.fitting.prediction.deviations import estimable
+from volid.fitting.prediction.deviations import is_determined
 from volid.fitting.starts import find_starts
 from volid.model.error_functions import motion_names
 from volid.model.error_model import build_model
@@ -139,7 +139,7 @@ def test_an_offset_too_small_to_measure_roll_does_not_count(offset):
     np.testing.assert_allclose(np.abs(found.tool_rotation[:, 0]), [0, 0, 1], atol=1e-2)
     q = np.random.default_rng(0).uniform([0, 0, -500], [1000, 600, 0], (20, 3))
     for tool, known in ([0.0, 0.0, -200.0], [1, 1, 1, 1, 1, 0]), ([10.0, 10.0, -200.0], [0, 0, 1, 1, 1, 0]):
-        judged = estimable(
+        judged = is_determined(
             problem.model,
             found.null_space,
             parameter_units(problem.model),

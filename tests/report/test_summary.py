@@ -51,7 +51,7 @@ def test_numbers_are_those_of_the_solution(data, solution):
     assert table["EYX"]["largest_u"] == max(v.u for v in values)
     assert table["EYX"]["segments"] == [2]
     assert len(table) == 18
-    accuracy = volumetric_summary(solution, solution.campaign.most_used_tool()).accuracy
+    accuracy = volumetric_summary(solution, solution.most_used_tool()).accuracy
     assert list(data["volume"]["accuracy"].values()) == accuracy.tolist()
 
 
@@ -85,8 +85,8 @@ def test_weakest_is_the_largest_u(data, solution):
 
 
 def test_the_most_used_tool_is_taken(solution, single_tool_solution):
-    assert single_tool_solution.campaign.most_used_tool() == SINGLE_TOOL
-    assert solution.campaign.most_used_tool() == tuple(solution.campaign.sets[0].tool[0])  # all alike: the first
+    assert single_tool_solution.most_used_tool() == SINGLE_TOOL
+    assert solution.most_used_tool() == tuple(solution.campaign.sets[0].tool[0])  # all alike: the first
     assert summary_data(solution, (1.0, 2.0, 3.0))["tool"] == [1.0, 2.0, 3.0]
 
 

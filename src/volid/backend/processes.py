@@ -19,13 +19,13 @@ from contextlib import ExitStack, closing, contextmanager, suppress
 from multiprocessing.connection import wait as wait_for
 from typing import Any
 
+from volid.backend.counted import Counted
 from volid.exceptions import VolidError
 
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "NPROC": "1"}
 XLA_FLAG = "--xla_cpu_multi_thread_eigen=false"
 RENEW = 64  # tasks of a process before it is replaced: compiled programs of ever new shapes would fill the memory
 _SHARED: Any = None  # of this process
-_lock, _inside, _restore = threading.Lock(), 0, ExitStack()
 
 
 class Died:
@@ -50,28 +50,21 @@ def single_threaded_environment() -> Iterator[None]:
 
     It acts on processes that are started within the context, and on NumPy and JAX when they are loaded within it.
     """
-    global _inside
-    with _lock:
-        if not _inside:
-            _set(single_threaded())
-        _inside += 1
-    try:
+    with _SETTINGS.held():
         yield
-    finally:
-        with _lock:
-            _inside -= 1
-            if not _inside:
-                _restore.close()
 
 
-def _set(settings: dict[str, str]) -> None:
-    """Put `settings` into `os.environ`, and how to take them out again into `_restore`."""
-    for key, value in settings.items():
+def _set(undo: ExitStack) -> None:
+    """Put `single_threaded()` into `os.environ`, and on `undo` how to take it out again."""
+    for key, value in single_threaded().items():
         if key in os.environ:
-            _restore.callback(os.environ.__setitem__, key, os.environ[key])
+            undo.callback(os.environ.__setitem__, key, os.environ[key])
         else:
-            _restore.callback(os.environ.pop, key, None)
+            undo.callback(os.environ.pop, key, None)
         os.environ[key] = value
+
+
+_SETTINGS = Counted(_set)
 
 
 def in_processes(

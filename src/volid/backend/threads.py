@@ -13,12 +13,12 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from functools import cache
 from importlib import import_module
-from threading import Lock
 from typing import Any
+
+from volid.backend.counted import Counted
 
 NUMPY_CAME_FIRST = "numpy" in sys.modules and "OPENBLAS_NUM_THREADS" not in os.environ
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-_lock, _inside, _limit = Lock(), 0, ExitStack()
 
 
 @contextmanager
@@ -27,21 +27,20 @@ def one_blas_thread() -> Iterator[None]:
 
     It can also be used as a decorator.
     """
-    global _inside
     if not NUMPY_CAME_FIRST:
         yield
         return
-    with _lock:
-        if not _inside:
-            _keeper().submit(lambda: _limit.enter_context(_blas().limit(limits=1))).result()
-        _inside += 1
-    try:
+    with _LIMIT.held():
         yield
-    finally:
-        with _lock:
-            _inside -= 1
-            if not _inside:
-                _keeper().submit(_limit.close).result()
+
+
+def _limit(undo: ExitStack) -> None:
+    """Limit BLAS to one thread, and put on `undo` how to lift the limit."""
+    limit = _keeper().submit(lambda: _blas().limit(limits=1)).result()
+    undo.callback(lambda: _keeper().submit(limit.restore_original_limits).result())
+
+
+_LIMIT = Counted(_limit)
 
 
 @cache

@@ -87,5 +87,5 @@ def _rows(solution: Solution, args: argparse.Namespace) -> Rows:
     if args.at:
         points = read_points(args.at, solution.machine)
         return point_rows(solution, points.positions, points.tool, points.directions)
-    tool = solution.campaign.most_used_tool() if args.tool is None else args.tool
+    tool = solution.most_used_tool() if args.tool is None else args.tool
     return headline_rows(solution, headline_outputs(solution, np.asarray(tool)))

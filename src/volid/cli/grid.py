@@ -176,7 +176,7 @@ def _grids(solution: Solution, args: argparse.Namespace) -> tuple[tuple[AnyGrid,
     from volid.compensation.ranges import cut_notes, refuse_extrapolation
     from volid.compensation.rounding import rounded_grid
 
-    tool = solution.campaign.most_used_tool() if args.tool is None else args.tool
+    tool = solution.most_used_tool() if args.tool is None else args.tool
     solution, notes = prepared(solution, args, [tool])
     base, ranges = base_from(solution, args, tool), ranges_from(solution, args)
     made = compensate(

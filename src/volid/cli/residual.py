@@ -139,7 +139,7 @@ def _forecast(solution: Solution, args: argparse.Namespace) -> tuple[Forecast, l
     lists = [[t.strip() for t in text.split(",")] for text in args.type]
     for names in lists:
         select(names, solution.machine)
-    tool = solution.campaign.most_used_tool() if args.tool is None else args.tool
+    tool = solution.most_used_tool() if args.tool is None else args.tool
     tools = [tool, *(args.tools or [])]
     solution, notes = prepared(solution, args, tools)
     control: dict[str, Any] = {"poles": PoleRule(args.pole_margin, args.poles), "increment": args.increment or {}}

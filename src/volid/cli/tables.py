@@ -137,7 +137,7 @@ def _tables(solution: Solution, args: argparse.Namespace) -> tuple[tuple[ErrorTa
     from volid.io.table_reader import tables_in
 
     types = _types(solution, args)
-    tool = solution.campaign.most_used_tool() if args.tool is None else args.tool
+    tool = solution.most_used_tool() if args.tool is None else args.tool
     solution, notes = prepared(solution, args, [tool])
     base, ranges = base_from(solution, args, tool), ranges_from(solution, args)
     tables = error_tables(solution, types, base, sampling_of(args, args.spacing), args.zero, ranges)

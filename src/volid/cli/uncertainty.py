@@ -71,7 +71,7 @@ def run(args: argparse.Namespace) -> int:
 
         from volid.uncertainty.statement import as_data, format_statement, statement
 
-        tool = solution.campaign.most_used_tool() if args.tool is None else args.tool
+        tool = solution.most_used_tool() if args.tool is None else args.tool
         found = statement(solution, np.asarray(tool))
     if args.json:
         print_json({"output": args.output, **as_data(found), "attention": attention(solution)})

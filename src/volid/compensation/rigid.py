@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from volid.backend.lazy import jnp
+from volid.backend.rms import rms
 from volid.compensation.base import deviation_rows
 from volid.compensation.residual.fields import Places, volume_places
 from volid.fitting.solution import Solution
@@ -88,7 +89,7 @@ def _translations(solution: Solution, places: Places, tool: np.ndarray) -> np.nd
 
 def _sizes(field: np.ndarray) -> tuple[float, float]:
     size = np.linalg.norm(field, axis=1)
-    return float(np.sqrt(np.mean(size**2))), float(size.max())
+    return rms(size), float(size.max())
 
 
 def _moved(old: Solution, new: Solution, mapping: np.ndarray) -> Solution:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
+from volid.backend.rms import rms
 from volid.campaign import Campaign
 from volid.fitting.diagnosis.adequacy import Adequacy, SuspectReading, assess, suspect
 from volid.fitting.diagnosis.resolution import Resolution
@@ -90,11 +91,11 @@ class Assembly:
 
     def _statistics(self) -> Statistics:
         sets = zip(self.campaign.sets, self._residuals, self.active, strict=True)
-        rms = {s.name: float(np.sqrt(np.mean(r[a] ** 2))) if a.any() else float("nan") for s, r, a in sets}
+        by_set = {s.name: rms(r[a]) for s, r, a in sets}
         return Statistics(
             n_readings=self.n_used,
             n_parameters=self.fitter.free.shape[1],
-            residual_rms=rms,
+            residual_rms=by_set,
             iterations=self.optimum.iterations,
             converged=self.optimum.converged,
             held_out_weight=self.resolution.weight,

@@ -12,9 +12,10 @@ from volid.exceptions import InputError
 from volid.fitting.diagnosis.identifiability import UNIT, parameter_units, undetermined_directions
 from volid.fitting.prediction.deviations import gradient_matrix
 from volid.model.error_model import LOCATION, ErrorModel
-from volid.model.iso230 import LINEAR_AXES, SPINDLE, parse
+from volid.model.iso230 import LINEAR_AXES
 from volid.model.jacobian import rigid_motion_rows, tool_rotation_rows
 from volid.model.machine import Datum, Machine
+from volid.model.rigid_fields import column_space, without
 
 LAST_CHOICE = 1e-5  # weight of a motion of the tool vectors, which stands for what the model cannot express otherwise
 ARM = 500.0  # mm: weighs rotations against translations in the comparison of two fields
@@ -99,7 +100,7 @@ def s_transformation(old: ErrorModel, new: ErrorModel, hold: np.ndarray | None =
     kept, fixed = _free_and_fixed(new, np.eye(new.n_parameters) if hold is None else hold)
     before = flat(_nominal_gradient(old, positions, tool, direction))
     field = flat(_nominal_gradient(new, positions, tool, direction))
-    last = field @ fixed if _has_tool_frame(new) else flat(tool_rotation_rows(machine, positions, tool))
+    last = field @ fixed if new.tool_frame else flat(tool_rotation_rows(machine, positions, tool))
     design = np.hstack([field @ kept, flat(rigid_motion_rows(machine, positions, tool)), last])
     scale = 1.0 / np.maximum(np.linalg.norm(design, axis=0), 1e-300)
     scale[design.shape[1] - last.shape[1] :] *= LAST_CHOICE
@@ -115,10 +116,6 @@ def s_transformation(old: ErrorModel, new: ErrorModel, hold: np.ndarray | None =
         )
     n = kept.shape[1]
     return kept @ mapping[:n] + first, mapping[n : n + 6]
-
-
-def _has_tool_frame(model: ErrorModel) -> bool:
-    return any(parse(name).axis == SPINDLE for name in model.names)
 
 
 def _free_and_fixed(model: ErrorModel, hold: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -144,8 +141,7 @@ def split_null_space(model: ErrorModel, null_space: np.ndarray) -> tuple[np.ndar
     field = _nominal_gradient(model, positions, tool, direction) @ (units[:, None] * null)
     field = (field * weight).reshape(-1, null.shape[1])
     rigid = (rigid_motion_rows(model.machine, positions, tool) * weight).reshape(len(field), 6)
-    q, _ = np.linalg.qr(rigid)
-    deforming = field - q @ (q.T @ field)
+    deforming = without(column_space(rigid), field)
     _, values, vt = np.linalg.svd(deforming, full_matrices=True)
     harmless = np.append(values, np.zeros(len(vt) - len(values))) < 1e-6 * np.sqrt(len(field)) * UNIT
     return units[:, None] * (null @ vt[harmless].T), units[:, None] * (null @ vt[~harmless].T)

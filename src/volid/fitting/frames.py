@@ -17,6 +17,7 @@ import numpy as np
 
 from volid.exceptions import InputError
 from volid.model.error_model import ErrorModel
+from volid.model.geometry import skew
 from volid.model.kinematics import ROWS, error_first, transform
 from volid.model.linear_maps import error_value_rows
 from volid.model.machine import BED, TOOL, Machine
@@ -82,15 +83,7 @@ def _adjoint(pose: np.ndarray) -> np.ndarray:
     turn = pose[:, :3, :3]
     result = np.zeros((len(pose), 6, 6))
     result[:, :3, :3] = result[:, 3:, 3:] = turn
-    result[:, :3, 3:] = _skew(pose[:, :3, 3]) @ turn
-    return result
-
-
-def _skew(v: np.ndarray) -> np.ndarray:
-    """[v]× (m, 3, 3) of vectors (m, 3)."""
-    result = np.zeros((*v.shape, 3))
-    result[:, [2, 0, 1], [1, 2, 0]] = v
-    result[:, [1, 2, 0], [2, 0, 1]] = -v
+    result[:, :3, 3:] = skew(pose[:, :3, 3]) @ turn
     return result
 
 

@@ -13,9 +13,11 @@ from typing import NamedTuple
 import numpy as np
 
 from volid.exceptions import InputError
+from volid.fitting.prediction.spread import linear_uncertainty
 from volid.fitting.results import FunctionValue
 from volid.fitting.solution import Solution
 from volid.model.error_functions import reference_of
+from volid.model.geometry import skew
 from volid.model.iso230 import DIRECTIONS, ROTARY_AXES
 from volid.model.machine import Axis
 
@@ -108,7 +110,8 @@ def _of_axis(solution: Solution, axis: Axis, datum: Axis | None) -> list[Locatio
     result = []
     for k in (i for i in range(6) if i % 3 != along):
         row = functional[k]
-        line, u = float(row @ np.asarray(solution.parameters)), _u(solution, row)
+        line = float(row @ np.asarray(solution.parameters))
+        u = float(linear_uncertainty(row, solution.parameter_covariance))
         if solution.is_not_determined(row[None])[0]:
             line, u = np.nan, np.nan
         name, to = f"E{DIRECTIONS[k]}0{axis.letter}", MACHINE if datum is None else datum.letter
@@ -134,10 +137,6 @@ def _line_rows(solution: Solution, axis: Axis, at: tuple[float, float, float]) -
         rows[:3] += translation + np.cross(rotation, lever[:, None], axis=0)
         rows[3:] += rotation
     return -rows if axis.primed else rows
-
-
-def _u(solution: Solution, row: np.ndarray) -> float:
-    return float(np.sqrt(max(row @ solution.parameter_covariance @ row, 0.0)))
 
 
 def _remark(axis: Axis, component: int, datum: Axis | None) -> str:
@@ -183,10 +182,12 @@ def motions_with_mean(solution: Solution, letter: str, positions: np.ndarray) ->
         if not rows.any():
             continue
         values, not_determined = rows @ np.asarray(solution.parameters), solution.is_not_determined(rows)
-        u = [_u(solution, row) for row in rows]
+        u = linear_uncertainty(rows, solution.parameter_covariance)
         for x, v, s, unknown in zip(positions, values, u, not_determined, strict=True):
             result.append(
-                FunctionValue(name, letter, float(x), 0, np.nan if unknown else float(v), np.nan if unknown else s)
+                FunctionValue(
+                    name, letter, float(x), 0, np.nan if unknown else float(v), np.nan if unknown else float(s)
+                )
             )
     return result
 
@@ -205,7 +206,7 @@ def split_mean(solution: Solution, letter: str, positions: np.ndarray, values: n
     across = np.eye(3) - np.outer(along, along)
     turn = -1.0 if axis.primed else 1.0
     angle = np.deg2rad(x)
-    rotor = np.cos(angle)[:, None, None] * across + turn * np.sin(angle)[:, None, None] * _cross_matrix(
+    rotor = np.cos(angle)[:, None, None] * across + turn * np.sin(angle)[:, None, None] * skew(
         along
     )  # (m, 3, 3): rotor-fixed vector -> stator
     reference = reference_of(solution.machine, solution.datum, letter)
@@ -222,7 +223,3 @@ def split_mean(solution: Solution, letter: str, positions: np.ndarray, values: n
         motions[:, 3 * half : 3 * half + 3] = part - constant - rotor @ corotating[half]
     names = {f"E{d}0{letter}": float(v) for d, v in zip(DIRECTIONS, mean, strict=True)}
     return Split(names, corotating, motions)
-
-
-def _cross_matrix(v: np.ndarray) -> np.ndarray:
-    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])

@@ -19,31 +19,27 @@ from volid.fitting.diagnosis.adequacy import Adequacy
 from volid.fitting.diagnosis.identifiability import NAMED, parameter_units, undetermined_directions
 from volid.fitting.frames import check_exact, frames, unknown_rows
 from volid.fitting.prediction.determination import known_deviations
-from volid.fitting.prediction.deviations import ESTIMABLE, chain_of
+from volid.fitting.prediction.deviations import determined
 from volid.fitting.prediction.spread import linear_uncertainty
 from volid.fitting.results import Deviations, FunctionValue, Residuals, Statistics, read_only
 from volid.model.error_functions import reference_of
-from volid.model.error_model import ErrorModel, Function, build_model
+from volid.model.error_model import ErrorModel, build_model
 from volid.model.error_values import error_values, evaluate_bases
-from volid.model.iso230 import SPINDLE, describe, parse
-from volid.model.kinematics import deviation
+from volid.model.iso230 import describe, parse
+from volid.model.kinematics import chain_of, deviation
 from volid.model.linear_maps import function_rows
 from volid.model.machine import Datum, Machine
 from volid.observations.base import Nuisance
+from volid.observations.used_tool import most_used_tool
 
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float
     from numpy.typing import ArrayLike
 
 
-def tool_frame(model: ErrorModel) -> list[Function]:
-    """The constants of the tool frame among the functions of a model, in its order."""
-    return [f for f in model.functions if parse(f.name).axis == SPINDLE]
-
-
 def held_constants(model: ErrorModel, directions: Float[np.ndarray, "s r"]) -> tuple[str, ...]:
     """Names of tool-frame constants that cannot be stated because part of them is held at 0 along `directions`."""
-    rows = zip(tool_frame(model), directions, strict=False)
+    rows = zip(model.tool_frame, directions, strict=False)
     return tuple(f.name for f, row in rows if np.any(row**2 > NAMED))
 
 
@@ -192,6 +188,10 @@ class Solution:
         """Lowest and highest measured position of every axis [mm or degrees]."""
         return self.campaign.measured_range()
 
+    def most_used_tool(self) -> tuple[float, float, float]:
+        """The tool vector of most rows that see the tool [mm]; of equally frequent ones the first."""
+        return most_used_tool(self.campaign)
+
     def outside(
         self, positions: Float[np.ndarray, "m axes"], axes: Sequence[str] | None = None
     ) -> Bool[np.ndarray, " m"]:
@@ -293,7 +293,7 @@ class Solution:
             return np.zeros(len(rows), dtype=bool)
         null = undetermined_directions(self.null_space, units)
         along = np.linalg.norm((rows * units) @ null, axis=1)
-        return np.asarray(along > ESTIMABLE * np.maximum(np.linalg.norm(rows * units, axis=1), 1e-12))
+        return ~determined(along, np.maximum(np.linalg.norm(rows * units, axis=1), 1e-12))
 
     def save(self, path: str | Path, overwrite: bool = False) -> None:
         """Write the solution, its campaign and machine included, to one HDF5 file: `volid.save_solution`."""
@@ -348,7 +348,7 @@ class Solution:
 
     def _hold_tool_rotation(self, model: ErrorModel) -> np.ndarray:
         """Projector that keeps at 0, in the new datum too, what is not determined of the constant tool rotation."""
-        places = [f.parameters.start for f in tool_frame(model)]
+        places = [f.parameters.start for f in model.tool_frame]
         units = parameter_units(model)[places]
         projector = np.eye(model.n_parameters)
         fixed = np.asarray(self.held_directions @ self.held_directions.T) * units[:, None] / units

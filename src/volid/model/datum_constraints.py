@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from volid.model.error_functions import reference_of, settings_for, spline_axes
+from volid.model.geometry import across_pair
 from volid.model.iso230 import parse
 from volid.model.machine import Datum, Machine
 from volid.model.splines import Spline, end_slope_row, harmonic_rows, mean_row, refinement, slope_row, value_row
@@ -55,7 +56,7 @@ def rotary_constraints(
     """
     axis = machine.axis(parse(group[0]).axis)
     along = axis.frame.T @ np.asarray(axis.unit_vector)
-    across = _across_pair(along)
+    across = across_pair(along)
     components = [parse(n).component % 3 for n in group]
     zero = reference_of(machine, datum, axis.letter)
 
@@ -77,14 +78,6 @@ def rotary_constraints(
         sense = -1.0 if axis.primed else 1.0
         rows += [row(v, cosine) + row(sense * np.cross(along, v), sine) for v in across]
     return np.array([r for r in rows if np.any(np.abs(r) > 1e-14)])
-
-
-def _across_pair(direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Two orthonormal vectors across `direction`; coordinate directions when it is one."""
-    first = np.eye(3)[int(np.argmin(np.abs(direction)))]
-    first = first - direction * (direction @ first)
-    first = first / np.linalg.norm(first)
-    return first, np.cross(direction, first)
 
 
 def refine_all(coarse: tuple[Spline, ...], fine: tuple[Spline, ...]) -> np.ndarray:

@@ -26,7 +26,7 @@ from volid.model.error_functions import (
     squareness_effect,
     squareness_names,
 )
-from volid.model.iso230 import parse
+from volid.model.iso230 import SPINDLE, parse
 from volid.model.machine import Datum, Machine
 from volid.model.splines import Basis, Spline
 
@@ -117,6 +117,11 @@ class ErrorModel:
     def names(self) -> tuple[str, ...]:
         """ISO 230-1 symbols in the model, each once."""
         return tuple(dict.fromkeys(f.name for f in self.functions))
+
+    @property
+    def tool_frame(self) -> tuple[Function, ...]:
+        """The constants of the tool frame among the functions, in the order of θ."""
+        return tuple(f for f in self.functions if parse(f.name).axis == SPINDLE)
 
     @property
     def segments(self) -> dict[str, tuple[int, ...]]:

@@ -1,7 +1,7 @@
 """Rigid motions on component arrays: a vector is a tuple (x, y, z) of equally shaped arrays.
 
 Separate component arrays instead of (m, 3) arrays keep the long dimension contiguous, which makes a fit several times faster
-on a CPU. `best_rigid_motion` alone takes points as rows, (m, 3).
+on a CPU. Only `skew`, `across_pair` and `best_rigid_motion` take vectors as rows of an array.
 """
 
 from __future__ import annotations
@@ -31,6 +31,22 @@ def subtract(a: Vector, b: Vector) -> Vector:
 def cross(a: Vector, b: Vector) -> Vector:
     """Vector product a × b."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+def skew(v: np.ndarray) -> np.ndarray:
+    """[v]×, (..., 3, 3), of vectors given as rows (..., 3): [v]× x = v × x, and what a rotation ω does is ω × v = [v]×ᵀ ω."""
+    result = np.zeros((*np.shape(v), 3))
+    result[..., [2, 0, 1], [1, 2, 0]] = v
+    result[..., [1, 2, 0], [2, 0, 1]] = -v
+    return result
+
+
+def across_pair(direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Two orthonormal vectors (3,) across the unit vector `direction` (3,); coordinate directions when it is one."""
+    first = np.eye(3)[int(np.argmin(np.abs(direction)))]
+    first = first - direction * (direction @ first)
+    first = first / np.linalg.norm(first)
+    return first, np.cross(direction, first)
 
 
 def norm(a: Vector) -> Any:

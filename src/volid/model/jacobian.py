@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from volid.backend.elementary import computed_once, constant_like
-from volid.model.geometry import Vector, add, cross, rotate_small, subtract
+from volid.model.geometry import Vector, add, cross, rotate_small, skew, subtract
 from volid.model.iso230 import LINEAR_AXES
 from volid.model.kinematics import ROWS, error_first, error_motion, nominal_factor, nominal_point, side_rotation, turn
 from volid.model.machine import Axis, Machine
@@ -183,7 +183,7 @@ def tool_rotation_rows(
 def _rotation_rows(points: np.ndarray) -> np.ndarray:
     """What a rotation ω about the origin does at points x (m, 3): ω × x and ω, shape (m, 6, 3)."""
     rows = np.zeros((len(points), 6, 3))
-    rows[:, :3] = np.cross(np.eye(3), points[:, None, :]).transpose(0, 2, 1)
+    rows[:, :3] = skew(-points)
     rows[:, 3:] = np.eye(3)
     return rows
 

@@ -23,6 +23,11 @@ ROWS = 6
 RADIAN = np.pi / 180.0
 
 
+def chain_of(machine: Machine) -> Machine:
+    """The machine reduced to its kinematic chain: equal chains share compiled programs whatever their names."""
+    return Machine(name="", structure="", axes=machine.axes)
+
+
 def _components(values: Any, start: int) -> Vector:
     return values[start], values[start + 1], values[start + 2]
 

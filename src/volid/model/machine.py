@@ -11,6 +11,7 @@ import numpy as np
 
 from volid.backend.pytrees import STATIC, register_dataclass, register_if_imported
 from volid.exceptions import InputError
+from volid.model.geometry import skew
 from volid.model.iso230 import LINEAR_AXES, ROTARY_AXES
 
 if TYPE_CHECKING:
@@ -80,7 +81,7 @@ class Axis:
         if c < -1.0 + 1e-12:  # opposite: half a turn about the next direction
             other = np.roll(nominal, 1)
             return 2.0 * np.outer(other, other) - np.eye(3)
-        k = np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+        k = skew(v)
         return np.eye(3) + k + k @ k / (1.0 + c)
 
     @property

@@ -6,7 +6,7 @@ can differentiate the functions with respect to position.
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -119,10 +119,16 @@ def value_row(spline: Spline, x: float) -> np.ndarray:
     return design_matrix(spline, np.array([x]))[0]
 
 
+@cache
+def gauss_legendre(n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes and weights (n,) over -1 … 1; hundreds of nodes take longer to find than everything that they are used for."""
+    return np.polynomial.legendre.leggauss(n)
+
+
 @lru_cache(maxsize=64)
 def quadrature(low: float, high: float, segments: int, order: int) -> tuple[np.ndarray, np.ndarray]:
     """Gauss-Legendre nodes and weights, `order` per segment, that integrate over [low, high]."""
-    nodes, weights = np.polynomial.legendre.leggauss(order)
+    nodes, weights = gauss_legendre(order)
     edges = np.linspace(low, high, segments + 1)
     half = 0.5 * (edges[1] - edges[0])
     return (0.5 * (edges[:-1] + edges[1:])[:, None] + half * nodes).ravel(), np.tile(half * weights, segments)

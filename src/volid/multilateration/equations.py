@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from volid.backend.rms import rms
 from volid.exceptions import InputError
 
 RANK_TOLERANCE = 1e-9  # singular values of the Jacobian divided by u, relative to the largest; rounding leaves 1e-15
@@ -27,7 +28,7 @@ class Equations:
     @property
     def extent(self) -> float:
         """Root mean square distance of the points from their mean."""
-        return float(np.sqrt((self.approximate**2).sum(axis=1).mean()))
+        return rms(np.linalg.norm(self.approximate, axis=1))
 
     def residuals(self, x: Float[np.ndarray, "p d"]) -> Float[np.ndarray, " m"]:
         """Reading - predicted at coordinates x, divided by u."""

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
+from volid.backend.rms import rms
 from volid.exceptions import InputError
 from volid.multilateration.equations import Equations, descend
 from volid.multilateration.trilateration import trilaterate
@@ -158,12 +159,12 @@ def _polished(points, observations, u: float, x: Float[np.ndarray, "p d"]) -> Fl
         x = descend(equations, equations.approximate)
     except InputError:
         return None
-    return x if np.sqrt((equations.residuals(x) ** 2).mean()) < _GOOD else None
+    return x if rms(equations.residuals(x)) < _GOOD else None
 
 
 def _random(points, observations, u: float, dimension: int) -> Float[np.ndarray, "p d"]:
     """Least-squares coordinates from random ones of the network's size."""
-    size = np.sqrt(np.mean([distance**2 for _, _, distance in observations]) / (2 * dimension))
+    size = rms([distance for _, _, distance in observations]) / np.sqrt(2 * dimension)
     generator = np.random.default_rng(0)
     for _ in range(_ATTEMPTS):
         x = _polished(points, observations, u, size * generator.normal(size=(len(points), dimension)))

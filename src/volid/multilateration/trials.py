@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
+from volid.backend.rms import rms
 from volid.exceptions import InputError
 from volid.multilateration.adjustment import NetworkSolution
 
@@ -90,7 +91,7 @@ def _adjust(
     """Least-squares coordinates (M, p, d) for readings (M, m), all trials at once, and which arrived."""
     m, rows = len(readings), np.arange(len(u))
     x = np.broadcast_to(place, (m, *place.shape)).copy()
-    extent = float(np.sqrt(np.mean(np.sum((place - place.mean(axis=0)) ** 2, axis=1))))
+    extent = rms(np.linalg.norm(place - place.mean(axis=0), axis=1))
     damping, arrived = np.full(m, _DAMPING), np.zeros(m, dtype=bool)
 
     def misfit(x: np.ndarray, readings: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

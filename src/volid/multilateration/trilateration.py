@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
+from volid.backend.rms import rms
 from volid.exceptions import InputError
 from volid.multilateration.one_station import (
     BIWEIGHT,
@@ -94,7 +95,7 @@ def trilaterate(
     """
     points, readings_in, labels, index, sigma = _checked(targets, distances, segments, relative, u)
     order = np.argsort(index, kind="stable")
-    centre, extent = points.mean(axis=0), np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean())
+    centre, extent = points.mean(axis=0), rms(np.linalg.norm(points - points.mean(axis=0), axis=1))
     readings = as_readings(
         (points - centre)[order] / extent,
         readings_in[order] / extent,

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from volid.backend.rms import rms
 from volid.campaign import Station
 
 
@@ -36,7 +37,7 @@ class Beam:
         if self.station.position is None:
             return 0.0
         ranges = np.linalg.norm(self.targets - np.array(self.station.position), axis=1)
-        return float(np.sqrt(np.mean(self.centred(self.distances - ranges) ** 2)))
+        return rms(self.centred(self.distances - ranges))
 
     def centred(self, values: np.ndarray) -> np.ndarray:
         """Values (m,) minus the mean of their segment."""

@@ -22,7 +22,7 @@ import numpy as np
 from volid.backend.elementary import in_rows
 from volid.campaign import Campaign, ObservationSet
 from volid.exceptions import InputError
-from volid.model.geometry import Vector, add, rotate_small, subtract
+from volid.model.geometry import Vector, add, rotate_small, skew, subtract
 from volid.model.kinematics import functional_point, nominal_point, to_tool_frame, transform
 from volid.model.machine import Machine
 from volid.observations.base import Group, Kind, NuisanceTable
@@ -37,7 +37,6 @@ from volid.observations.response import (
     remainder,
 )
 from volid.observations.spheres import SAME_SPHERE, place_advice, sphere_places
-from volid.observations.stations import cross_rows
 
 SPREAD = {"nest": 0.1, "rotation": 5e-3, "scale": 1e-3}  # of what is unknown of a virtual sensor [mm, rad, 1]
 RANGE = 2.0  # mm, of a sensor to either side; the option `range` of a set says otherwise
@@ -229,9 +228,9 @@ def _remainder(observations: ObservationSet, settings: DisplacementSettings) -> 
     d, u = np.nan_to_num(observations.readings), observations.u
     arm = tools if settings.rotation or not settings.on_tool else tools + d
     rows = np.zeros((len(d), 3, 9))
-    rows[:, :, 6:] = cross_rows(arm)
+    rows[:, :, 6:] = skew(-arm)
     if not settings.on_tool and not settings.rotation:
-        rows[:, :, 3:6] = cross_rows(d)
+        rows[:, :, 3:6] = skew(-d)
     turned = bool(rows[:, :, 3:6].any())
     reason = _SENSOR_TURNS.format(name=observations.name) if turned else SEVERAL_TOOLS
     return remainder(rows.reshape(-1, 9), u.ravel(), reason)

@@ -14,6 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from volid.model.geometry import skew
+
 TOOL_VECTORS = "tool vectors"  # the frame in which they are given, as a body
 MOTIONS = 9  # t [mm], ω [rad] of the body's frame, and h [rad] of the tool
 Key = tuple[str, ...]
@@ -104,8 +106,7 @@ class PlaceOf(Response):
     def row(self, value: Values) -> np.ndarray:
         """(e_i, rows of [·× p], of the tool)."""
         p = np.array([value(key) for key in self.of]) + np.array(self.offset)
-        turned = np.array([np.cross(axis, p)[self.component] for axis in np.eye(3)])
-        return np.concatenate([np.eye(3)[self.component], turned, self.tool[self.component]])
+        return np.concatenate([np.eye(3)[self.component], skew(-p)[self.component], self.tool[self.component]])
 
     def joined(self, other: Response) -> Response:
         """Sets that see the point with other tool vectors leave a remainder."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from volid.campaign import Campaign, ObservationSet, Station
+from volid.model.geometry import skew
 from volid.model.kinematics import nominal_rotation
 from volid.model.machine import TOOL, Machine
 from volid.observations.base import NuisanceTable
@@ -62,7 +63,7 @@ class Seen:
         middle = tools.mean(axis=0)
         if not rotary_motion(machine, observations.positions[rows], start, stop):
             turn = nominal_rotation(machine, observations.positions[rows[:1]], start, stop)[0]
-            self.tool = as_rows(-turn @ cross_rows(middle[None])[0])
+            self.tool = as_rows(turn @ skew(middle))
             tools = tools - middle
         self.not_followed = tool_remainder(tools, self.u)
 
@@ -71,11 +72,6 @@ def rotary_motion(machine: Machine, positions: np.ndarray, start: int, stop: int
     """Whether a rotary axis between two bodies moves over positions (m, n_axes)."""
     between = range(min(start, stop), max(start, stop))
     return any(np.ptp(positions[:, i]) > 0.0 for i in between if not machine.axes[i].is_linear)
-
-
-def cross_rows(vectors: np.ndarray) -> np.ndarray:
-    """Matrices with columns e_k × v, (m, 3, 3), for vectors (m, 3): ω × v = matrix · ω."""
-    return np.stack([np.cross(axis, vectors) for axis in np.eye(3)], axis=2)
 
 
 def tool_remainder(tools: np.ndarray, u: float) -> Remainder | None:

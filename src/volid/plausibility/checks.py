@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from volid.backend.rms import rms
 from volid.campaign import Campaign, ObservationSet
 from volid.exceptions import InputError
 from volid.model.machine import Machine
@@ -161,7 +162,7 @@ def _expected_coincidences(readings: ObservationSet, machine: Machine) -> float:
     differences = differences[differences > 0.0]
     if not len(differences):
         return 0.0
-    spread = _rms(differences)
+    spread = rms(differences)
     return len(later) * min(1.0, _common_step(differences[:_STEPS_TRIED], _CONTINUOUS * spread) / spread)
 
 
@@ -221,17 +222,13 @@ def _closure(readings: ObservationSet, i: int, name: str, later: np.ndarray, ear
         set=readings.name,
         reading=name,
         n=len(later),
-        rms=_rms(drift),
+        rms=rms(drift),
         max=float(drift[worst]),
-        u=_rms(u),
-        rms_ratio=_rms(ratio),
+        u=rms(u),
+        rms_ratio=rms(ratio),
         max_ratio=float(ratio[np.argmax(np.abs(ratio))]),
         rows=(int(numbers[earlier[worst]]), int(numbers[later[worst]])),
     )
-
-
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(values**2)))
 
 
 def _repeats(readings: ObservationSet, machine: Machine) -> tuple[np.ndarray, np.ndarray]:

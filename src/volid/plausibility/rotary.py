@@ -13,6 +13,7 @@ from itertools import combinations
 
 import numpy as np
 
+from volid.backend.rms import rms
 from volid.campaign import Campaign, ObservationSet
 from volid.exceptions import InputError
 from volid.model.error_functions import location_names, motion_names
@@ -77,19 +78,18 @@ def _misfit(readings: ObservationSet, campaign: Campaign, positions: np.ndarray)
     beams = list(KINDS[readings.kind].beams(readings, campaign, positions))
     if not beams or not all(beam.station.position for beam in beams):
         return None
-    squares = np.concatenate([_beam_misfit(beam) for beam in beams])
-    return float(np.sqrt(np.mean(squares)))
+    return rms(np.concatenate([_beam_misfit(beam) for beam in beams]))
 
 
 def _beam_misfit(beam: Beam) -> np.ndarray:
-    """Squares of readings minus nominal distances (m,) [mm²], less what dead paths and another place of the station explain."""
+    """Readings minus nominal distances (m,) [mm], less what dead paths and another place of the station explain."""
     arm = beam.targets - np.array(beam.station.position)
     length = np.maximum(np.linalg.norm(arm, axis=1), 1e-9)
     design = arm / length[:, None]
     if beam.relative:
         design = np.hstack([design, beam.segments[:, None] == np.unique(beam.segments)])
     difference = beam.distances - length
-    return np.asarray((difference - design @ np.linalg.lstsq(design, difference, rcond=1e-9)[0]) ** 2)
+    return np.asarray(difference - design @ np.linalg.lstsq(design, difference, rcond=1e-9)[0])
 
 
 def scattered(readings: ObservationSet, machine: Machine) -> Iterator[str]:
@@ -116,11 +116,11 @@ def scatter(readings: ObservationSet, machine: Machine, positions: np.ndarray) -
     places = kind.places(readings, machine, positions)
     if places is None:
         return None
-    squares = np.zeros(len(places))
+    distances = np.zeros(len(places))
     for name in np.unique(readings.labels[kind.standing]):
         rows = readings.labels[kind.standing] == name
-        squares[rows] = np.sum((places[rows] - places[rows].mean(axis=0)) ** 2, axis=1)
-    return float(np.sqrt(np.mean(squares)))
+        distances[rows] = np.linalg.norm(places[rows] - places[rows].mean(axis=0), axis=1)
+    return rms(distances)
 
 
 def check_motion(campaign: Campaign) -> None:

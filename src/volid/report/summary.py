@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from volid.backend.rms import rms
 from volid.campaign import Campaign
 from volid.compensation.grids.linear import linear_grid
 from volid.compensation.grids.parts import left_out
@@ -43,7 +44,7 @@ def summary_data(solution: Solution, tool: Sequence[float] | None = None) -> dic
         solution: of a fit.
         tool: tool vector (3,) of the volumetric numbers [mm]; None: the one of most readings.
     """
-    x, y, z = solution.campaign.most_used_tool() if tool is None else map(float, tool)
+    x, y, z = solution.most_used_tool() if tool is None else map(float, tool)
     table = _tabulated(solution)
     data = {
         "format": FORMAT,
@@ -133,14 +134,10 @@ def _set_rows(solution: Solution, i: int) -> Iterator[dict[str, Any]]:
             "kind": kind,
             "n_readings": int(used.size),
             "n_outliers": int(used.size - used.sum()),
-            "u_rms": to_rad * _rms(readings.u[rows][used]),
-            "residual_rms": to_rad * _rms(results.residuals[i][rows][used]),
+            "u_rms": to_rad * rms(readings.u[rows][used]),
+            "residual_rms": to_rad * rms(results.residuals[i][rows][used]),
             "unit": "rad" if unit == DEGREES else unit,
         }
-
-
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(np.square(values)))) if np.size(values) else math.nan
 
 
 def _constant(solution: Solution, name: str) -> dict[str, Any]:

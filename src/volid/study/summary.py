@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from volid.backend.rms import rms
 from volid.virtual.comparison import covered
 
 FIELD = "deviation field"
@@ -28,16 +29,21 @@ SUMMARY: dict[str, tuple[type, str]] = {
 }
 
 
+def _known(values: Any) -> np.ndarray:
+    """The values that are numbers."""
+    values = np.asarray(values, dtype=float)
+    return np.asarray(values[np.isfinite(values)])
+
+
 def mean_of(values: Any) -> float:
     """Mean of the values that are not NaN; NaN when there is none."""
-    kept = np.asarray(values, dtype=float)
-    kept = kept[np.isfinite(kept)]
+    kept = _known(values)
     return float(kept.mean()) if kept.size else float("nan")
 
 
 def rms_of(values: Any) -> float:
     """Root mean square of the values that are not NaN."""
-    return float(np.sqrt(mean_of(np.square(np.asarray(values, dtype=float)))))
+    return rms(_known(values))
 
 
 def summary(records: list[dict[str, Any]]) -> list[dict[str, Any]]:

@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from volid.backend.rms import rms
 from volid.fitting.prediction.deviations import gradient_matrix
 from volid.fitting.prediction.spread import linear_uncertainty
 from volid.fitting.solution import Solution
@@ -45,7 +46,7 @@ class Budget:
 
     def root_mean_square(self, rows: np.ndarray) -> list[tuple[str, float, float]]:
         """(source, RMS contribution over the outputs `rows`, its share of the variance), largest first."""
-        values = np.sqrt(np.mean(self.contributions(rows) ** 2, axis=1))
+        values = rms(self.contributions(rows), axis=1)
         total = max(float(np.sum(values**2)), 1e-300)
         table = [(s, float(v), float(v**2) / total) for s, v in zip(self.sources, values, strict=True)]
         return sorted(table, key=lambda row: -row[1])
@@ -91,9 +92,9 @@ def headline_rows(solution: Solution, outputs: Outputs) -> Rows:
         e = (outputs.offset + outputs.field @ x).reshape(-1, 3)
         size = np.linalg.norm(e, axis=1)
         along = np.einsum("pk,pkn->pn", e, gradient)
-        worst, rms = int(np.argmax(size)), np.sqrt(np.mean(size**2))
+        worst = int(np.argmax(size))
         ends = [gradient[np.argmax(e[:, k]), k] - gradient[np.argmin(e[:, k]), k] for k in range(3)]
-        matrix = np.vstack([matrix, along[worst] / size[worst], along.sum(axis=0) / (len(e) * rms), *ends])
+        matrix = np.vstack([matrix, along[worst] / size[worst], along.sum(axis=0) / (len(e) * rms(size)), *ends])
     return Rows(outputs.names, outputs.positions, outputs.units, matrix)
 
 
@@ -129,11 +130,11 @@ def budget(solution: Solution) -> Budget:
     centre = Centre(solution)
     basis, covariance = np.asarray(centre.frozen.basis), np.asarray(solution.covariance)
     sources, parts, stated = [], [], []
-    whole = centre.problem.system
-    bare = replace(whole, prior_root=np.zeros((0, whole.size)))
+    system_of_all = centre.problem.system
+    bare = replace(system_of_all, prior_root=np.zeros((0, system_of_all.size)))
     for i, s in enumerate(centre.campaign.sets):
         own = [number == i for number, _ in centre.problem.places]
-        system = replace(bare, blocks=tuple(b for b, of_set in zip(whole.blocks, own, strict=True) if of_set))
+        system = replace(bare, blocks=tuple(b for b, of_set in zip(system_of_all.blocks, own, strict=True) if of_set))
         normal = centre.engine.equations(system).normal(np.asarray(centre.frozen.z))
         matrix = basis.T @ normal.matrix @ basis
         sources.append(f"readings of set '{s.name}'")

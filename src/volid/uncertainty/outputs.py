@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from volid.backend.rms import rms
 from volid.fitting.prediction.deviations import deviation_values, gradient_matrix
 from volid.fitting.prediction.working_volume import volume_positions
 from volid.fitting.solution import Solution
@@ -39,7 +40,7 @@ class Outputs:
             return np.zeros((len(x), 0))
         vectors = (self.offset + x @ self.field.T).reshape(len(x), -1, 3)
         size = np.linalg.norm(vectors, axis=2)
-        return np.column_stack([size.max(axis=1), np.sqrt(np.mean(size**2, axis=1)), np.ptp(vectors, axis=1)])
+        return np.column_stack([size.max(axis=1), rms(size, axis=1), np.ptp(vectors, axis=1)])
 
 
 FIELD = ("largest deviation", "RMS deviation", "V_X", "V_Y", "V_Z")

@@ -11,8 +11,9 @@ from volid.fitting.prediction.spread import covariance_root, linear_uncertainty
 from volid.fitting.prediction.working_volume import spread_positions
 from volid.fitting.solution import Solution
 from volid.model.error_functions import reference_of
-from volid.model.iso230 import SPINDLE, parse
+from volid.model.iso230 import parse
 from volid.model.jacobian import rigid_motion_rows, tool_rotation_rows
+from volid.model.rigid_fields import column_space, without
 from volid.virtual.truth import Truth
 
 POINTS = 64  # of the deviation field, over the travel (Halton)
@@ -80,16 +81,14 @@ def gauge_basis(solution: Solution, positions: np.ndarray, tool: np.ndarray) -> 
     at 0 or not determined.
     """
     columns = [rigid_motion_rows(solution.machine, positions, tool)[:, :3]]
-    tool_frame = [name for name in solution.model.names if parse(name).location and parse(name).axis == SPINDLE]
+    tool_frame = [f.name for f in solution.model.tool_frame]
     open_ones = [parse(name) for name in tool_frame if not np.isfinite(solution.location(name).value)]
     rows = tool_rotation_rows(solution.machine, positions, tool)
     if any(error.is_rotation for error in open_ones):
         columns.append(rows[:, :3])
     if any(not error.is_rotation for error in open_ones):
         columns.append(rows[:, 3:])  # R_h itself: a translation that turns with the head
-    matrix = np.concatenate(columns, axis=2).reshape(3 * len(positions), -1)
-    vectors, sizes, _ = np.linalg.svd(matrix / np.maximum(np.linalg.norm(matrix, axis=0), 1e-300), full_matrices=False)
-    return np.asarray(vectors[:, sizes > 1e-9 * sizes[0]])
+    return column_space(np.concatenate(columns, axis=2).reshape(3 * len(positions), -1))
 
 
 def _field(solution: Solution, truth: Truth) -> tuple[np.ndarray, np.ndarray]:
@@ -109,8 +108,8 @@ def _field(solution: Solution, truth: Truth) -> tuple[np.ndarray, np.ndarray]:
     plain = (found - truth.deviation(positions, tool)[:, :3])[known].ravel()
     gradient = gradient_matrix(solution.model, theta, positions, tool, still)[known, :3].reshape(len(plain), -1)
     root = gradient @ covariance_root(solution.parameter_covariance)
-    difference[known] = (plain - basis @ (basis.T @ plain)).reshape(-1, 3)
-    u[known] = np.linalg.norm(root - basis @ (basis.T @ root), axis=1).reshape(-1, 3)
+    difference[known] = without(basis, plain).reshape(-1, 3)
+    u[known] = np.linalg.norm(without(basis, root), axis=1).reshape(-1, 3)
     return difference, u
 
 

@@ -7,23 +7,18 @@ side, -1 on the workpiece side. Its least-squares component over the travel (one
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cache
 from typing import Any
 
 import numpy as np
 
 from volid.model.error_functions import reference_of
+from volid.model.geometry import across_pair
 from volid.model.iso230 import parse
 from volid.model.machine import Axis, Machine
+from volid.model.splines import gauss_legendre
 
 Function = Callable[[np.ndarray], Any]
 _NODES = 400  # of Gauss-Legendre quadrature: exact to rounding for waves of a hundredth of the travel
-
-
-@cache
-def gauss_legendre(n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes and weights over -1 … 1; of many nodes they take longer to find than everything else that a truth needs."""
-    return np.polynomial.legendre.leggauss(n)
 
 
 def periodic_wave(rng: np.random.Generator, waviness: float) -> Function:
@@ -64,10 +59,7 @@ def in_datum(machine: Machine, group: tuple[str, ...], functions: Sequence[Funct
 def _fields(axis: Axis, components: list[int]) -> list[Function]:
     """Constants along and across the axis, and for two or three components the co-rotating vectors; each (components, n)."""
     along = axis.frame.T @ np.asarray(axis.unit_vector)
-    first = np.eye(3)[int(np.argmin(np.abs(along)))]
-    first = first - along * (along @ first)
-    across = [first / np.linalg.norm(first)]
-    across.append(np.cross(along, across[0]))
+    across = across_pair(along)
     sense = -1.0 if axis.primed else 1.0
     nothing = np.zeros(3)
     pairs = [(v, nothing, nothing) for v in (along, *across)]

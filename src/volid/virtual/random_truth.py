@@ -23,7 +23,8 @@ from volid.model.error_functions import (
 )
 from volid.model.iso230 import parse
 from volid.model.machine import Axis, Machine
-from volid.virtual.random_rotary import gauss_legendre, in_datum, periodic_wave
+from volid.model.splines import gauss_legendre
+from volid.virtual.random_rotary import in_datum, periodic_wave
 from volid.virtual.truth import POINTS, POINTS_ACROSS, CrossTable, Table, Truth
 
 MICROMETRE, MICRORADIAN = 1e-3, 1e-6  # in mm, rad

@@ -17,7 +17,7 @@ from volid.exceptions import InputError
 from volid.fitting.equations.choice import engine_for_readings
 from volid.fitting.equations.engine import Engine
 from volid.fitting.equations.sensitivities import sensitivities_of
-from volid.fitting.prediction.deviations import chain_of
+from volid.model.kinematics import chain_of
 from volid.model.machine import Machine
 from volid.observations import KINDS
 from volid.observations.base import Nuisance, NuisanceTable

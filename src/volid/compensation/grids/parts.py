@@ -16,7 +16,7 @@ from volid.compensation.grids.sides import turning_linear_axes
 from volid.fitting.datum import split_null_space
 from volid.fitting.diagnosis.identifiability import parameter_units
 from volid.fitting.prediction.determination import known_deviations
-from volid.fitting.prediction.deviations import deviation_values, estimable, standard_uncertainties
+from volid.fitting.prediction.deviations import deviation_values, is_determined, standard_uncertainties
 from volid.fitting.results import Deviations
 from volid.fitting.solution import Solution
 from volid.model.error_functions import motion_names
@@ -65,7 +65,7 @@ def evaluate_part(
     if covariance is not None:
         u = standard_uncertainties(part, theta, covariance, positions, tool, still)
     _, open_rest = split_null_space(model, null)
-    known = estimable(part, open_rest, parameter_units(model), positions, tool, still)
+    known = is_determined(part, open_rest, parameter_units(model), positions, tool, still)
     return Deviations(np.where(known, values, np.nan), np.where(known, u, np.nan), known, outside)
 
 

@@ -6,16 +6,17 @@ from typing import NamedTuple
 
 import numpy as np
 
+from volid.backend.rms import rms
 from volid.compensation.base import Base, deviation_rows
 from volid.compensation.orientation import SPINDLE_AXIS, orientation_between
 from volid.exceptions import NotDeterminedError
 from volid.fitting.diagnosis.identifiability import parameter_units, undetermined_directions
-from volid.fitting.prediction.deviations import ESTIMABLE
+from volid.fitting.prediction.deviations import determined
 from volid.fitting.prediction.working_volume import spread_positions
 from volid.fitting.solution import Solution
-from volid.model.jacobian import rigid_motion_rows
 from volid.model.kinematics import nominal_point, side_rotation
 from volid.model.machine import Machine
+from volid.model.rigid_fields import WorkpieceMotion
 
 POINTS = 512
 LENGTHS = ("largest", "95 %", "RMS", "X", "Y", "Z")
@@ -34,21 +35,6 @@ def volume_places(machine: Machine, points: int = POINTS, seed: int = 0) -> Plac
     """Points spread evenly over the travel (Halton), approach directions at random."""
     positions = spread_positions(machine, points, seed)
     return Places(positions, np.random.default_rng(seed).choice([-1.0, 1.0], positions.shape))
-
-
-class WorkpieceMotion:
-    """The rigid motion of the workpiece frame that is in fields over some places for one tool vector (CONVENTIONS 4)."""
-
-    def __init__(self, machine: Machine, positions: np.ndarray, tool: np.ndarray) -> None:
-        self.rows = rigid_motion_rows(machine, positions, tool)
-        translations = self.rows[:, :3].reshape(-1, 6)
-        scale = np.linalg.norm(translations, axis=0)
-        self.inverse = np.linalg.pinv(translations / scale) / scale[:, None]
-
-    def removed_from(self, fields: np.ndarray) -> np.ndarray:
-        """Fields (s, m, 6) or translations (s, m, 3) less the rigid motion that fits their translations best."""
-        motion = fields[:, :, :3].reshape(len(fields), -1) @ self.inverse.T
-        return np.asarray(fields - np.einsum("mij,sj->smi", self.rows[:, : fields.shape[2]], motion))
 
 
 class Field:
@@ -70,12 +56,12 @@ class Field:
         null = undetermined_directions(solution.null_space, units)
         moved = self.without_rigid_motion((self.gradient @ (units[:, None] * null)).transpose(2, 0, 1))
         possible = np.abs(self.gradient * units)
-        if np.abs(moved[:, :, :3]).max() > ESTIMABLE * possible[:, :3].max():
+        if not determined(np.abs(moved[:, :, :3]).max(), possible[:, :3].max()):
             where = ", ".join(f"{v:g}" for v in self.tool)
             raise NotDeterminedError(
                 f"residual: the data do not determine the deviation for tool vector ({where}) mm. {' '.join(solution.statements)}"
             )
-        return bool(np.abs(moved[:, :, 3:]).max() <= ESTIMABLE * possible[:, 3:].max())
+        return bool(determined(np.abs(moved[:, :, 3:]).max(), possible[:, 3:].max()))
 
 
 def moved_by(machine: Machine, commanded: np.ndarray, altered: np.ndarray, tool: np.ndarray) -> np.ndarray:
@@ -88,6 +74,6 @@ def moved_by(machine: Machine, commanded: np.ndarray, altered: np.ndarray, tool:
 def quantities(fields: np.ndarray, tool_axis: np.ndarray) -> np.ndarray:
     """The numbers of `QUANTITIES` of fields (s, m, 6), (s, 10); `tool_axis`: unit vectors (m, 3), machine frame."""
     size = np.linalg.norm(fields[:, :, :3], axis=2)
-    overall = [size.max(axis=1), np.quantile(size, 0.95, axis=1), np.sqrt(np.mean(size**2, axis=1))]
+    overall = [size.max(axis=1), np.quantile(size, 0.95, axis=1), rms(size, axis=1)]
     tilt = np.linalg.norm(np.cross(tool_axis, fields[:, :, 3:]), axis=2)
     return np.column_stack([*overall, np.abs(fields).max(axis=1), tilt.max(axis=1)])

@@ -7,13 +7,15 @@ from typing import NamedTuple
 
 import numpy as np
 
+from volid.backend.rms import rms
 from volid.compensation.grids.grid import Grid, RotaryGrid
 from volid.compensation.grids.rotary import deviation_from_grids
-from volid.compensation.residual.fields import WorkpieceMotion, volume_places
+from volid.compensation.residual.fields import volume_places
 from volid.fitting.prediction.deviations import deviation_values, gradient_matrix
 from volid.fitting.prediction.spread import covariance_root
 from volid.fitting.prediction.working_volume import volume_positions
 from volid.fitting.solution import Solution
+from volid.model.rigid_fields import WorkpieceMotion
 
 POINTS = 512
 SAMPLES = 200
@@ -68,7 +70,7 @@ def volumetric_summary(solution: Solution, tool: tuple[float, float, float]) -> 
     if not np.isfinite(size).all():
         return VolumeSummary(accuracy, np.nan, np.nan, np.full(positions.shape[1], np.nan))
     worst = int(np.argmax(size))
-    return VolumeSummary(accuracy, float(size[worst]), float(np.sqrt(np.mean(size**2))), positions[worst])
+    return VolumeSummary(accuracy, float(size[worst]), rms(size), positions[worst])
 
 
 def predict_residual(
@@ -111,4 +113,4 @@ def predict_residual(
     largest = size.max(axis=1)
     low, high = np.quantile(largest, [0.025, 0.975]).tolist()
     interpolation = float(np.linalg.norm(without(mean[None])[0], axis=1).max())
-    return ResidualPrediction(float(np.sqrt(np.mean(size**2))), float(largest.mean()), (low, high), interpolation)
+    return ResidualPrediction(rms(size), float(largest.mean()), (low, high), interpolation)

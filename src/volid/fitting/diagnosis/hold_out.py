@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from volid.backend.rms import rms
 from volid.campaign import SAME_ANGLE, Campaign, ObservationSet
 from volid.fitting.equations.problem import Problem
 from volid.model.machine import Machine
@@ -137,12 +138,7 @@ def _bin(
         high=ends[1],
         n=len(poses),
         poses=len(np.unique(poses)),
-        residual=_length(residual),
-        held_out=_length(predicted),
+        residual=rms(np.linalg.norm(residual, axis=1)),
+        held_out=rms(np.linalg.norm(predicted, axis=1)),
         mean=tuple(residual.mean(axis=0).tolist()),
     )
-
-
-def _length(values: np.ndarray) -> float:
-    """Root mean square length of the rows (m, k)."""
-    return float(np.sqrt(np.mean(np.sum(values**2, axis=1))))

@@ -68,10 +68,6 @@ def undetermined_directions(null_space: np.ndarray, units: np.ndarray) -> np.nda
     return np.asarray(np.linalg.qr(np.asarray(null_space) / units[:, None])[0])
 
 
-def _spindle_columns(model: ErrorModel) -> np.ndarray:
-    return np.array([f.parameters.start for f in model.functions if parse(f.name).axis == "S"], dtype=int)
-
-
 def _clear_cut(matrix: np.ndarray, n: int, units: np.ndarray) -> np.ndarray | None:
     """Square root of the machine's Schur complement, when JᵀJ alone decides every direction with a wide gap; else None.
 
@@ -147,7 +143,8 @@ def analyse(problem: Problem, campaign: Campaign) -> Identifiability:
     jacobi, kept, deficient = np.ones(m), np.eye(m), np.zeros((m, 0))
     if machine is None:
         machine, jacobi, kept, deficient = _by_triangle(problem, units)
-    tool, free = _hold_tool_rotation(machine, _spindle_columns(model))
+    tool_columns = np.array([f.parameters.start for f in model.tool_frame], dtype=int)
+    tool, free = _hold_tool_rotation(machine, tool_columns)
     determined, null = _split(machine @ free, WEAKEST)
     basis = np.zeros((n_free, determined.shape[1] + kept.shape[1]))
     basis[:n, : determined.shape[1]] = units[:, None] * (free @ determined)

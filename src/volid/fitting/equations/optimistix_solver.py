@@ -42,7 +42,7 @@ def _normal(y: Any, args: _Arguments) -> Normal:
 
 
 def _cost(y: Any, args: _Arguments) -> Any:
-    """The function optimistix is told about; the solver itself never calls it."""
+    """The function that optimistix is given; the solver itself never calls it."""
     return y
 
 

@@ -21,7 +21,7 @@ from volid.fitting.equations.engine import Engine, Equations
 from volid.fitting.equations.sensitivities import sensitivities_of
 from volid.fitting.equations.system import Block, System
 from volid.model.error_model import ErrorModel
-from volid.model.machine import Machine
+from volid.model.kinematics import chain_of
 from volid.observations.base import Nuisance, NuisanceTable
 
 CHUNK = 2048
@@ -162,8 +162,7 @@ def build_problem(
             places.append((number, group.rows))
     n = model.layout.n_coefficients
     mean, root = _prior_knowledge(model, table.entries, prior)
-    chain = Machine(name="", structure="", axes=campaign.machine.axes)
-    system = System(chain, model.layout, len(table.entries), tuple(blocks), mean, root)
+    system = System(chain_of(campaign.machine), model.layout, len(table.entries), tuple(blocks), mean, root)
     equations = (engine or engine_for_fit(campaign)).equations(system)
     start = np.concatenate([np.zeros(n), [e.start for e in table.entries]])
     return Problem(equations, model, tuple(table.entries), tuple(places), start, _free(model, table.entries))

@@ -9,6 +9,7 @@ import numpy as np
 from volid.campaign import ObservationSet
 from volid.effects.prediction import Extended
 from volid.fitting.equations.engine import Engine
+from volid.model.kinematics import chain_of
 from volid.model.machine import Machine
 
 
@@ -26,7 +27,7 @@ def sensitivities_of(
     k = observations.readings.shape[1]
     by_axis = np.zeros((len(machine.axes), len(observations), k))
     by_tool = np.zeros((3, len(observations), k))
-    chain = Machine(name="", structure="", axes=machine.axes)
+    chain = chain_of(machine)
     for group in groups:
         rows = group.rows
         arrays = (observations.positions[rows].T, observations.tool[rows].T, values[group.slots], group.constants)

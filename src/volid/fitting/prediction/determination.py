@@ -1,7 +1,7 @@
 """Whether the data determine a deviation: as it stands, or up to a rigid motion of the workpiece frame.
 
 With unknown stations a field may be known in shape for the measured tool vector although the functions that place it are
-not: then its undetermined combinations move the whole field like one rigid body (CONVENTIONS 4, last rules). Such values
+not: then its combinations that are not determined move the field like one rigid body (CONVENTIONS 4, last rules). Such values
 are given with these combinations at zero, which fixes the frame, and marked `rigid`.
 """
 
@@ -13,15 +13,16 @@ import numpy as np
 
 from volid.fitting.diagnosis.identifiability import parameter_units, undetermined_directions
 from volid.fitting.prediction.deviations import (
-    ESTIMABLE,
+    determined,
     deviation_values,
-    estimable,
     gradient_matrix,
+    is_determined,
     standard_uncertainties,
 )
 from volid.fitting.prediction.spread import covariance_root
 from volid.model.error_model import ErrorModel
 from volid.model.jacobian import rigid_motion_rows
+from volid.model.rigid_fields import WorkpieceMotion
 
 NODES = 4  # per axis, of the field that is compared with a rigid motion
 MOST_TOOLS = 16
@@ -39,7 +40,7 @@ def determination(
 ) -> Determination:
     """What the data determine at m points, approached in `direction` (0: mean), with `null_space` (n_parameters, k)."""
     units = parameter_units(model)
-    known = estimable(model, null_space, units, positions, tool, direction)
+    known = is_determined(model, null_space, units, positions, tool, direction)
     rigid = np.zeros(len(positions), dtype=bool)
     if known.all():
         return Determination(known, rigid)
@@ -87,21 +88,18 @@ def known_deviations(
 
 
 class _Mesh(NamedTuple):
-    """Points spread over the travel for one tool vector, and their rigid motion rows, (3 n, 6), scaled columns."""
+    """Points spread over the travel for one tool vector, and what a rigid motion does to a field there."""
 
     positions: np.ndarray
     tool: np.ndarray
-    rigid: np.ndarray
-    scale: np.ndarray
+    rigid: WorkpieceMotion
 
 
 def _mesh(model: ErrorModel, tool: np.ndarray) -> _Mesh:
     nodes = np.meshgrid(*(np.linspace(*axis.travel, NODES) for axis in model.machine.axes), indexing="ij")
     positions = np.stack([m.ravel() for m in nodes], axis=1)
     tools = np.broadcast_to(tool, (len(positions), 3))
-    rigid = rigid_motion_rows(model.machine, positions, tools)[:, :3].reshape(-1, 6)
-    scale = 1.0 / np.linalg.norm(rigid, axis=0)
-    return _Mesh(positions, tools, rigid * scale, scale)
+    return _Mesh(positions, tools, WorkpieceMotion(model.machine, positions, tools))
 
 
 def _translation_gradient(model: ErrorModel, theta: np.ndarray, mesh: _Mesh) -> np.ndarray:
@@ -110,17 +108,17 @@ def _translation_gradient(model: ErrorModel, theta: np.ndarray, mesh: _Mesh) -> 
 
 
 def _rigid_motion(model: ErrorModel, null: np.ndarray, tool: np.ndarray) -> np.ndarray | None:
-    """M, shape (6, k): rigid motion (t, ω) that each undetermined combination makes of the field for one tool vector.
+    """M, shape (6, k): rigid motion (t, ω) that each combination that is not determined makes of the field for one tool vector.
 
     None when some combination changes the field's shape.
     """
     mesh = _mesh(model, tool)
     gradient = _translation_gradient(model, np.zeros(model.n_parameters), mesh)
     change = gradient @ null
-    motion, *_ = np.linalg.lstsq(mesh.rigid, change, rcond=None)
-    left = np.abs(mesh.rigid @ motion - change).max()
-    whole = np.abs(gradient * parameter_units(model)).max()
-    return mesh.scale[:, None] * motion if left <= ESTIMABLE * whole else None
+    motion = mesh.rigid.inverse @ change
+    left = np.abs(mesh.rigid.translations @ motion - change).max()
+    possible = np.abs(gradient * parameter_units(model)).max()
+    return motion if determined(left, possible) else None
 
 
 def in_own_frame(
@@ -137,7 +135,7 @@ def in_own_frame(
     """
     mesh = _mesh(model, tool[0])
     field = deviation_values(model, theta, mesh.positions, mesh.tool, np.zeros_like(mesh.positions))[:, :3]
-    inverse = mesh.scale[:, None] * np.linalg.pinv(mesh.rigid)
+    inverse = mesh.rigid.inverse
     motion, slope = inverse @ field.ravel(), inverse @ _translation_gradient(model, theta, mesh)
     values = deviation_values(model, theta, positions, tool, direction)
     root = None if covariance is None else covariance_root(covariance)
@@ -160,8 +158,8 @@ def _moves_along(
     tool: np.ndarray,
     direction: np.ndarray,
 ) -> np.ndarray:
-    """Components that follow the rigid motions `motion` along every undetermined combination, bool (m, 6)."""
+    """Components that follow the rigid motions `motion` along every combination that is not determined, bool (m, 6)."""
     gradient = gradient_matrix(model, np.zeros(model.n_parameters), positions, tool, direction)
     left = np.abs(gradient @ null - rigid_motion_rows(model.machine, positions, tool) @ motion).max(axis=2)
-    whole = np.abs(gradient * parameter_units(model)).max(axis=(0, 2))
-    return np.asarray(left <= ESTIMABLE * np.maximum(whole, 1e-300))
+    possible = np.abs(gradient * parameter_units(model)).max(axis=(0, 2))
+    return determined(left, possible)

@@ -10,22 +10,26 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from volid.backend.elementary import in_rows
+from volid.fitting.diagnosis.identifiability import undetermined_directions
 from volid.fitting.equations.choice import engine_for_points
 from volid.fitting.equations.engine import Calls, PointFunction
 from volid.fitting.prediction import spread
 from volid.model.error_model import ErrorModel, Layout
 from volid.model.error_values import coefficient_rows, error_rows, evaluate_bases
 from volid.model.jacobian import deviation_partials
-from volid.model.kinematics import deviation
+from volid.model.kinematics import chain_of, deviation
 from volid.model.machine import Machine
 
 THREADS = 2  # that share a long computation, here and where others import it
-ESTIMABLE = 1e-3  # 0.1 µm for an undetermined rotation of 0.1 mrad; see `identifiability.NAMED`
+NOTICED = 1e-3  # 0.1 µm for a rotation of 0.1 mrad that is not determined; see `identifiability.NAMED`
 
 
-def chain_of(machine: Machine) -> Machine:
-    """The machine reduced to its kinematic chain: equal chains share compiled programs whatever their names."""
-    return Machine(name="", structure="", axes=machine.axes)
+def determined(along: np.ndarray, possible: np.ndarray | float) -> np.ndarray:
+    """Whether the data determine outputs: combinations of 0.1 mm and 0.1 mrad that are not determined change them too little.
+
+    `along`: by how much these change them; `possible`: what all parameters, of that size, can; of shapes that broadcast.
+    """
+    return np.asarray(along <= NOTICED * np.maximum(possible, 1e-150))
 
 
 def partial_rows(machine: Machine, errors: Any, q: Any, tool: Any) -> list[Any]:
@@ -95,7 +99,7 @@ def _each(carry_out: Callable[[slice], Any], slices: list[slice]) -> Iterator[An
         yield from (f.result() for f in waiting)
 
 
-def _whole(
+def _over_points(
     function: PointFunction, model: ErrorModel, coefficients: np.ndarray, points: _Points, *extra: Any
 ) -> np.ndarray:
     """`function` over all points, points last."""
@@ -110,7 +114,7 @@ def _squares(model: ErrorModel, coefficients: np.ndarray, factor: np.ndarray, po
         return np.zeros((6, len(points.q)))
     if spread.worth_products(tables, len(points.q)):
         numbered = points._replace(number=np.stack([t.number for t in tables], axis=1))
-        return _whole(_variances, model, coefficients, numbered, spread.products(tables))
+        return _over_points(_variances, model, coefficients, numbered, spread.products(tables))
     slices, call = _calls(_partials, model, coefficients, points)
     squares = _each(lambda part: spread.squares(tables, part, call(part)), slices)
     return np.concatenate(list(squares), axis=-1)
@@ -121,7 +125,7 @@ def deviation_values(
 ) -> np.ndarray:
     """Deviation at m points, shape (m, 6) [mm, rad]."""
     coefficients = model.parametrisation @ theta
-    return _whole(_values, model, coefficients, _Points(positions, tool, direction)).T
+    return _over_points(_values, model, coefficients, _Points(positions, tool, direction)).T
 
 
 def gradient_matrix(
@@ -129,9 +133,9 @@ def gradient_matrix(
 ) -> np.ndarray:
     """∂(deviation)/∂θ at m points, shape (m, 6, n_parameters). For a few thousand points."""
     coefficients = model.parametrisation @ theta
-    rows = _whole(_gradients, model, coefficients, _Points(positions, tool, direction))
-    whole = np.ascontiguousarray(rows.transpose(2, 0, 1)).reshape(-1, rows.shape[1]) @ model.parametrisation
-    return np.asarray(whole.reshape(-1, rows.shape[0], whole.shape[1]))
+    rows = _over_points(_gradients, model, coefficients, _Points(positions, tool, direction))
+    by_parameter = np.ascontiguousarray(rows.transpose(2, 0, 1)).reshape(-1, rows.shape[1]) @ model.parametrisation
+    return np.asarray(by_parameter.reshape(-1, rows.shape[0], by_parameter.shape[1]))
 
 
 def standard_uncertainties(
@@ -149,7 +153,7 @@ def standard_uncertainties(
     return np.sqrt(np.maximum(found, 0.0)).T
 
 
-def estimable(
+def is_determined(
     model: ErrorModel,
     null_space: np.ndarray,
     units: np.ndarray,
@@ -159,15 +163,16 @@ def estimable(
 ) -> np.ndarray:
     """Whether the data determine each component of the deviation, bool (m, 6).
 
-    A component is determined when undetermined combinations of 0.1 mm and 0.1 mrad change it by less than a thousandth of
-    what its parameters can, all of that size; judged at the nominal machine.
+    A component is determined when combinations of 0.1 mm and 0.1 mrad that are not determined change it by less than a
+    thousandth of what its parameters can, all of that size; judged at the nominal machine.
     """
     if null_space.shape[1] == 0:
         return np.ones((len(positions), 6), dtype=bool)
     zero, points = np.zeros(model.layout.n_coefficients), _Points(positions, tool, direction)
-    null, _ = np.linalg.qr(null_space / units[:, None])
-    along, whole = (_squares(model, zero, f, points).T for f in _factors(model, null, units))
-    return np.asarray(along <= ESTIMABLE**2 * np.maximum(whole, 1e-300))
+    null = undetermined_directions(null_space, units)
+    squares = (_squares(model, zero, f, points).T for f in _factors(model, null, units))
+    along, possible = (np.sqrt(np.maximum(s, 0.0)) for s in squares)
+    return determined(along, possible)
 
 
 def _factors(model: ErrorModel, null: np.ndarray, units: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

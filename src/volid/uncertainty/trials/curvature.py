@@ -114,25 +114,25 @@ def _curvature(system: System, block: Block, z: np.ndarray, numbers: np.ndarray,
     groups, rows = groups_of(system.layout), _rows(system.layout)
     steps = [STEP["mm"] if row % ROWS_PER_BODY < 3 else STEP["rad"] for row in rows]
     steps += [STEP.get(units[number], STEP["rad"]) for number in np.asarray(block.slots)[0, :, 0].tolist()]
-    whole = map_arrays(_joined, block)
-    order = _by_cells(groups, whole)
-    whole, numbers = map_arrays(lambda a: a[:, :, order], whole), _joined(numbers)[0][:, order]
-    bases = [np.empty((whole.q.shape[2], group.size), np.float32) for group in groups]
-    second = np.zeros((len(whole.weight[0]), whole.q.shape[2], len(steps) + 1, len(steps) + 1), np.float32)
+    joined = map_arrays(_joined, block)
+    order = _by_cells(groups, joined)
+    joined, numbers = map_arrays(lambda a: a[:, :, order], joined), _joined(numbers)[0][:, order]
+    bases = [np.empty((joined.q.shape[2], group.size), np.float32) for group in groups]
+    second = np.zeros((len(joined.weight[0]), joined.q.shape[2], len(steps) + 1, len(steps) + 1), np.float32)
 
     def fill(start: int) -> None:
         own = slice(start, start + SLICE)
-        chunk = map_arrays(lambda a: a[0, :, own], whole)
+        chunk = map_arrays(lambda a: a[0, :, own], joined)
         values = dict(zip(system.layout.bases, evaluate_bases(system.layout, chunk.q, chunk.direction), strict=True))
         for group, columns in zip(groups, bases, strict=True):
             columns[own] = (np.concatenate([values[b] for b in group.bases]) * chunk.weight.any(axis=0)).T
         second[:, own, :, :-1] = second_derivatives(system, chunk, z, rows, np.array(steps))
 
     with ThreadPoolExecutor(THREADS) as pool:
-        list(pool.map(fill, range(0, whole.q.shape[2], SLICE)))
+        list(pool.map(fill, range(0, joined.q.shape[2], SLICE)))
     length = block.q.shape[2]
     each = next(r for r in range(min(ROWS, length), 0, -1) if length % r == 0)
-    used = (np.asarray(whole.weight[0]) > 0.0).astype(np.float32)
+    used = (np.asarray(joined.weight[0]) > 0.0).astype(np.float32)
     kept = used.reshape(len(used), -1, each).any(axis=(0, 2))
 
     def tiles(values: np.ndarray, axis: int) -> Any:
@@ -149,24 +149,24 @@ def _curvature(system: System, block: Block, z: np.ndarray, numbers: np.ndarray,
         if cut
         else jnp.zeros((int(kept.sum()), 0), int),
         second=tiles(second, 1),
-        slots=tiles(whole.slots[0].T, 0),
+        slots=tiles(joined.slots[0].T, 0),
         used=tiles(used, 1),
         numbers=tiles(numbers, 1),
     )
 
 
-def _by_cells(groups: tuple[Group, ...], whole: Block) -> np.ndarray:
+def _by_cells(groups: tuple[Group, ...], joined: Block) -> np.ndarray:
     """Order of the rows in which neighbours lie in the same intervals of the splines; what is not used comes last.
 
     To and fro: every second line of cells backwards, so that a tile that ends one line and begins the next stays near.
     """
-    keys, parity = [], np.zeros(whole.q.shape[2])
+    keys, parity = [], np.zeros(joined.q.shape[2])
     for group in groups:
         if group.spline is not None:
-            cell = spline_interval(group.spline, np.asarray(whole.q)[0, group.spline.axis])[0]
+            cell = spline_interval(group.spline, np.asarray(joined.q)[0, group.spline.axis])[0]
             keys.append(np.where(parity % 2, -cell, cell))
             parity = parity + cell
-    used = (np.asarray(whole.weight[0]) > 0.0).any(axis=0)
+    used = (np.asarray(joined.weight[0]) > 0.0).any(axis=0)
     return np.asarray(np.lexsort([*reversed(keys), np.logical_not(used)]))
 
 
@@ -180,15 +180,15 @@ class _Windows(NamedTuple):
 
 def _windows(group: Group, bases: np.ndarray) -> _Windows:
     """The columns of a group's spline that are not 0 in some row of each tile; all of them where there is none to save."""
-    whole = 0 if group.spline is None else group.bases[0].size
-    seen = np.any(bases[:, :, :whole], axis=1)
-    if not whole or not seen.any():
-        return _Windows(whole, np.zeros(len(bases), int), bases)
+    size = 0 if group.spline is None else group.bases[0].size
+    seen = np.any(bases[:, :, :size], axis=1)
+    if not size or not seen.any():
+        return _Windows(size, np.zeros(len(bases), int), bases)
     first = seen.argmax(axis=1)
-    span = int((whole - seen[:, ::-1].argmax(axis=1) - first).max())
-    starts = np.minimum(first, whole - span)
+    span = int((size - seen[:, ::-1].argmax(axis=1) - first).max())
+    starts = np.minimum(first, size - span)
     columns = starts[:, None, None] + np.arange(span)
-    return _Windows(span, starts, np.concatenate([np.take_along_axis(bases, columns, 2), bases[:, :, whole:]], axis=2))
+    return _Windows(span, starts, np.concatenate([np.take_along_axis(bases, columns, 2), bases[:, :, size:]], axis=2))
 
 
 def _joined(values: Any) -> np.ndarray:

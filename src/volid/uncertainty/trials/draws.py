@@ -57,9 +57,9 @@ def room_for(count: int, n_readings: int) -> np.ndarray:
 
     Whoever writes to it again waits until everything computed from it is there.
     """
-    whole = np.empty(count * n_readings + ALIGNMENT // 8)
-    first = -(whole.ctypes.data // 8) % (ALIGNMENT // 8)
-    return whole[first : first + count * n_readings].reshape(count, n_readings)
+    padded = np.empty(count * n_readings + ALIGNMENT // 8)
+    first = -(padded.ctypes.data // 8) % (ALIGNMENT // 8)
+    return padded[first : first + count * n_readings].reshape(count, n_readings)
 
 
 def trial_noise(

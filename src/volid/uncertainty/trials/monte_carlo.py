@@ -229,7 +229,7 @@ def _stage(store: TrialFolder, outputs: Outputs, h: int) -> np.ndarray:
     x = []
     for b in range(first // BATCH, -(-last // BATCH)):
         x.append(store.load(b)["x"][max(first - b * BATCH, 0) : last - b * BATCH])
-    whole = np.concatenate(x)
-    values = outputs.values(whole[np.isfinite(whole).all(axis=1)])
+    drawn = np.concatenate(x)
+    values = outputs.values(drawn[np.isfinite(drawn).all(axis=1)])
     found = coverage_intervals(values)
     return np.stack([values.mean(axis=0), values.std(axis=0, ddof=1), found.low, found.high])

@@ -30,11 +30,11 @@ def _by_groups(groups: tuple[Group, ...], dz: Any) -> list[Any]:
     """Coefficients (size, rows · T) of every group, from (n_coefficients or more, T)."""
     found = []
     for group in groups:
-        whole = jnp.zeros((group.size, len(group.rows), dz.shape[1]), dz.dtype)
+        steps_of_group = jnp.zeros((group.size, len(group.rows), dz.shape[1]), dz.dtype)
         for term, first, row in group.places:
             n = term.basis.size
-            whole = whole.at[first : first + n, row].add(term.sign * dz[term.start : term.start + n])
-        found.append(whole.reshape(group.size, -1))
+            steps_of_group = steps_of_group.at[first : first + n, row].add(term.sign * dz[term.start : term.start + n])
+        found.append(steps_of_group.reshape(group.size, -1))
     return found
 
 
@@ -102,15 +102,15 @@ def _tile(tile: Curvature, coefficients: list[Any], nuisance: Any, noise: Any) -
     w = jnp.concatenate([*curves, nuisance[tile.slots], jnp.zeros((count, 1, trials), SINGLE)], axis=1)  # (R, d + 1, T)
     readings, squares = [], jnp.zeros(trials)
     for second, number, used in zip(tile.second, tile.numbers, tile.used, strict=True):
-        bent = second @ w  # H δw and, as its last row, aᵀδw
-        quadratic = 0.5 * jnp.sum(bent * w, axis=1)
-        linear = (bent[:, -1] - noise[number]) * used[:, None]
+        curved = second @ w  # H δw and, as its last row, aᵀδw
+        quadratic = 0.5 * jnp.sum(curved * w, axis=1)
+        linear = (curved[:, -1] - noise[number]) * used[:, None]
         residual = linear + quadratic
         squares = squares + jnp.sum((linear + residual) * quadratic, axis=0)
-        readings.append((second[:, -1], quadratic, bent, residual))
+        readings.append((second[:, -1], quadratic, curved, residual))
 
     def slopes(i: int) -> Any:
-        return sum(a[:, i, None] * quadratic + bent[:, i] * residual for a, quadratic, bent, residual in readings)
+        return sum(a[:, i, None] * quadratic + curved[:, i] * residual for a, quadratic, curved, residual in readings)
 
     pulled, first = [], 0
     for group, values in zip(tile.groups, tile.bases, strict=True):

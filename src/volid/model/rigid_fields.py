@@ -1,0 +1,58 @@
+"""Motions that are taken out of a deviation field because no measurement can see them (CONVENTIONS 4)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from volid.model.jacobian import rigid_motion_rows
+from volid.model.machine import Machine
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
+DEPENDENT = 1e-9  # of the largest singular value: below, a combination of unit columns is rounding
+
+
+class WorkpieceMotion:
+    """The rigid motion of the workpiece frame that is in fields over some places: what fits their translations best.
+
+    `rows` (m, 6, 6): deviations that the motion (t, ω) causes. `inverse` (6, 3m): the least-squares motion [mm, rad] of
+    translations (3m,) [mm]; the smallest one where the places leave a part of it open.
+
+    Args:
+        machine: whose nominal chain places the points.
+        positions: of the axes, shape (m, n_axes) [mm or degrees].
+        tool: tool vectors, shape (m, 3) or (3,) [mm].
+    """
+
+    def __init__(
+        self, machine: Machine, positions: Float[np.ndarray, "m axes"], tool: Float[np.ndarray, "*m 3"]
+    ) -> None:
+        self.rows = rigid_motion_rows(machine, positions, tool)
+        scale = np.linalg.norm(self.translations, axis=0)
+        smallest = np.finfo(float).eps * len(self.translations)
+        self.inverse = np.linalg.pinv(self.translations / scale, rcond=smallest) / scale[:, None]
+
+    @property
+    def translations(self) -> Float[np.ndarray, "m3 6"]:
+        """Translations that the motion causes, (3m, 6)."""
+        return np.asarray(self.rows[:, :3].reshape(-1, 6))
+
+    def removed_from(self, fields: np.ndarray) -> np.ndarray:
+        """Fields (s, m, 6) or translations (s, m, 3) less the rigid motion that fits their translations best."""
+        motion = fields[:, :, :3].reshape(len(fields), -1) @ self.inverse.T
+        return np.asarray(fields - np.einsum("mij,sj->smi", self.rows[:, : fields.shape[2]], motion))
+
+
+def column_space(columns: Float[np.ndarray, "m k"]) -> Float[np.ndarray, "m r"]:
+    """Orthonormal basis of what columns of any size span; combinations that are only rounding are left out."""
+    unit = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    vectors, sizes, _ = np.linalg.svd(unit, full_matrices=False)
+    return np.asarray(vectors[:, sizes > DEPENDENT * np.max(sizes, initial=0.0)])
+
+
+def without(basis: Float[np.ndarray, "m r"], values: np.ndarray) -> np.ndarray:
+    """Values (m,) or columns (m, k) less their part in the span of an orthonormal `basis`: v - Q Qᵀ v."""
+    return np.asarray(values - basis @ (basis.T @ values))
