@@ -276,7 +276,7 @@ def _results(
             ) from error
 
 
-_STUDIES: dict[int, Study] = {}  # of this Dask worker, the last one only
+_STUDIES: dict[str, Study] = {}  # of this Dask worker, the last one only
 
 
 def _campaign(study: Study, *task: Any) -> Record:
@@ -290,7 +290,7 @@ def _campaign_of_worker(payload: bytes, *task: Any) -> Record:
     A worker may be a thread of the user's own process, whose environment stays as it was.
     """
     with single_threaded_environment():
-        key = hash(payload)
+        key = hashlib.sha256(payload).hexdigest()
         if key not in _STUDIES:
             _STUDIES.clear()
             _STUDIES[key] = pickle.loads(payload)
