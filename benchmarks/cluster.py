@@ -9,7 +9,8 @@ import numpy as np
 import volid
 from benchmarks import cases
 from benchmarks.measure import REPEATS, Row, interleaved, row
-from volid.uncertainty.trials.monte_carlo import BATCH, monte_carlo
+from volid.uncertainty.trials.monte_carlo import monte_carlo
+from volid.uncertainty.trials.run import BATCH
 
 BATCHES = 8
 

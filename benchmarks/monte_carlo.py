@@ -25,7 +25,8 @@ from volid.fitting.equations.problem import build_problem
 from volid.fitting.equations.solver import solve
 from volid.fitting.starts import find_starts
 from volid.uncertainty.trials.draws import trial_generator, trial_noise
-from volid.uncertainty.trials.monte_carlo import BATCH, monte_carlo, run_of, run_trials
+from volid.uncertainty.trials.monte_carlo import monte_carlo
+from volid.uncertainty.trials.run import BATCH, run_of, run_trials
 
 LOOP = 50  # trials of every warm loop that are really run
 

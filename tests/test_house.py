@@ -12,6 +12,7 @@ import statistics
 import tokenize
 import tomllib
 from functools import cache
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from typing import NamedTuple
 
@@ -118,6 +119,36 @@ def test_few_layers_and_every_room_in_one():
     rooms = {Path(source.place).parts[0].removesuffix(".py") for source in sources()} - {"__init__", "__main__"}
     assert named == rooms
     assert not [c["name"] for c in contracts() if c.get("ignore_imports")]
+
+
+def module_of(file: str) -> str:
+    return ".".join(("volid", *Path(file).with_suffix("").parts)).removesuffix(".__init__")
+
+
+def imports(tree: ast.AST, modules: set[str]) -> set[str]:
+    """Which of `modules` a module imports, anywhere in it; of `from a import b` a.b where that is one of them, else a."""
+    found = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            found.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, "imports name their module in full"
+            inner = [f"{node.module}.{alias.name}" for alias in node.names]
+            found.update(name if name in modules else node.module for name in inner)
+    return found & modules
+
+
+def test_modules_do_not_import_each_other_in_a_circle():
+    """Imports within functions count: they hide a circle, they do not open it."""
+    own = {module_of(source.place): source.tree for source in sources()}
+    graph = {module: imports(tree, own.keys()) for module, tree in own.items()}
+    # `import volid` is the public door: methods of a solution call public functions, each imported when it is first used
+    assert {module for module, below in graph.items() if "volid" in below} == {"volid.fitting.solution"}
+    graph["volid.fitting.solution"].remove("volid")
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        pytest.fail(" imports ".join(reversed(error.args[1])))
 
 
 def test_modules_are_read_in_one_sitting():

@@ -30,7 +30,7 @@ from volid.model.machine import Datum
 from volid.planning.standard import standard_plan
 from volid.study.campaigns import COLUMNS, Study, Task, Truths, run_campaign, run_study, scaled_noise
 from volid.study.summary import FIELD, SUMMARY, summary
-from volid.uncertainty.trials import distributed, monte_carlo
+from volid.uncertainty.trials import distributed, monte_carlo, run
 from volid.virtual.comparison import compare, covered
 from volid.virtual.random_truth import random_truth
 from volid.virtual.simulate import simulate
@@ -159,7 +159,7 @@ def test_a_cluster_whose_worker_is_killed_gives_the_same(study, serial, cluster)
 
 
 def test_monte_carlo_on_a_cluster_whose_worker_is_killed_gives_the_same(study, cluster, monkeypatch):
-    for module in (monte_carlo, distributed):
+    for module in (monte_carlo, distributed, run):
         monkeypatch.setattr(module, "BATCH", 32)
     solution = a_fit(study)
     here = monte_carlo.monte_carlo(solution, 190, seed=4).samples

@@ -22,9 +22,10 @@ from volid.uncertainty.outputs import headline_outputs
 from volid.uncertainty.statement import statement
 from volid.uncertainty.trials import curvature
 from volid.uncertainty.trials.draws import pseudo_of, trial_noise
-from volid.uncertainty.trials.monte_carlo import BATCH, STAGE, _stage, fingerprint, monte_carlo, run_of, run_trials
+from volid.uncertainty.trials.monte_carlo import STAGE, _stage, fingerprint, monte_carlo
 from volid.uncertainty.trials.refit import TOLERANCE, Refitter
 from volid.uncertainty.trials.refit_steps import linear_step, turned
+from volid.uncertainty.trials.run import BATCH, run_of, run_trials
 from volid.uncertainty.trials.samples import TrialFolder
 from volid.uncertainty.trials.second_order import second_order
 

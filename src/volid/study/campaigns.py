@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from volid.backend.cluster import cluster, gather
 from volid.backend.processes import Died, cores, in_processes, single_threaded_environment
 from volid.campaign import Campaign, ObservationSet
 from volid.exceptions import InputError, VolidError
@@ -263,8 +264,6 @@ def _results(
         for i, record in in_processes(_campaign, tasks, study, min(workers, max(len(tasks), 1))):
             yield waiting[i], _record(waiting[i], DIED) if isinstance(record, Died) else record
         return
-    from volid.uncertainty.trials.distributed import cluster, gather
-
     with cluster(scheduler) as client:
         try:
             for i, record in gather(client, _campaign_of_worker, tasks, pickle.dumps(study)):
@@ -277,7 +276,7 @@ def _results(
             ) from error
 
 
-_STUDIES: dict[int, Study] = {}  # of this Dask worker, the last one only
+_STUDIES: dict[str, Study] = {}  # of this Dask worker, the last one only
 
 
 def _campaign(study: Study, *task: Any) -> Record:
@@ -291,7 +290,7 @@ def _campaign_of_worker(payload: bytes, *task: Any) -> Record:
     A worker may be a thread of the user's own process, whose environment stays as it was.
     """
     with single_threaded_environment():
-        key = hash(payload)
+        key = hashlib.sha256(payload).hexdigest()
         if key not in _STUDIES:
             _STUDIES.clear()
             _STUDIES[key] = pickle.loads(payload)

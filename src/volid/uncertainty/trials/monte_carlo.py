@@ -10,61 +10,29 @@ import hashlib
 import json
 import os
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from volid.backend.threads import one_blas_thread
-from volid.effects.prediction import effect_samples
 from volid.exceptions import InputError
-from volid.fitting.equations.problem import random_effects
 from volid.fitting.solution import Solution
 from volid.fitting.streamed import check_not_streamed
 from volid.uncertainty.coverage import coverage_intervals, numerical_tolerance
 from volid.uncertainty.outputs import Outputs, headline_outputs
-from volid.uncertainty.trials.draws import GENERATOR, Pseudo, point_scatter, pseudo_of, room_for, trial_noise
-from volid.uncertainty.trials.refit import AT_ONCE, Refitter, joined
+from volid.uncertainty.trials.distributed import carry_out_on
+from volid.uncertainty.trials.draws import GENERATOR
+from volid.uncertainty.trials.run import BATCH, CarryOut, Progress, Run, batches_to_do, run_of, run_trials
 from volid.uncertainty.trials.samples import Samples, TrialFolder
 
-BATCH = 1024
 TRIALS = 10_000  # JCGM 101 7.2: M = 10^6 often gives one or two digits; 10^4 suits costly models
 STAGE = 10_000  # trials between two looks at the numerical tolerance, JCGM 101 7.9.4
 STAGES = 100
 FEWEST = 20  # 1/(1 - 0.95): fewer have no 95 % interval
-Progress = Callable[[str], None]
-
-
-class Run(NamedTuple):
-    """What makes the trials, and how they are carried out."""
-
-    refitter: Refitter
-    seed: int
-    pseudo: Pseudo
-
-
-def run_of(solution: Solution, seed: int) -> Run:
-    """Everything the trials of a seed need."""
-    refitter = Refitter(solution)
-    refitter.prepare()
-    entries = tuple(solution.nuisance_table[j] for j in refitter.known)
-    points = point_scatter(refitter.campaign, random_effects(solution.campaign, refitter.starts))
-    return Run(refitter, seed, pseudo_of(entries, effect_samples(solution.campaign), points))
-
-
-def run_trials(run: Run, first: int, count: int) -> dict[str, np.ndarray]:
-    """Trials first … first + count - 1, as arrays by name."""
-    refitter, found = run.refitter, []
-    # one room for all: fresh memory would cost as much as the numbers
-    room = room_for(min(AT_ONCE, count), refitter.n_readings)
-    for start in range(first, first + count, AT_ONCE):  # noise of so few trials stays in the cache
-        number = min(AT_ONCE, first + count - start)
-        noise = trial_noise(run.seed, start, number, refitter.n_readings, refitter.n_prior, run.pseudo, room)
-        found.append(refitter.refit(*noise))
-    return joined(found)._asdict()
 
 
 @one_blas_thread()
@@ -104,7 +72,7 @@ def monte_carlo(
     store = TrialFolder(
         Path(folder), {"seed": seed, "generator": GENERATOR, "batch": BATCH, "solution": fingerprint(solution)}, resume
     )
-    carry_out = _remote(solution, seed, scheduler) if scheduler else _local(run_of(solution, seed))
+    carry_out = carry_out_on(solution, seed, scheduler) if scheduler else _local(run_of(solution, seed))
     if digits is None:
         total, reached = trials or TRIALS, float("nan")
         carry_out(store, 0, total, progress)
@@ -143,15 +111,7 @@ def fingerprint(solution: Solution) -> str:
     return digest.hexdigest()
 
 
-_CarryOut = Callable[[TrialFolder, int, int, Progress], None]
-
-
-def batches_to_do(store: TrialFolder, first: int, last: int) -> list[int]:
-    """Numbers of the batches that trials first … last - 1 need and that are not there yet; batches are always whole."""
-    return [b for b in range(first // BATCH, -(-last // BATCH)) if not store.done(b)]
-
-
-def _local(run: Run) -> _CarryOut:
+def _local(run: Run) -> CarryOut:
     """Batches on this machine, two at a time: one draws and waits while the other computes."""
 
     def carry_out(store: TrialFolder, first: int, last: int, progress: Progress) -> None:
@@ -176,12 +136,6 @@ def _local(run: Run) -> _CarryOut:
     return carry_out
 
 
-def _remote(solution: Solution, seed: int, address: str) -> _CarryOut:
-    from volid.uncertainty.trials.distributed import carry_out_on
-
-    return carry_out_on(solution, seed, address)
-
-
 def _samples(store: TrialFolder, trials: int, seed: int, reached: float, keeper: Any) -> Samples:
     """The first `trials` trials of the folder; `keeper` keeps a temporary folder alive as long as the samples."""
     numbers = range(-(-trials // BATCH))
@@ -201,7 +155,7 @@ def _samples(store: TrialFolder, trials: int, seed: int, reached: float, keeper:
 
 
 def _adaptive(
-    solution: Solution, carry_out: _CarryOut, store: TrialFolder, digits: int, progress: Progress
+    solution: Solution, carry_out: CarryOut, store: TrialFolder, digits: int, progress: Progress
 ) -> tuple[int, float]:
     """Stages until the headline outputs are stable; (trials, achieved over wanted tolerance). JCGM 101 7.9.4."""
     outputs = headline_outputs(solution)
