@@ -175,8 +175,17 @@ def test_only_kinds_know_what_kind_they_are():
     assert lines_with(asks, but=("observations",)) == []
 
 
+def asks_for_engines(tree: ast.AST) -> list[str]:
+    """Calls that make an engine (`Compiled(…)`, `Interpreted(…)`), or ask whether something is of its class or its equations'."""
+    calls = [ast.unparse(node) for node in ast.walk(tree) if isinstance(node, ast.Call)]
+    asks = r"((\w+\.)*(Compiled|Interpreted)\(|(isinstance|issubclass)\(.*\b(Compiled|Interpreted)(Equations)?\b)"
+    return [call for call in calls if re.match(asks, call)]
+
+
 def test_engines_are_chosen_in_one_place():
-    assert lines_with(r"\bif\b.*\binterpreting\b") == []
+    found = {source.place: asks_for_engines(source.tree) for source in sources()}
+    found = {place: calls for place, calls in found.items() if calls}
+    assert found.keys() == {"fitting/equations/choice.py"}, found
 
 
 def test_the_library_does_not_speak_of_options_of_the_command_line():
