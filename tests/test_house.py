@@ -19,6 +19,9 @@ from typing import NamedTuple
 import pytest
 from support.places import ROOT, SOURCE
 
+from volid.effects import TYPES
+from volid.observations import KINDS
+
 PACKAGE = SOURCE / "volid"
 FILES = sorted(PACKAGE.rglob("*.py"))
 PAGES = sorted(
@@ -119,6 +122,15 @@ def test_few_layers_and_every_room_in_one():
     rooms = {Path(source.place).parts[0].removesuffix(".py") for source in sources()} - {"__init__", "__main__"}
     assert named == rooms
     assert not [c["name"] for c in contracts() if c.get("ignore_imports")]
+
+
+@pytest.mark.parametrize(("room", "table"), [("observations", KINDS), ("effects", TYPES)])
+def test_every_kind_stands_in_the_contract_of_independence(room, table):
+    """One file per kind; none may import another, and only what the contract lists is checked for that."""
+    files = {type(entry).__module__ for entry in table.values()}
+    own = [set(c["modules"]) for c in contracts() if c["type"] == "independence"]
+    (listed,) = [modules for modules in own if any(m.startswith(f"volid.{room}.") for m in modules)]
+    assert listed == files, f"pyproject.toml, independence of {room}: add {files - listed}, remove {listed - files}"
 
 
 def module_of(file: str) -> str:
