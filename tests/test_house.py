@@ -19,6 +19,9 @@ from typing import NamedTuple
 import pytest
 from support.places import ROOT, SOURCE
 
+from volid.effects import TYPES
+from volid.observations import KINDS
+
 PACKAGE = SOURCE / "volid"
 FILES = sorted(PACKAGE.rglob("*.py"))
 PAGES = sorted(
@@ -121,6 +124,15 @@ def test_few_layers_and_every_room_in_one():
     assert not [c["name"] for c in contracts() if c.get("ignore_imports")]
 
 
+@pytest.mark.parametrize(("room", "table"), [("observations", KINDS), ("effects", TYPES)])
+def test_every_kind_stands_in_the_contract_of_independence(room, table):
+    """One file per kind; none may import another, and only what the contract lists is checked for that."""
+    files = {type(entry).__module__ for entry in table.values()}
+    own = [set(c["modules"]) for c in contracts() if c["type"] == "independence"]
+    (listed,) = [modules for modules in own if any(m.startswith(f"volid.{room}.") for m in modules)]
+    assert listed == files, f"pyproject.toml, independence of {room}: add {files - listed}, remove {listed - files}"
+
+
 def module_of(file: str) -> str:
     return ".".join(("volid", *Path(file).with_suffix("").parts)).removesuffix(".__init__")
 
@@ -175,8 +187,17 @@ def test_only_kinds_know_what_kind_they_are():
     assert lines_with(asks, but=("observations",)) == []
 
 
+def asks_for_engines(tree: ast.AST) -> list[str]:
+    """Calls that make an engine (`Compiled(…)`, `Interpreted(…)`), or ask whether something is of its class or its equations'."""
+    calls = [ast.unparse(node) for node in ast.walk(tree) if isinstance(node, ast.Call)]
+    asks = r"((\w+\.)*(Compiled|Interpreted)\(|(isinstance|issubclass)\(.*\b(Compiled|Interpreted)(Equations)?\b)"
+    return [call for call in calls if re.match(asks, call)]
+
+
 def test_engines_are_chosen_in_one_place():
-    assert lines_with(r"\bif\b.*\binterpreting\b") == []
+    found = {source.place: asks_for_engines(source.tree) for source in sources()}
+    found = {place: calls for place, calls in found.items() if calls}
+    assert found.keys() == {"fitting/equations/choice.py"}, found
 
 
 def test_the_library_does_not_speak_of_options_of_the_command_line():

@@ -238,6 +238,8 @@ def test_best_rigid_functions_leave_the_interaction_only():
     solution = replace(solution, parameters=theta)
     rigid, left = best_rigid(solution, np.array([TOOL]))
     assert all(len(f.splines) < 2 for f in rigid.model.functions)
+    for array in (rigid.parameters, rigid.nuisance, rigid.covariance, rigid.null_space):
+        assert isinstance(array, np.ndarray) and not array.flags.writeable
     x, y = np.meshgrid(np.linspace(-400, 400, 81), np.linspace(-350, 350, 81), indexing="ij")
     q = np.zeros((x.size, 3))
     q[:, solution.machine.index("X")], q[:, solution.machine.index("Y")] = x.ravel(), y.ravel()

@@ -11,6 +11,7 @@ from support.trackers import simulated
 
 from volid.campaign import Campaign
 from volid.exceptions import InputError
+from volid.fitting.equations.choice import engine_named
 from volid.fitting.equations.optimistix_solver import solve_by_optimistix
 from volid.fitting.equations.problem import build_problem, scatter
 from volid.fitting.equations.solver import solve
@@ -78,7 +79,8 @@ def test_same_answer_as_scipy():
 def test_same_answer_as_the_optimistix_solver():
     """One assembly of JᵀJ a step, compiled as a whole, against the loop of few assemblies."""
     problem, optimum = solved()
-    other = solve_by_optimistix(problem)
+    own = problem._replace(equations=engine_named("compiled").equations(problem.system))
+    other = solve_by_optimistix(own)
     assert other.converged and other.iterations < 12
     assert other.cost == pytest.approx(optimum.cost, rel=1e-10)
     assert difference(problem, optimum.z, other.z, uncertainties(problem, optimum)) < 1e-6
@@ -92,6 +94,8 @@ def test_a_whole_fit_by_optimistix():
     np.testing.assert_allclose(np.diagonal(np.asarray(other.covariance)), u**2, rtol=1e-5)
     with pytest.raises(InputError, match="solver is 'newton'; expected 'chord' or 'optimistix'"):
         fit(small_campaign(), solver="newton")
+    with pytest.raises(InputError, match="engine is 'interpreted', but this solver is a compiled program"):
+        fit(small_campaign(), solver="optimistix", engine="interpreted")
 
 
 def test_a_path_is_no_campaign():

@@ -15,10 +15,8 @@ BUNDLED = DATASETS / "vertical_multilateration" / "campaign.toml"
 
 
 def reference_file(name: str) -> Path:
-    """Path of a file in the folder of reference data, beside the checkout or where VOLID_REFERENCE says; skips without one."""
+    """Path of a file in the folder of reference data that VOLID_REFERENCE names; skips without one."""
     given = os.environ.get("VOLID_REFERENCE")
-    folders = [Path(given)] if given else [*ROOT.glob("reference/real"), *ROOT.parent.glob("*/reference/real")]
-    for folder in folders:
-        if (folder / name).exists():
-            return folder / name
+    if given and (Path(given) / name).exists():
+        return Path(given) / name
     pytest.skip(f"reference data {name} are not at hand (VOLID_REFERENCE names their folder)")

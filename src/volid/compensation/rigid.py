@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from volid.backend.lazy import jnp
 from volid.backend.rms import rms
 from volid.compensation.base import deviation_rows
 from volid.compensation.residual.fields import Places, volume_places
@@ -73,7 +72,7 @@ def best_rigid(solution: Solution, tools: Float[np.ndarray, "k 3"]) -> tuple[Sol
     mapping = (np.linalg.pinv(after / scale, rcond=RELATIVE_RANK) @ before) / scale[:, None]
     theta = np.asarray(solution.parameters)
     remaining = (before @ theta - after @ (mapping @ theta)).reshape(-1, 3)
-    found = _moved(solution, rigid, mapping)
+    found = replace(solution.mapped(model, mapping), campaign=rigid.campaign)
     return found, Remaining(*_sizes(remaining), *_sizes((before @ theta).reshape(-1, 3)))
 
 
@@ -90,20 +89,3 @@ def _translations(solution: Solution, places: Places, tool: np.ndarray) -> np.nd
 def _sizes(field: np.ndarray) -> tuple[float, float]:
     size = np.linalg.norm(field, axis=1)
     return rms(size), float(size.max())
-
-
-def _moved(old: Solution, new: Solution, mapping: np.ndarray) -> Solution:
-    """Parameters, covariance and samples through θ' = mapping · θ; nuisance parameters keep theirs."""
-    n, k = old.model.n_parameters, len(old.nuisance_table)
-    full = np.zeros((len(mapping) + k, n + k))
-    full[: len(mapping), :n], full[len(mapping) :, n:] = mapping, np.eye(k)
-    return replace(
-        new,
-        parameters=jnp.asarray(mapping @ np.asarray(old.parameters)),
-        covariance=jnp.asarray(full @ np.asarray(old.covariance) @ full.T),
-        null_space=jnp.zeros((len(mapping), 0))
-        if not old.null_space.shape[1]
-        else jnp.asarray(mapping @ old.null_space),
-        samples=None if old.samples is None else old.samples.mapped(full),
-        prior_root=None,
-    )

@@ -16,7 +16,7 @@ from volid.fitting.assembly import Assembly
 from volid.fitting.diagnosis import resolution
 from volid.fitting.diagnosis.identifiability import analyse
 from volid.fitting.diagnosis.robust import down_weight, name_outliers, set_aside
-from volid.fitting.equations.choice import engine_for_fit, engine_named
+from volid.fitting.equations.choice import engine_for_compiled_solver, engine_for_fit, engine_named
 from volid.fitting.equations.engine import Engine
 from volid.fitting.equations.problem import Prior, Problem, build_problem, with_model, with_random_effects
 from volid.fitting.equations.solver import solve
@@ -158,7 +158,8 @@ def fit(
             readings, with their covariance.
         solver: "chord" (few assemblies of the normal equations) or "optimistix" (a solver of that library, one assembly per
             step); both reach the same minimum.
-        engine: "interpreted" (NumPy) or "compiled" (JAX); None: the one with which the whole fit takes less time.
+        engine: "interpreted" (NumPy) or "compiled" (JAX); None: the one with which the whole fit takes less time. The solver
+            "optimistix" is a compiled program, and takes "compiled" only.
         progress: called with a message at every stage.
 
     Raises:
@@ -177,19 +178,18 @@ def fit(
         raise InputError(
             f"fit takes a Campaign; got {type(campaign).__name__}. Read a file with volid.load_campaign(path)"
         )
-    how = engine_for_fit(campaign, robust=robust) if engine is None else engine_named(engine)
-    return _fit(campaign, robust, datum, prior, How(_method(solver), how), progress or _silent)
+    return _fit(campaign, robust, datum, prior, _how(campaign, robust, solver, engine), progress or _silent)
 
 
-def _method(solver: str) -> Method:
-    """The solver by its name. Raises `InputError` for an unknown one."""
+def _how(campaign: Campaign, robust: bool, solver: str, engine: str | None) -> How:
+    """Solver and engine by their names. Raises `InputError` for unknown ones, and for a pair that does not go together."""
     if solver not in (CHORD, OPTIMISTIX):
         raise InputError(f"solver is '{solver}'; expected '{CHORD}' or '{OPTIMISTIX}'")
     if solver == CHORD:
-        return solve
+        return How(solve, engine_for_fit(campaign, robust=robust) if engine is None else engine_named(engine))
     from volid.fitting.equations.optimistix_solver import solve_by_optimistix  # takes a second to import
 
-    return solve_by_optimistix
+    return How(solve_by_optimistix, engine_for_compiled_solver(engine))
 
 
 class Stages:

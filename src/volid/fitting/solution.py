@@ -322,28 +322,41 @@ class Solution:
         machine = self.machine
         model = build_model(machine, self.model.segments, carrier=self.model.carrier, datum=datum)
         s, motion = s_transformation(self.model, model, self._hold_tool_rotation(model))
-        n, k = self.model.n_parameters, len(self.nuisance_table)
         moved_frames = frames(self.model, model, s, motion)
         check_exact(machine, self.nuisance_table, moved_frames, np.asarray(self.parameters), self.parameter_covariance)
-        full = np.zeros((model.n_parameters + k, n + k))
-        full[: model.n_parameters, :n] = s
-        full[model.n_parameters :, n:] = np.eye(k)
-        full[model.n_parameters :, :n] = -unknown_rows(
-            machine, self.nuisance_table, np.asarray(self.nuisance), moved_frames
-        )
-        start = np.concatenate([np.zeros(n), np.asarray(self.nuisance)])
-        moved = full @ np.concatenate([np.asarray(self.parameters), np.zeros(k)]) + np.pad(
-            start[n:], (model.n_parameters, 0)
-        )
+        answer = -unknown_rows(machine, self.nuisance_table, np.asarray(self.nuisance), moved_frames)
+        prior_root = None if self.prior_root is None else self.prior_rows @ np.linalg.pinv(s)
+        return self.mapped(model, s, answer, prior_root)
+
+    def mapped(
+        self,
+        model: ErrorModel,
+        mapping: Float[np.ndarray, "m n"],
+        answer: Float[np.ndarray, "k n"] | None = None,
+        prior_root: Float[np.ndarray, "r m"] | None = None,
+    ) -> Solution:
+        """The solution with θ' = M θ and ν' = ν + A θ; covariance, null space and samples follow.
+
+        Args:
+            model: the error model that θ' belongs to.
+            mapping: M, shape (m, n).
+            answer: A, shape (k, n), change of the other unknowns; None: they stay.
+            prior_root: pseudo-readings of an earlier solution as rows on θ', shape (r, m); None without one.
+        """
+        m, n, k = len(mapping), self.model.n_parameters, len(self.nuisance_table)
+        theta, nuisance = np.asarray(self.parameters), np.asarray(self.nuisance)
+        full = np.zeros((m + k, n + k))
+        full[:m, :n], full[m:, n:] = mapping, np.eye(k)
+        full[m:, :n] = 0.0 if answer is None else answer
         return replace(
             self,
-            parameters=read_only(moved[: model.n_parameters]),
-            nuisance=read_only(moved[model.n_parameters :]),
+            parameters=read_only(mapping @ theta),
+            nuisance=read_only(nuisance if answer is None else nuisance + answer @ theta),
             covariance=read_only(full @ np.asarray(self.covariance) @ full.T),
-            null_space=read_only(s @ np.asarray(self.null_space)),
+            null_space=read_only(mapping @ np.asarray(self.null_space)),
             model=model,
             samples=None if self.samples is None else self.samples.mapped(full),
-            prior_root=None if self.prior_root is None else read_only(self.prior_rows @ np.linalg.pinv(s)),
+            prior_root=None if prior_root is None else read_only(prior_root),
         )
 
     def _hold_tool_rotation(self, model: ErrorModel) -> np.ndarray:

@@ -42,6 +42,14 @@ def engine_named(name: str) -> Engine:
     raise InputError(f"engine is '{name}'; expected '{COMPILED}' or '{INTERPRETED}'")
 
 
+def engine_for_compiled_solver(name: str | None) -> Engine:
+    """The engine for a solver that is a compiled program itself. Raises `InputError` when another engine is named."""
+    engine = engine_named(COMPILED if name is None else name)
+    if engine.name != COMPILED:
+        raise InputError(f"engine is '{name}', but this solver is a compiled program; expected '{COMPILED}' or none")
+    return engine
+
+
 def _pays(n_readings: int, fits: int) -> bool:
     """Whether compiled programs save more than they cost: from 11 million readings on, in a robust fit from 2 million."""
     return n_readings * fits * SAVED > COMPILING

@@ -8,7 +8,7 @@ inside other JAX programs.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, cast
 
 import equinox as eqx
 import jax
@@ -17,7 +17,7 @@ import lineax as lx
 import numpy as np
 import optimistix as optx
 
-from volid.fitting.equations.compiled import Compiled, CompiledEquations
+from volid.fitting.equations.compiled import CompiledEquations
 from volid.fitting.equations.problem import Problem
 from volid.fitting.equations.programs import assemble
 from volid.fitting.equations.solver import Optimum, optimum_at
@@ -114,14 +114,14 @@ def _solve(args: _Arguments, y: Any, solver: StructuredGaussNewton) -> tuple[Any
 def solve_by_optimistix(problem: Problem, start: np.ndarray | None = None, free: np.ndarray | None = None) -> Optimum:
     """Minimise over z = start + free · y from y = 0 with `optimistix.least_squares`; as `solver.solve` otherwise.
 
+    The equations of `problem` are those of the compiled engine (`choice.engine_for_compiled_solver`).
     The columns of `free` are padded with zeros to a multiple of 32, so that models of similar size share one program.
     """
     start = problem.start if start is None else start
     free = problem.free if free is None else free
     width = -(-free.shape[1] // BUCKET) * BUCKET
     padded = jnp.asarray(np.pad(free, ((0, 0), (0, width - free.shape[1]))))
-    own = problem.equations
-    equations = own if isinstance(own, CompiledEquations) else Compiled().equations(problem.system)
+    equations = cast(CompiledEquations, problem.equations)
     system, tiles = jax.tree.map(jnp.asarray, (equations.system, equations.tiles))
     args = _Arguments(system, tiles, jnp.asarray(start), padded)
     z, normal, iterations, converged = _solve(args, jnp.zeros(width), StructuredGaussNewton())
