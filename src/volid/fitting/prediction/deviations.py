@@ -20,7 +20,7 @@ from volid.model.kinematics import deviation
 from volid.model.machine import Machine
 
 THREADS = 2  # that share a long computation, here and where others import it
-ESTIMABLE = 1e-3  # 0.1 µm for an undetermined rotation of 0.1 mrad; see `identifiability.NAMED`
+ESTIMABLE = 1e-3  # 0.1 µm for an undetermined rotation of 0.1 mrad; see `statements.NAMED`
 
 
 def chain_of(machine: Machine) -> Machine:
