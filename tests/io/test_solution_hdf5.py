@@ -166,6 +166,16 @@ def test_a_file_from_a_computer_with_another_basis_gives_the_same_deviations(nam
     np.testing.assert_allclose(moved.values, solution.in_datum(Datum("Z", "X")).evaluate(q, TOOL).values, atol=1e-9)
 
 
+def test_a_file_of_an_earlier_version_without_sorts_of_groups_is_read(solution, solution_file, tmp_path):
+    path = tmp_path / "older.h5"
+    path.write_bytes(solution_file.read_bytes())
+    with h5py.File(path, "r+") as file:
+        del file["adequacy/groups/sort"]
+    groups = read_solution(path).adequacy.groups
+    assert groups == tuple(replace(g, sort="") for g in solution.adequacy.groups)
+    assert read_solution(solution_file).adequacy.groups == solution.adequacy.groups
+
+
 def test_another_error_model_is_refused(solution_file, tmp_path):
     path = tmp_path / "other.h5"
     path.write_bytes(solution_file.read_bytes())

@@ -15,7 +15,7 @@ from volid.campaign import Campaign, Effect
 from volid.effects import TYPES, EffectType
 from volid.effects.base import FileKey, Number, Term, slots_of
 from volid.exceptions import InputError
-from volid.fitting.diagnosis.identifiability import likely_reasons
+from volid.fitting.diagnosis.statements import likely_reasons
 from volid.fitting.fit import fit
 from volid.io import load_campaign, write_campaign, write_manifest
 from volid.io.solutions import read_solution, write_solution

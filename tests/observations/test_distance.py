@@ -91,6 +91,23 @@ PLACES = {
 REFLECTORS = ((120.0, 20.0, 60.0), (-70.0, 100.0, 90.0), (-30.0, -110.0, 140.0))
 
 
+def test_reflectors_that_agree_to_six_digits_are_two_unknowns():
+    exact = exact_machine("w C' A' Y' X' b Z t")
+    q = np.tile([0.5 * sum(exact.travel[a]) for a in exact.axes], (4, 1))
+    sets = [
+        reflector_set(q, np.full(4, 900.0), body="workpiece", place=(1234.561, 20.0, z), name=f"R{z}")
+        for z in (1000.001, 1000.002)
+    ]
+    table, campaign = (
+        NuisanceTable(),
+        Campaign(resolved(exact), (Station("S", "bed", tuple(STATION), known=True),), tuple(sets)),
+    )
+    for one in sets:
+        KINDS["distance"].groups(one, campaign, table)
+    found = [e.name for e in table.entries if e.name.startswith("target")]
+    assert len(found) == len(set(found)) == 6
+
+
 def test_reflectors_on_the_table_seen_from_the_bed_identify_both_rotary_axes():
     """Four placed stations, three reflectors of unknown place on the table, no tool: location errors and motions of C' and A'."""
     exact = exact_machine(STRUCTURES[TILTING])

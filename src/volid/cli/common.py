@@ -18,6 +18,14 @@ if TYPE_CHECKING:
 
 HDF5 = (".h5", ".hdf5")
 _CALLED = {"overwrite": "force", "ranges": "range", "types": "type"}  # parameter of the library: option of another name
+_COMMANDS = {  # function of the library: command that does it and writes a file
+    "fit": "volid fit",
+    "monte_carlo": "volid uncertainty with -o",
+    "save_campaign": "volid import",
+    "simulate": "volid simulate",
+    "study.run_study": "volid study",
+    "save_grid": "volid grid",
+}
 _PARAMETER = re.compile(r"`(\w+)(?:=([^`]*))?`")
 
 
@@ -65,6 +73,8 @@ def in_options(text: str, args: argparse.Namespace) -> str:
             return match.group()
         return found if value in (None, "True") else f"{found} {value}"
 
+    for function, command in _COMMANDS.items():
+        text = text.replace(f"`volid.{function}`", command)
     return _PARAMETER.sub(option, text)
 
 

@@ -223,6 +223,8 @@ def _summary(plan: Campaign) -> list[str]:
 
 
 def _as_json(plan: Campaign, args: argparse.Namespace) -> dict[str, Any]:
+    from volid.observations import KINDS
+
     return {
         "output": args.output,
         "machine": plan.machine.name,
@@ -233,7 +235,7 @@ def _as_json(plan: Campaign, args: argparse.Namespace) -> dict[str, Any]:
                 "set": s.name,
                 "kind": s.kind,
                 "rows": len(s),
-                "spheres": dict(s.options.get("sphere", {})),
+                "spheres": dict(KINDS[s.kind].standing_at(s)),
                 "tools": [list(t) for t in dict.fromkeys(map(tuple, s.tool.tolist()))],
             }
             for s in plan.sets

@@ -98,7 +98,7 @@ def compensate(
     """
     types = in_full(select(names, solution.machine))
     for t in types:
-        if t.name.endswith("SPEC") and rule is None and not base.functions:
+        if t.is_chosen and rule is None and not base.functions:
             raise InputError(f"{t.name} needs what it corrects: `functions` of the base, such as EXX,EAX, or a `rule`")
     form_of = {t.name: form if form in t.forms else t.forms[0] for t in types}
     in_tables = [t for t in types if form_of[t.name] == TABLES]
@@ -112,7 +112,7 @@ def compensate(
             points=points,
             ranges=ranges,
             reference_point=reference_point,
-            rule=rule if t.name.endswith("SPEC") else None,
+            rule=rule if t.is_chosen else None,
             zero=zero if t.is_linear else None,
             uncertainty=uncertainty,
         )
@@ -125,7 +125,9 @@ def _once(grids: Sequence[AnyGrid]) -> tuple[AnyGrid, ...]:
     plus = {g.side for g in grids if g.type in ("L-VOL+", "R-VOL+")}
     kept: list[AnyGrid] = []
     for g in grids:
-        again = g.type == "FOR" and (g.side in plus or any(k.type == "FOR" and k.side == g.side for k in kept))
+        again = TYPES[g.type].only_turns and (
+            g.side in plus or any(k.type == g.type and k.side == g.side for k in kept)
+        )
         if not again:
             kept.append(g)
     return tuple(kept)

@@ -41,6 +41,6 @@ def reversal_text(solution: Solution, grid: AnyGrid) -> str:
         for name, v in halves.items()
     )
     return (
-        f"mean of both approach directions; half the reversal is left in either direction, at most {each}; volid tables holds "
+        f"mean of both approach directions; half the reversal is left in either direction, at most {each}; error tables hold "
         "both directions"
     )

@@ -15,6 +15,7 @@ import numpy as np
 from volid.compensation.grids.grid import AnyGrid, RotaryGrid
 from volid.compensation.grids.interpolation import grid_positions
 from volid.compensation.tables.error_table import ErrorTable
+from volid.compensation.types import compensation_type
 from volid.exceptions import InputError
 
 
@@ -70,7 +71,8 @@ def add_grid(new: AnyGrid, old: AnyGrid) -> AnyGrid:
             f"the existing grid is over {', '.join(old.axes)} ({old.side}), the new one over {', '.join(new.axes)} ({new.side}); "
             "expected the same"
         )
-    if (new.type == "FOR") != (old.type == "FOR") or new.type.endswith("+") != old.type.endswith("+"):
+    one, other = compensation_type(new.type), compensation_type(old.type)
+    if (one.turns, one.only_turns) != (other.turns, other.only_turns):
         raise InputError(f"a control applies a {old.type} grid otherwise than a {new.type} grid; they have no sum")
     nodes = tuple(np.union1d(a, b) for a, b in zip(old.nodes, new.nodes, strict=True))
     positions = grid_positions(nodes)

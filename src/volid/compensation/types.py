@@ -52,17 +52,32 @@ class CompensationType:
     @property
     def is_linear(self) -> bool:
         """True for the types of linear axes."""
-        return self.name.startswith("L-")
+        return bool({*LINEAR_EFFECTS, LINEAR_SPEC} & set(self.effects))
 
     @property
     def is_rotary(self) -> bool:
         """True for the types of rotary axes."""
-        return self.name.startswith("R-")
+        return bool({*ROTARY_EFFECTS, ROTARY_SPEC} & set(self.effects))
 
     @property
     def turns(self) -> bool:
         """True when rotary axes correct the orientation."""
         return ORIENTATION in self.effects
+
+    @property
+    def only_turns(self) -> bool:
+        """True for FOR: orientation is all that it corrects."""
+        return self.effects == (ORIENTATION,)
+
+    @property
+    def is_chosen(self) -> bool:
+        """True for L-SPEC and R-SPEC, whose functions or rule the user chooses."""
+        return bool({LINEAR_SPEC, ROTARY_SPEC} & set(self.effects))
+
+    @property
+    def by_axis_itself(self) -> bool:
+        """True for R-POS: the rotary axis itself corrects its angle."""
+        return self.based_on == AXIS
 
 
 _MOVES = "adds to each linear axis by its own position"
@@ -150,8 +165,8 @@ def _require_disjoint(one: CompensationType, other: CompensationType) -> None:
     for a, b in ((one, other), (other, one)):
         if a.effects[0] in specific and set(b.effects) & set(specific[a.effects[0]]):
             raise InputError(f"{a.name} and {b.name} may correct the same errors twice; take one of them")
-        if a.name == "R-POS" and b.turns:
-            raise InputError(f"R-POS and {b.name} both turn the rotary axes, {b.name} for angular positioning too")
+        if a.by_axis_itself and b.turns:
+            raise InputError(f"{a.name} and {b.name} both turn the rotary axes, {b.name} for angular positioning too")
 
 
 def _require_axes(t: CompensationType, machine: Machine) -> None:

@@ -16,7 +16,8 @@ from volid.backend.pytrees import STATIC, register_dataclass, register_if_import
 from volid.campaign import Campaign
 from volid.fitting.datum import s_transformation
 from volid.fitting.diagnosis.adequacy import Adequacy
-from volid.fitting.diagnosis.identifiability import NAMED, parameter_units, undetermined_directions
+from volid.fitting.diagnosis.identifiability import parameter_units, undetermined_directions
+from volid.fitting.diagnosis.statements import NAMED
 from volid.fitting.frames import check_exact, frames, unknown_rows
 from volid.fitting.prediction.determination import known_deviations
 from volid.fitting.prediction.deviations import determined

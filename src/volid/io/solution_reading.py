@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from dataclasses import fields, replace
+from dataclasses import MISSING, fields, replace
 from typing import NamedTuple
 
 import h5py
@@ -48,9 +48,11 @@ def read_samples(file: h5py.File, path: str) -> Samples | None:
 
 
 def read_rows(group: h5py.Group, row: type[Row]) -> tuple[Row, ...]:
-    """Records of one type from one dataset per field."""
-    columns = [(read_text(group[f.name]) if f.type == "str" else group[f.name][()]).tolist() for f in fields(row)]
-    return tuple(row(*values) for values in zip(*columns, strict=True))
+    """Records of one type from one dataset per field; a field with a default may be absent from files of earlier versions."""
+    stored = [f for f in fields(row) if f.name in group or f.default is MISSING]
+    columns = [(read_text(group[f.name]) if f.type == "str" else group[f.name][()]).tolist() for f in stored]
+    named = (dict(zip([f.name for f in stored], values, strict=True)) for values in zip(*columns, strict=True))
+    return tuple(row(**values) for values in named)
 
 
 def read_model(file: h5py.File, campaign: Campaign, path: str) -> ErrorModel:

@@ -28,7 +28,7 @@ Root attributes: `format`; `machine_name`; `axes` (letters, machine axis order);
   axes `held_out` (m, r) = reading - prediction by the fit to all other rotary positions, NaN where one position alone determines
   a combination of the parameters.
 - `adequacy/`: attributes `verdict`, `rejected`, `chi_square`, `degrees_of_freedom`, `unit_weight`, `probability`; `groups/`:
-  `what`, `n`, `unit_weight`, `probability`, each (g,), least probable first; `suspects/`: `where`, `label`, `residual`,
+  `what`, `n`, `unit_weight`, `probability`, `sort`, each (g,), least probable first; `suspects/`: `where`, `label`, `residual`,
   `normalised`, `unit`, each (s,). `outliers/`: the same columns, for the readings that were set aside.
 - `statistics/`: attributes `n_readings`, `n_parameters`, `iterations`, `converged`, `held_out_weight`
   (NaN: none). `notes`: text, (t,).

@@ -23,7 +23,7 @@ def read_table(path: str | Path) -> ErrorTable:
     """A table as error values, absolute, in mm or rad, whatever the file holds.
 
     Args:
-        path: of a CSV file that `save_compensation` or `volid tables` wrote.
+        path: of a CSV file that `save_compensation` wrote.
 
     Raises `InputError` when the file is damaged or of another format, a header line or column is missing, positions do not rise.
 
@@ -114,9 +114,9 @@ def _uncertainties(table: CsvTable, name: str) -> np.ndarray:
 
 
 def tables_in(folder: str | Path) -> Iterator[ErrorTable]:
-    """All tables of a folder that `volid tables` wrote, or the one table of a file."""
+    """All tables of a folder, or the one table of a file."""
     path = Path(folder)
     files = sorted(path.glob("*.csv")) if path.is_dir() else [path]
     if not files:
-        raise InputError(f"{folder}: holds no table (*.csv); expected a folder written by volid tables")
+        raise InputError(f"{folder}: holds no table (*.csv); expected a folder of tables, format '{FORMAT}'")
     return (read_table(file) for file in files)

@@ -105,7 +105,7 @@ def load_truth(path: str | Path) -> Truth:
     Raises `InputError` when the file is neither.
     """
     if not is_hdf5(path):
-        raise InputError(f"{path}: not an HDF5 file; expected a truth, '{FORMAT}', or a solution of volid fit")
+        raise InputError(f"{path}: not an HDF5 file; expected a truth, '{FORMAT}', or a solution, 'volid-solution/1'")
     try:
         with h5py.File(path, "r") as file:
             found = str(file.attrs.get("format", ""))
@@ -114,5 +114,7 @@ def load_truth(path: str | Path) -> Truth:
     if found.startswith("volid-solution/"):
         return replace(truth_of_solution(read_solution(path)), source=str(path))
     if found and not found.startswith("volid-truth/"):
-        raise InputError(f"{path}: format is '{found}'; expected a truth, '{FORMAT}', or a solution of volid fit")
+        raise InputError(
+            f"{path}: format is '{found}'; expected a truth, '{FORMAT}', or a solution, 'volid-solution/1'"
+        )
     return read_truth(path)

@@ -9,6 +9,8 @@ from volid.observations.point import POINT, POLAR
 
 KINDS: dict[str, Kind] = {kind.name: kind for kind in (DISTANCE, POINT, POLAR, DISPLACEMENT, COMPONENT)}
 
+LATER_KINDS = ("projection", "artefact")  # of CONVENTIONS 6, not supported yet
+
 
 def sets_by_kind(campaign: Campaign) -> dict[Kind, list[ObservationSet]]:
     """The sets of a campaign by their kind, in the order of the table."""
@@ -16,4 +18,4 @@ def sets_by_kind(campaign: Campaign) -> dict[Kind, list[ObservationSet]]:
     return {kind: sets for kind, sets in found.items() if sets}
 
 
-__all__ = ["KINDS", "Kind", "sets_by_kind"]
+__all__ = ["KINDS", "LATER_KINDS", "Kind", "sets_by_kind"]

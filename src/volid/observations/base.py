@@ -16,7 +16,8 @@ from volid.observations.beams import Beam
 from volid.observations.response import UNMOVED, Key, Response
 
 Place = tuple[float, float, float]
-DEGREES = "degrees"
+DEGREES, MM = "degrees", "mm"
+STATION = "station"  # label of the station that a reading is made from
 
 
 class Group(NamedTuple):
@@ -104,7 +105,7 @@ class Kind(ABC):
     name: str
     readings: tuple[str, ...]
     doc: str
-    unit: str = "mm"
+    unit: str = MM
     units: tuple[str, ...] = ()
     labels: Mapping[str, str | None] = {}
     choices: Mapping[str, tuple[str, ...]] = {}
@@ -136,6 +137,10 @@ class Kind(ABC):
         """Body of the machine that carries what is seen; "tool": the functional point."""
         return TOOL
 
+    def stations_of(self, observations: ObservationSet) -> np.ndarray:
+        """Name of the station that each row is measured from, (m,); empty for a kind without stations."""
+        return observations.labels[STATION] if STATION in self.labels else np.zeros(0, dtype=str)
+
     def sees_tool(self, observations: ObservationSet) -> bool:
         """Whether the tool vector takes part in the readings of a set."""
         return self.target_body(observations.options) == TOOL
@@ -149,6 +154,11 @@ class Kind(ABC):
     def unit_at(self, observations: ObservationSet, row: int, i: int) -> str:
         """Unit of reading number `i` in a row of a set."""
         return self.unit_of(i)
+
+    @property
+    def is_length(self) -> bool:
+        """Whether all readings are lengths in mm."""
+        return all(self.unit_of(i) == MM for i in range(len(self.readings)))
 
     @property
     def unit_words(self) -> str:

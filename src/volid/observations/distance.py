@@ -199,8 +199,8 @@ def _target_slots(observations: ObservationSet, table: NuisanceTable) -> list[in
     if body == TOOL:
         return []
     place, prior = target_place(observations), float(observations.options.get("target_u", np.inf))
-    name = f"target on {body} ({', '.join(f'{c:g}' for c in place)})"
-    keys = tuple((name, c) for c in "XYZ")
+    name = f"target on {body} ({', '.join(f'{c:.12g}' for c in place)})"
+    keys = tuple(("target", body, *(repr(c) for c in place), axis) for axis in "XYZ")
     return [
         table.index(keys[i], f"{name} {c}", start=place[i], prior_u=prior, response=PlaceOf(body, of=keys, component=i))
         for i, c in enumerate("XYZ")

@@ -110,6 +110,7 @@ def _draw_instruments(engine: Engine, real: Campaign, truth: Truth, seed: int) -
     table.starts = dict(zip(table.keys, values.tolist(), strict=True))
     groups = [groups_of(readings, real, table) for readings in read]  # what an effect does may depend on the reading
     samples = effect_samples(real)
+    _require_own_names(table)
     values = np.array([_true_value(entry, truth, seed, samples) for entry in table.entries])
     return _Drawn(read, groups, table, values)
 
@@ -182,9 +183,21 @@ def _is_open(entry: Nuisance) -> bool:
     return entry.prior_u > 0.0 and (entry.spread > 0.0 or np.isfinite(entry.prior_u))
 
 
+def _require_own_names(table: NuisanceTable) -> None:
+    """Raises `InputError` when two of the values that a truth holds have one name."""
+    names = [e.name for e in table.entries if e.recorded or _is_open(e)]
+    twice = sorted({n for n in names if names.count(n) > 1}) if len(set(names)) < len(names) else []
+    if twice:
+        raise InputError(
+            f"two unknowns of the plan are called '{twice[0]}', and a truth holds its values by name; give their sets or "
+            "stations other names"
+        )
+
+
 def _true_value(
     entry: Nuisance, truth: Truth, seed: int, samples: Mapping[str, tuple[float, ...]] | None = None
 ) -> float:
+    """Value of an unknown: by its name, because truth files are written and edited by people, else drawn from name and seed."""
     if not _is_open(entry):
         return entry.start
     if entry.name in truth.instruments:

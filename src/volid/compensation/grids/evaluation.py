@@ -73,7 +73,7 @@ def _linearised(solution: Solution, request: GridRequest, place: Place, zero: Pl
 def field_gradient(solution: Solution, request: GridRequest, place: Place) -> np.ndarray:
     """Deviation that the effects of the type cause, as linear map of θ, (m, 6, n)."""
     gradient = np.asarray(influence(solution.machine, place.full, place.tool) @ _errors(solution, request, place))
-    if request.type.name == "FOR":
+    if request.type.only_turns:
         gradient[:, :3] = 0.0
     return gradient
 
@@ -89,7 +89,7 @@ def field_values(solution: Solution, request: GridRequest, place: Place) -> np.n
 def _errors(solution: Solution, request: GridRequest, place: Place) -> np.ndarray:
     """Error values of the type (m, 6·(n_axes + 1), n), of the axes that this grid holds; for FOR the entire model's."""
     q, t, base = place.full, request.type, request.base
-    if t.name == "FOR":
+    if t.only_turns:
         return model_errors(solution, q, np.zeros_like(q), lambda e: e.axis in place.letters, base.turn)
     effects = tuple(e for e in t.effects if e != ORIENTATION)
     errors = effect_errors(solution, effects, base, q, np.zeros_like(q))

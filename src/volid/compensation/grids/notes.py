@@ -19,7 +19,7 @@ from volid.plausibility.checks import SAME_POSITION
 
 def require_determined(solution: Solution, request: GridRequest, side: str, found: Evaluated) -> None:
     """Raises `NotDeterminedError` when the data do not determine the translations, or the rotations of a FOR grid."""
-    needed = slice(3, 6) if request.type.name == "FOR" else slice(0, 3)
+    needed = slice(3, 6) if request.type.only_turns else slice(0, 3)
     blank = _blank(found.determined, needed)
     if not blank:
         return
@@ -81,7 +81,7 @@ def _type_notes(solution: Solution, request: GridRequest) -> list[str]:
     if rule is not None:
         source = f"{getattr(rule, '__module__', '')}:{getattr(rule, '__name__', '')}"
         notes.append(f"values from the user's rule {source}; no uncertainty")
-    elif base.functions and t.name.endswith("SPEC"):
+    elif base.functions and t.is_chosen:
         notes.append(f"functions used: {', '.join(base.functions)}")
     return notes
 

@@ -113,7 +113,7 @@ class _AxisTables:
         arm = reach(self.solution.machine, self.axis, self.request.base) if offset is None else offset
         tables = []
         for itself in (False, True):
-            group = [k for k, t in enumerate(self.chosen) if (t.name == "R-POS") == itself]
+            group = [k for k, t in enumerate(self.chosen) if t.by_axis_itself == itself]
             for component in range(ROWS):
                 scale = arm if component >= 3 else 1.0
                 curves = np.stack([way[:, :, component] for way in ways])  # (ways, types, m)

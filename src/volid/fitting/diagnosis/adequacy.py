@@ -8,29 +8,35 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import chdtrc
 
 from volid.campaign import SAME_TOOL, Campaign, ObservationSet
 from volid.fitting.diagnosis.robust import critical_value
-from volid.model.iso230 import LINEAR_AXES, ROTARY_AXES
+from volid.model.machine import Axis
 from volid.observations import KINDS
 
 REJECT = 1e-3
 BINS = 6
 WORST = 4  # groups named in the verdict
+SET = "set"
 
 
 @dataclass(frozen=True)
 class GroupTest:
-    """Chi-square of one group of readings: `what` ("station S1"), readings, unit weight, probability if the model holds."""
+    """Chi-square of one group of readings: `what` ("station S1"), readings, unit weight, probability if the model holds.
+
+    `sort`: what the group has in common with others ("set", "linear", "region", a label such as "station"); empty where a
+    file of an earlier version does not say it.
+    """
 
     what: str
     n: int
     unit_weight: float
     probability: float
+    sort: str = ""
 
 
 @dataclass(frozen=True)
@@ -63,60 +69,71 @@ class Adequacy:
     verdict: str
 
 
-def _groupings(
-    campaign: Campaign, observations: ObservationSet, like: ObservationSet
-) -> Iterator[tuple[str, np.ndarray]]:
-    """Name and rows of every group of a set: itself, stations, segments' tools, positions, regions, directions, time.
+class _Grouping(NamedTuple):
+    """Sort and name of a group of readings, and its rows: bool (m,), or (m, k) for the columns of the readings (directions of the
+    sensor, coordinates)."""
 
-    Rows: bool (m,), or (m, k) for the columns of the readings (directions of the sensor, coordinates). `like`: the set, or a
-    sample of it, which decides what groups there are.
+    sort: str
+    what: str
+    rows: np.ndarray
+
+
+def _groupings(campaign: Campaign, observations: ObservationSet, like: ObservationSet) -> Iterator[_Grouping]:
+    """Every group of a set: itself, stations, segments' tools, positions, regions, directions, time.
+
+    `like`: the set, or a sample of it, which decides what groups there are.
     """
     m = len(observations)
-    yield f"set '{observations.name}'", np.ones(m, dtype=bool)
+    yield _Grouping(SET, f"set '{observations.name}'", np.ones(m, dtype=bool))
     for label, value in KINDS[observations.kind].groups_by(like):
-        yield f"{label} {value}", observations.labels[label] == value
+        yield _Grouping(label, f"{label} {value}", observations.labels[label] == value)
     columns = KINDS[observations.kind].readings
     for k, name in enumerate(columns if len(columns) > 1 else ()):
-        yield f"direction {name}", np.tile(np.arange(len(columns)) == k, (m, 1))
+        yield _Grouping("direction", f"direction {name}", np.tile(np.arange(len(columns)) == k, (m, 1)))
     tools = np.unique(np.round(like.tool, SAME_TOOL), axis=0)
     for tool in tools if 1 < len(tools) <= 12 else ():
         with_tool = np.all(np.round(observations.tool, SAME_TOOL) == tool, axis=1)
-        yield f"tool vector ({tool[0]:g}, {tool[1]:g}, {tool[2]:g}) mm", with_tool
+        yield _Grouping("tool", f"tool vector ({tool[0]:g}, {tool[1]:g}, {tool[2]:g}) mm", with_tool)
     yield from _position_groups(campaign, observations, like)
     for i, axis in enumerate(campaign.machine.axes):
         for sign in (1, -1):
             rows = like.directions[:, i] == sign
             if rows.any() and not rows.all():
-                yield f"{axis.letter} approached in {'+' if sign > 0 else '-'}", observations.directions[:, i] == sign
+                what = f"{axis.letter} approached in {'+' if sign > 0 else '-'}"
+                yield _Grouping(_sort_of(axis), what, observations.directions[:, i] == sign)
     if like.time is not None and observations.time is not None and np.all(np.isfinite(like.time)):
         edges = np.quantile(like.time, np.linspace(0, 1, BINS + 1))
-        yield from _bins("time", "s", observations.time, edges)
+        yield from _bins("time", "time", "s", observations.time, edges)
 
 
-def _position_groups(
-    campaign: Campaign, observations: ObservationSet, like: ObservationSet
-) -> Iterator[tuple[str, np.ndarray]]:
+def _position_groups(campaign: Campaign, observations: ObservationSet, like: ObservationSet) -> Iterator[_Grouping]:
     for i, axis in enumerate(campaign.machine.axes):
-        yield from _bins(axis.letter, axis.unit, observations.positions[:, i], np.linspace(*axis.travel, BINS + 1))
+        yield from _bins(
+            _sort_of(axis), axis.letter, axis.unit, observations.positions[:, i], np.linspace(*axis.travel, BINS + 1)
+        )
     middle = np.array([0.5 * sum(axis.travel) for axis in campaign.machine.axes])
     octants = observations.positions > middle
     for corner in np.unique(like.positions > middle, axis=0):
         name = ", ".join(
             f"{a.letter} {'high' if c else 'low'}" for a, c in zip(campaign.machine.axes, corner, strict=True)
         )
-        yield f"region {name}", np.all(octants == corner, axis=1)
+        yield _Grouping("region", f"region {name}", np.all(octants == corner, axis=1))
 
 
-def _bins(name: str, unit: str, values: np.ndarray, edges: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
+def _sort_of(axis: Axis) -> str:
+    return "linear" if axis.is_linear else "rotary"
+
+
+def _bins(sort: str, name: str, unit: str, values: np.ndarray, edges: np.ndarray) -> Iterator[_Grouping]:
     index = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)
     for k in range(len(edges) - 1):
-        yield f"{name} {edges[k]:g} … {edges[k + 1]:g} {unit}", index == k
+        yield _Grouping(sort, f"{name} {edges[k]:g} … {edges[k + 1]:g} {unit}", index == k)
 
 
-def _test(what: str, total: float, dof: float, n: float) -> GroupTest | None:
+def _test(sort: str, what: str, total: float, dof: float, n: float) -> GroupTest | None:
     if dof < 1.0:
         return None
-    return GroupTest(what, int(n), float(np.sqrt(total / dof)), float(chdtrc(dof, total)))
+    return GroupTest(what, int(n), float(np.sqrt(total / dof)), float(chdtrc(dof, total)), sort)
 
 
 def reading_label(observations: ObservationSet, i: int, k: int) -> str:
@@ -161,7 +178,7 @@ class Tally:
         self._like = {s.name: s for s in like.sets}
         self._limit = critical_value(n)
         self._total = 0.0
-        self._groups: dict[str, np.ndarray] = {}  # sum of squares, of redundancies, readings
+        self._groups: dict[tuple[str, str], np.ndarray] = {}  # sum of squares, of redundancies, readings
         self._suspects: list[SuspectReading] = []
 
     def add(
@@ -172,16 +189,16 @@ class Tally:
         redundancy = [np.where(a, 1.0 - h, 0.0) for h, a in zip(leverages, active, strict=True)]
         self._total += sum(float(s.sum()) for s in squares)
         for s, sq, re in zip(campaign.sets, squares, redundancy, strict=True):
-            for what, rows in _groupings(campaign, s, self._like[s.name]):
+            for sort, what, rows in _groupings(campaign, s, self._like[s.name]):
                 found = np.array([sq[rows].sum(), re[rows].sum(), re[rows].size])
-                self._groups[what] = self._groups.get(what, 0.0) + found
+                self._groups[sort, what] = self._groups.get((sort, what), 0.0) + found
         self._suspects += _suspects(campaign, residuals, redundancy, active, self._limit)
 
     def adequacy(self, dof: int, prior_chi_square: float = 0.0) -> Adequacy:
         """The verdict on what was counted."""
         total = self._total + prior_chi_square
         probability = float(chdtrc(dof, total)) if dof > 0 else float("nan")
-        found = [_test(what, *sums) for what, sums in self._groups.items()]
+        found = [_test(*key, *sums) for key, sums in self._groups.items()]
         groups = tuple(sorted((g for g in found if g), key=lambda g: (g.probability, -g.unit_weight)))
         suspects = tuple(sorted(self._suspects, key=lambda x: -abs(x.normalised)))
         worst = groups[0].probability * len(groups) if groups else 1.0
@@ -224,7 +241,6 @@ def _verdict(rejected: bool, weight: float, probability: float, groups: Any, sus
 def _worst(groups: tuple[GroupTest, ...]) -> list[GroupTest]:
     """The least probable groups, one of each sort: region, linear positions, angles, direction, station, …; entire sets last."""
     found: dict[str, GroupTest] = {}
-    for group in sorted(groups, key=lambda g: g.what.startswith("set ")):
-        first = group.what.split()[0]
-        found.setdefault("linear" if first in LINEAR_AXES else "rotary" if first in ROTARY_AXES else first, group)
+    for group in sorted(groups, key=lambda g: g.sort == SET):
+        found.setdefault(group.sort, group)
     return list(found.values())[:WORST]

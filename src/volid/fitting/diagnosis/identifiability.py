@@ -1,4 +1,4 @@
-"""What the data determine: a scaled rank decision, and its null space in words.
+"""What the data determine: a scaled rank decision, and its null space (in words: `statements`).
 
 The decision is made on the Jacobian at the nominal machine, where the model is linear in its errors and the combinations that are
 not determined are exact. Machine parameters are measured in 0.1 mm and 0.1 mrad: a combination counts as determined when its
@@ -14,12 +14,10 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from volid.campaign import Campaign
+from volid.fitting.diagnosis.statements import explain, involvement
 from volid.fitting.equations.problem import Problem
-from volid.model.error_functions import motion_names, settings_for
-from volid.model.error_model import LOCATION, ErrorModel
+from volid.model.error_model import ErrorModel
 from volid.model.iso230 import parse
-from volid.model.machine import Machine
-from volid.observations import KINDS, sets_by_kind
 
 UNIT = 0.1  # mm; the rotations' unit follows by dividing by 1 m
 ROTATION_UNIT = 1e-4  # rad
@@ -28,7 +26,6 @@ RELATIVE = 1e-9
 # A combination that is hardly determined (tools 0.1 mm beside the spindle axis) has small components in functions that are well
 # determined. They mean nothing: setting such a combination to 0 changes those functions by less than their uncertainty.
 HELD = 0.1  # cosine to the null space from which a tool rotation is part of it
-NAMED = 1e-4  # squared component from which a function is part of it
 
 
 @dataclass(frozen=True)
@@ -174,108 +171,3 @@ def _hold_tool_rotation(machine: np.ndarray, columns: np.ndarray) -> tuple[np.nd
     free = np.zeros((n, len(columns) - rank))
     free[columns] = u[:, rank:]
     return u[:, :rank], np.concatenate([identity[:, others], free], axis=1)
-
-
-def involvement(model: ErrorModel, null: np.ndarray) -> dict[str, float]:
-    """Number of directions that are not determined inside each function (or coupled group), by name and part.
-
-    It is the trace of the null projector's block; `null` has orthonormal columns in physical units.
-    """
-    shares = {}
-    for names, part, parameters in model.groups:
-        share = float(np.sum(null[parameters] ** 2)) if null.size else 0.0
-        if share > NAMED:
-            shares.update({f"{n} reversal" if part == "reversal" else n: share for n in names})
-    return shares
-
-
-def explain(model: ErrorModel, null: np.ndarray, campaign: Campaign, tool_fixed: bool = False) -> tuple[str, ...]:
-    """The null space in words: first functions that are not determined at all, then combinations, each with a reason.
-
-    `tool_fixed`: constants of the tool frame are held at 0 besides.
-    """
-    if not null.size:
-        return ()
-    wholly, partly, count = [], [], null.shape[1]
-    for names, part, parameters in model.groups:
-        size = parameters.stop - parameters.start
-        name = ", ".join(names) + (" reversal" if part == "reversal" else "")
-        share = float(np.sum(null[parameters] ** 2))
-        if share > size - NAMED:
-            wholly.append(name if part == LOCATION else f"{name} (all {size} coefficients)")
-            count -= size
-        elif share > NAMED:
-            partly.append(name)
-    concerned = [f.name for f in model.functions if f.part != LOCATION and np.sum(null[f.parameters] ** 2) > NAMED]
-    reasons = [*_segment_reasons(model, campaign, concerned), *likely_reasons(campaign)]
-    reason = "; ".join(reasons) or "the readings do not separate them"
-    lines = []
-    place = [n for n in wholly if _is_place_of_workpiece(campaign, n)]
-    if place:
-        wholly = [n for n in wholly if n not in place]
-        lines.append(
-            f"{', '.join(place)}: same as the unknown place of the {_standing(campaign)} on the workpiece. No reading tells them "
-            f"apart, and no compensation needs them; set {place[0]} = false and the like."
-        )
-    if wholly:
-        first = wholly[0].split(" (")[0].split(",")[0]
-        setting = f"{first.split()[0]} = {{ reversal = false }}" if "reversal" in first else f"{first} = false"
-        lines.append(f"{', '.join(wholly)}: {reason}. Measure what is missing, or set {setting} and the like.")
-    if partly and count:
-        lines.append(f"{count} combination{'s' if count > 1 else ''} among {', '.join(partly)}: {reason}.")
-    if tool_fixed and place and len(lines) == 1:
-        lines.append(f"Constants of the tool frame, held at 0: {reason}.")
-    return tuple(lines)
-
-
-def _is_place_of_workpiece(campaign: Campaign, name: str) -> bool:
-    """Whether a constant translates a head: with spheres alone, their unknown places are the same."""
-    error, machine = parse(name.split()[0]), campaign.machine
-    if not error.location or error.is_rotation or error.axis not in machine.letters:
-        return False
-    axis = machine.axis(error.axis)
-    return not axis.is_linear and not axis.primed and all(KINDS[s.kind].standing for s in campaign.sets)
-
-
-def _standing(campaign: Campaign) -> str:
-    """What stands on the workpiece at an unknown place, in words."""
-    return " or ".join(dict.fromkeys(KINDS[s.kind].standing for s in campaign.sets))
-
-
-def _segment_reasons(model: ErrorModel, campaign: Campaign, names: list[str]) -> list[str]:
-    """Splines with more coefficients than there are positions of their axis, among the functions `names`."""
-    reasons = []
-    for letter in campaign.machine.letters:
-        values = np.concatenate([s.positions[:, campaign.machine.index(letter)] for s in campaign.sets])
-        count = len(np.unique(np.round(values, 3)))
-        sizes = [s for f in model.functions if f.name in names for s in f.splines]
-        sizes = [s for s in sizes if campaign.machine.letters[s.axis] == letter and s.size > count]
-        if sizes:
-            worst = max(sizes, key=lambda s: s.size)
-            reasons.append(
-                f"{worst.segments} segments on axis {letter} need at least {worst.size} positions and {count} were measured; "
-                'take fewer segments (or "auto") or more positions'
-            )
-    return reasons
-
-
-def likely_reasons(campaign: Campaign) -> list[str]:
-    """Facts about a campaign because of which functions are often not determined: tool vectors, stations, positions."""
-    reasons = []
-    for kind, sets in sets_by_kind(campaign).items():
-        reasons += kind.advice(sets, campaign)
-    for i, letter in enumerate(campaign.machine.letters):
-        values = np.concatenate([s.positions[:, i] for s in campaign.sets])
-        count = len(np.unique(np.round(values, 3)))
-        ways = set(np.unique(np.concatenate([s.directions[:, i] for s in campaign.sets])).tolist()) - {0}
-        if len(ways) < 2 and any(f.axis == letter for f in map(parse, reversals(campaign.machine))):
-            said = "in one direction only" if ways else "without recorded directions"
-            reasons.append(f"axis {letter} was approached {said} (column {letter}_dir)")
-        if count < 5:
-            reasons.append(f"axis {letter} was measured at {count} position{'s' if count > 1 else ''} only")
-    return reasons
-
-
-def reversals(machine: Machine) -> list[str]:
-    """Error motions that the machine file models with reversal."""
-    return [name for name in motion_names(machine) if settings_for(machine, name).reversal]

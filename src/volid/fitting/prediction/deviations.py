@@ -21,7 +21,7 @@ from volid.model.kinematics import chain_of, deviation
 from volid.model.machine import Machine
 
 THREADS = 2  # that share a long computation, here and where others import it
-NOTICED = 1e-3  # 0.1 µm for a rotation of 0.1 mrad that is not determined; see `identifiability.NAMED`
+NOTICED = 1e-3  # 0.1 µm for a rotation of 0.1 mrad that is not determined; see `statements.NAMED`
 
 
 def determined(along: np.ndarray, possible: np.ndarray | float) -> np.ndarray:

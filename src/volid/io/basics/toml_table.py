@@ -18,12 +18,12 @@ from volid.exceptions import InputError
 REQUIRED: Any = object()
 FILE_TYPES = {  # format tag without version: (what it is, where it comes from)
     "volid-machine": ("a machine file", "written by hand (TOML) or copied from models/"),
-    "volid-campaign": ("a campaign", "a manifest (TOML) or the HDF5 file that volid import makes of it"),
-    "volid-solution": ("a solution", "which volid fit makes of a campaign"),
-    "volid-truth": ("a truth", "which volid simulate writes beside a campaign"),
+    "volid-campaign": ("a campaign", "a manifest (TOML) or the HDF5 file that `volid.save_campaign` writes"),
+    "volid-solution": ("a solution", "which `volid.fit` makes of a campaign"),
+    "volid-truth": ("a truth", "which `volid.simulate` makes beside a campaign"),
     "volid-study": ("a study", "written by hand (TOML)"),
-    "volid-study-results": ("results of a study", "which volid study writes"),
-    "volid-grid": ("a grid", "which volid grid makes of a solution"),
+    "volid-study-results": ("results of a study", "which `volid.study.run_study` makes of a study"),
+    "volid-grid": ("a grid", "which `volid.save_grid` writes"),
 }
 
 
@@ -90,7 +90,7 @@ def wrong_format(where: str, found: str, tag: str) -> InputError:
 
 
 def made_by(tag: str) -> str:
-    """Where files of format `tag` come from: "which volid fit makes of a campaign"."""
+    """Where files of format `tag` come from: "which `volid.fit` makes of a campaign"."""
     return FILE_TYPES[tag.split("/")[0]][1]
 
 

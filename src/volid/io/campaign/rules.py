@@ -11,11 +11,10 @@ from volid.effects.prediction import check_effects
 from volid.exceptions import InputError
 from volid.io.basics.toml_table import nearest
 from volid.model.machine import BED, TOOL, WORKPIECE, Machine
-from volid.observations import KINDS, Kind
+from volid.observations import KINDS, LATER_KINDS, Kind
 
 FORMAT = "volid-campaign/1"
 STATION_FRAMES = ("stations", "machine")
-_LATER_KINDS = ("projection", "artefact")
 _LEAST_CONSTANT = (
     1e-6  # mm: 1 nm; no length instrument of a machine shop is so good, but 0.1 to 1 µm written in metres are
 )
@@ -31,11 +30,11 @@ def find_kind(name: str, where: str) -> Kind:
     if name in KINDS:
         return KINDS[name]
     here = f"this version reads {', '.join(KINDS)}"
-    if name in _LATER_KINDS:
+    if name in LATER_KINDS:
         raise InputError(f"{where}: kind '{name}' is not supported yet; {here}")
     raise InputError(
-        f"{where}: unknown kind '{name}'{nearest(name, [*KINDS, *_LATER_KINDS]) or ';'} {here}; "
-        f"{', '.join(k for k in _LATER_KINDS if k not in KINDS)} come later"
+        f"{where}: unknown kind '{name}'{nearest(name, [*KINDS, *LATER_KINDS]) or ';'} {here}; "
+        f"{', '.join(k for k in LATER_KINDS if k not in KINDS)} come later"
     )
 
 
@@ -74,10 +73,8 @@ def check_unique(names: Iterable[str], what: str, where: str) -> None:
 
 def check_stations_of(readings: ObservationSet, stations: Iterable[Station]) -> None:
     """Raises `InputError` naming the first row whose station is not in the list of stations."""
-    if "station" not in readings.labels:
-        return
+    labels = KINDS[readings.kind].stations_of(readings)
     known = [station.name for station in stations]
-    labels = readings.labels["station"]
     strange = ~np.isin(labels, known)
     if strange.any():
         i = int(np.argmax(strange))
@@ -97,7 +94,7 @@ def check_target(readings: ObservationSet, campaign: Campaign) -> None:
             f"{campaign.source}, set '{readings.name}': target_body is '{body}'{nearest(str(body), known) or ';'} expected one "
             f"of {', '.join(known)}"
         )
-    for name in dict.fromkeys(readings.labels.get("station", np.zeros(0)).tolist()):
+    for name in dict.fromkeys(KINDS[readings.kind].stations_of(readings).tolist()):
         body_of_station = campaign.station(name).body
         if campaign.machine.body_index(body_of_station) == campaign.machine.body_index(body):
             raise InputError(

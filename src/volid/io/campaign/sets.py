@@ -214,7 +214,7 @@ def _uncertainty(table: Table, csv: CsvTable, kind: Kind, readings: np.ndarray) 
                 f"{name} = {{ constant = …, proportional = … }} here, or a column {keys[0]} in {csv.source}"
             )
         spec = _specification(table, key)
-        if key == "u" and kind.unit == "mm":
+        if key == "u" and kind.is_length:
             check_constant(spec["constant"] if isinstance(spec, dict) else spec, table.where)
         values = standard_uncertainty(spec, readings[:, i])
         if np.isnan(values).any():

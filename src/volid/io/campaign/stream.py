@@ -44,7 +44,7 @@ class CampaignStream:
         self.path = Path(path)
         if not is_hdf5(path):
             raise InputError(
-                f"{path}: not an HDF5 file; only those can be read part by part. Convert the campaign with volid import"
+                f"{path}: not an HDF5 file; only those can be read part by part. Convert the campaign with `volid.save_campaign`"
             )
         with reading(path, "campaign", FORMAT) as file:
             groups = set_groups(file)
