@@ -45,14 +45,17 @@ def base_of(
     """On what a compensation is based: specific lines, tool vector, elevation, functions.
 
     Args:
-        solution: of `fit`.
+        solution: A solution, as `volid.fit` makes it.
         tool: base tool vector, (3,) [mm].
-        at: position by axis letter where the specific lines cross [mm or °]; default the datum's origin, rotary axes at 0.
-        elevation: of R-RAX and R-ANG above the `point` of a table's axis, along its line [mm].
+        at: Position by axis letter where the specific lines cross [mm or °]; by default the origin of the datum, and 0 for rotary
+            axes.
+        elevation: Elevation of R-RAX and R-ANG above the `point` of a table's axis, along its line [mm].
         functions: ISO 230-1 symbols that L-SPEC and R-SPEC use.
 
-    Raises `InputError` for an axis that the machine does not have, a position outside its travel, a function that the model
-    lacks. Source: ISO/TR 16907 10.
+    Raises:
+        InputError: the machine does not have an axis, a position lies outside its travel, or the model lacks a function.
+
+    Source: ISO/TR 16907 10.
 
     >>> import volid
     >>> solution = volid.fit(volid.load_campaign("datasets/five_axis_rtest/campaign.toml"))

@@ -25,9 +25,9 @@ class Compensation:
     """Tables and grids of the types `names`, before or after they were files; see `compensate`.
 
     Args:
-        names: types of ISO/TR 16907.
-        tables: of single functions.
-        grids: spatial grids, each of one side.
+        names: Names of the types of ISO/TR 16907 that it contains.
+        tables: Tables of single error functions.
+        grids: Spatial grids, each for the axes of one side.
 
     >>> import volid
     >>> machine = volid.load_machine("models/wYXbZt_vertical.toml")
@@ -73,21 +73,23 @@ def compensate(
     """Tables and grids of several types, each in its first form, or in the `form` asked for where it has it.
 
     Args:
-        solution: of `fit`.
-        names: types of ISO/TR 16907, see `volid.COMPENSATION_TYPES`.
-        base: on what they are based, see `volid.compensation_base`.
-        tables: sampling of tables.
-        grids: sampling of grids.
-        points: per axis of a grid, where its sampling leaves it open.
-        form: "tables" or "grid".
-        rule: of L-SPEC and R-SPEC, see `GridRequest`.
-        reference_point: of the grids of rotary axes, (3,) [mm].
-        uncertainty: of grids; False changes no value.
-        ranges: lowest and highest position of tables and grids by axis letter [mm or °], default the travel.
-        zero: where tables and the translations of linear grids are 0, by axis letter [mm or °].
+        solution: A solution, as `volid.fit` makes it.
+        names: Names of types of ISO/TR 16907, from `volid.COMPENSATION_TYPES`.
+        base: What the types are based on, as `volid.compensation_base` makes it.
+        tables: How the tables are sampled.
+        grids: How the grids are sampled.
+        points: Number of points per axis of a grid, where `grids` does not state it.
+        form: The preferred form, "tables" or "grid"; a type that does not have it takes its own.
+        rule: Function that computes what L-SPEC and R-SPEC correct, as `GridRequest` describes it.
+        reference_point: Point for which the grids of rotary axes hold the translations, (3,) [mm].
+        uncertainty: Whether the grids contain standard uncertainties; the error values are the same without them.
+        ranges: Lowest and highest position of tables and grids by axis letter [mm or °]; the travel by default.
+        zero: Position by axis letter where tables and the translations of linear grids are 0 [mm or °].
 
-    Raises `InputError` for types that do not go together or that the machine cannot have, or an L-SPEC or R-SPEC without
-    `base.functions` or `rule`; `NotDeterminedError` when the data do not determine what a type holds.
+    Raises:
+        InputError: types do not go together, or the machine cannot have one of them, or an L-SPEC or R-SPEC has neither
+            `base.functions` nor `rule`.
+        NotDeterminedError: the data do not determine what a type contains.
 
     >>> import volid
     >>> solution = volid.fit(volid.load_campaign("datasets/five_axis_rtest/campaign.toml"))

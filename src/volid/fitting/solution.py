@@ -56,24 +56,24 @@ class Solution:
     `volid.backend.pytrees` says from when on JAX knows it as such.
 
     Args:
-        parameters: θ, shape (n,), of the error functions in the order of `model` [mm, rad].
-        nuisance: ν, shape (k,): stations, dead paths and other unknowns, as `nuisance_table` names them.
-        covariance: of (θ, ν), shape (n + k, n + k), from the stated uncertainties; zero along what is not determined.
-        null_space: shape (n, d), combinations of θ that are not determined.
-        held_directions: shape (s, r), directions of the tool-frame constants that are not determined and held at 0.
-        model: the error model, with its datum.
-        campaign: the readings that were fitted, with their machine.
-        nuisance_table: name, unit and prior knowledge of every entry of `nuisance`.
-        adequacy: whether the residuals agree with the stated uncertainties.
-        statistics: numbers about the fit.
-        readings: residuals of every reading, and outliers.
-        statements: what is not determined, in words.
-        undetermined: by function, in how many directions it is not determined.
-        notes: what else a user should know.
-        options: what was asked of the fit.
-        provenance: date, versions, command and inputs, by name.
-        prior_root: pseudo-readings of an earlier solution as rows on θ, shape (r, n); None without one.
-        samples: of Monte Carlo refits; None before `monte_carlo`.
+        parameters: The parameters θ of the error functions, shape (n,), in the order of `model` [mm, rad].
+        nuisance: The other unknowns ν, shape (k,): stations, dead paths and other unknowns, as `nuisance_table` names them.
+        covariance: Covariance of (θ, ν), shape (n + k, n + k), from the stated uncertainties; zero along what is not determined.
+        null_space: Combinations of θ that are not determined, as columns, shape (n, d).
+        held_directions: Directions of the s tool-frame constants that are not determined and held at 0, as columns, shape (s, r).
+        model: The error model, with its datum.
+        campaign: The readings that were fitted, with their machine.
+        nuisance_table: Name, unit and prior knowledge of every entry of `nuisance`.
+        adequacy: Whether the residuals agree with the stated uncertainties.
+        statistics: Numbers about the fit.
+        readings: Residuals of every reading, and outliers.
+        statements: What is not determined, in words.
+        undetermined: For each function, the number of directions in which it is not determined.
+        notes: What else a user should know.
+        options: What was asked of the fit.
+        provenance: Date, versions, command and inputs, by name.
+        prior_root: Pseudo-readings of an earlier solution as rows on θ, shape (r, n); None without one.
+        samples: Samples of the parameters from Monte Carlo refits; None before `monte_carlo`.
 
     Source: CONVENTIONS 3 to 5; ISO 230-1 for the symbols.
 
@@ -146,9 +146,9 @@ class Solution:
         """Deviation of the functional point and orientation, shape (..., 6) [mm, rad], machine frame, as a JAX array.
 
         Args:
-            q: axis positions, shape (..., n_axes), machine axis order (`machine.letters`) [mm or degrees].
-            tool: tool vectors, shape (..., 3) or (3,) [mm].
-            direction: approach, +1, -1 or 0 (mean of both).
+            q: Axis positions, shape (..., n_axes), machine axis order (`machine.letters`) [mm or degrees].
+            tool: Tool vectors, shape (..., 3) or (3,) [mm].
+            direction: Direction of approach, +1, -1 or 0 (mean of both).
 
         Pure JAX: it can be differentiated, compiled (`jit`) and mapped (`vmap`). Values along combinations that are not
         determined are those with the combination at 0; `evaluate` says which these are.
@@ -167,9 +167,9 @@ class Solution:
         """Deviations with standard uncertainties, machine frame, as NumPy arrays; NaN where they are not determined.
 
         Args:
-            positions: axis positions, shape (m, n_axes), machine axis order [mm or degrees].
-            tool: tool vectors, shape (m, 3) or (3,) [mm].
-            direction: approach, shape (m, n_axes), +1, -1 or 0; None: the mean of both.
+            positions: Axis positions, shape (m, n_axes), machine axis order [mm or degrees].
+            tool: Tool vectors, shape (m, 3) or (3,) [mm].
+            direction: Directions of approach, shape (m, n_axes), +1, -1 or 0; None: the mean of both.
 
         Returns:
             `values` and `u`, shape (m, 6) [mm, rad]; `outside`, shape (m,), where nothing was measured; see `Deviations`.
@@ -198,8 +198,8 @@ class Solution:
         """True for positions outside what was measured, by more than 1 % of the travel, shape (m,).
 
         Args:
-            positions: axis positions, machine axis order, shape (m, n_axes) [mm or degrees].
-            axes: letters of the axes that are judged; None: all. A rotary axis measured over a full turn is measured everywhere.
+            positions: Axis positions, machine axis order, shape (m, n_axes) [mm or degrees].
+            axes: Letters of the axes that are judged; None: all. A rotary axis measured over a full turn is measured everywhere.
         """
         low, high = self.measured_range().T
         slack = 0.01 * np.array([axis.length for axis in self.machine.axes])
@@ -212,8 +212,8 @@ class Solution:
         """All error functions tabulated over the travels, and location errors, each with its standard uncertainty.
 
         Args:
-            step: spacing [mm or degrees]; None: `points` per travel.
-            points: per travel. A function that is a polygon (degree 1) is tabulated at its knots instead.
+            step: Spacing [mm or degrees]; None: `points` per travel.
+            points: Number of points per travel. A function that is a polygon (degree 1) is tabulated at its knots instead.
 
         Functions with reversal are given for both approach directions, others for 0; functions of two axes along the line at
         the other axis's reference.
@@ -255,8 +255,9 @@ class Solution:
 
         Args:
             name: ISO 230-1 symbol of an error motion in the model, such as "EXX".
-            positions: of its axis, shape (m,) [mm or degrees]; the second axis of a cross effect stands at its reference.
-            direction: approach, +1, -1 or 0 (mean of both).
+            positions: Positions of its axis, shape (m,) [mm or degrees]; the second axis of a cross effect stands at its
+                reference.
+            direction: Direction of approach, +1, -1 or 0 (mean of both).
         """
         references = [[reference_of(self.machine, self.datum, a.letter)] for a in self.machine.axes]
         q = np.tile(references, len(positions))
@@ -268,7 +269,8 @@ class Solution:
 
         Args:
             name: ISO 230-1 symbol of an error motion in the model, such as "EXX".
-            positions: of its axis, shape (m,) [mm or degrees]; the second axis of a cross effect stands at its reference.
+            positions: Positions of its axis, shape (m,) [mm or degrees]; the second axis of a cross effect stands at its
+                reference.
         """
         axis = parse(name).axis
         result = []
@@ -286,7 +288,7 @@ class Solution:
         """Which linear functions of θ change along a combination that is not determined, shape (m,).
 
         Args:
-            rows: the functions as rows on θ, shape (m, n).
+            rows: The functions as rows on θ, shape (m, n).
         """
         units = parameter_units(self.model)
         if not self.null_space.shape[1]:
@@ -313,7 +315,7 @@ class Solution:
         Every unknown answers as its kind of observation declares, so that no predicted reading changes. Source: CONVENTIONS 4.
 
         Args:
-            datum: the new datum, such as `volid.parse_datum` makes it.
+            datum: The new datum, such as `volid.parse_datum` makes it.
 
         Raises:
             InputError: the model cannot be expressed in that datum, or predicted readings would have to change (for example those

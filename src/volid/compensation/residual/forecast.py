@@ -72,11 +72,11 @@ class Forecast:
     """What `forecast` predicts.
 
     Args:
-        columns: one for each list of types, after "none".
-        tools: tool vectors, shape (k, 3) [mm].
-        draws: number of draws of the parameters.
-        source: where the draws come from, in words.
-        notes: what else a user should know.
+        columns: Predictions without any compensation ("none"), followed by those of each list of types.
+        tools: The tool vectors that the predictions hold for, shape (k, 3) [mm].
+        draws: Number of draws of the parameters.
+        source: Where the draws come from, in words.
+        notes: What else a user should know.
 
     >>> import numpy as np
     >>> Forecast((), np.zeros((1, 3)), 400, "the covariance of the solution").draws
@@ -110,18 +110,21 @@ def forecast(
     """Predictions for each list of types, after "none", for each tool vector.
 
     Args:
-        solution: of `fit`.
-        lists: lists of types of ISO/TR 16907, such as [["L-VOL"], ["L-POS", "L-STR"]].
-        base: on what they are based, see `volid.compensation_base`.
-        tools: tool vectors, shape (k, 3) [mm], default the base tool.
-        places: where the deviation is evaluated, default 512 places over the travels.
-        tables, grids, points, form, rule, ranges: as in `compensate`.
-        control: options of `Control`: increment, clamped, poles, correct_motion.
-        tool_error: tool vector that the control uses minus the true one, (3,) [mm].
-        seed: of the draws.
+        solution: A solution, as `volid.fit` makes it.
+        lists: Lists of types of ISO/TR 16907, such as [["L-VOL"], ["L-POS", "L-STR"]].
+        base: What the types are based on, as `volid.compensation_base` makes it.
+        tools: Tool vectors for which the predictions are made, shape (k, 3) [mm]; the base tool by default.
+        places: Where the deviation is evaluated; 512 places over the travels by default.
+        tables, grids, points, form, rule, ranges: The same as in `compensate`.
+        control: Options of `Control`: increment, clamped, poles, correct_motion.
+        tool_error: Tool vector that the control uses minus the true one, (3,) [mm].
+        seed: Seed of the random numbers that the draws of the parameters come from.
 
-    Raises `InputError`, and `NotDeterminedError` when the data do not determine the deviation of the functional point over the
-    volume. Source: ISO/TR 16907 11.1.
+    Raises:
+        InputError: as `compensate` and `Control` raise it.
+        NotDeterminedError: the data do not determine the deviation of the functional point over the volume.
+
+    Source: ISO/TR 16907 11.1.
 
     >>> import volid
     >>> solution = volid.fit(volid.load_campaign("datasets/five_axis_rtest/campaign.toml"))
