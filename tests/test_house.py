@@ -29,11 +29,11 @@ SHORT, SHARE, LONGEST, PARAMETERS, BRANCHES = 20, 0.9, 45, 7, 16
 MANY_BRANCHES = {"fitting/diagnosis/identifiability.py:explain"}  # still to be taken apart
 # Functions that may take more parameters, and why
 MANY_PARAMETERS = {
-    "compensation/package.py:compensate": "public: each keyword goes to tables, grids or their sampling",
-    "compensation/residual/forecast.py:forecast": "public: each keyword goes to the compensation, its control or the places",
+    "compensation/package.py:compensate": "public: its keywords become one `CompensationRequest` at once",
+    "compensation/residual/forecast.py:forecast": "public: its keywords become a request, the control options and the fields",
     "fitting/equations/optimistix_solver.py:postprocess": "optimistix calls it, with these arguments",
     "multilateration/adjustment.py:adjust_network": "public: each keyword goes to one step of the adjustment",
-    "planning/ball_bar.py:cone_frustum": "public: each keyword is a quantity of the test's drawing in ISO 10791-6",
+    "planning/ball_bar.py:cone_frustum": "public: its arguments become one `_Test` at once",
     "uncertainty/trials/monte_carlo.py:monte_carlo": "public: keywords go to the run and to what carries it out",
 }
 

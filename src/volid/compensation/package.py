@@ -55,6 +55,40 @@ def in_full(types: Sequence[CompensationType]) -> tuple[CompensationType, ...]:
     return tuple(TYPES[n] for n in dict.fromkeys(kept))
 
 
+@dataclass(frozen=True, eq=False)
+class CompensationRequest:
+    """What is asked of a compensation, whatever its types; the fields are the keywords of `compensate`."""
+
+    base: Base
+    tables: Sampling | None = None
+    grids: Sampling | None = None
+    points: int | None = None
+    form: str | None = None
+    rule: Rule | None = None
+    reference_point: Sequence[float] | None = None
+    uncertainty: bool = True
+    ranges: Mapping[str, tuple[float, float]] | None = None
+    zero: Mapping[str, float] | None = None
+
+    def form_of(self, kind: CompensationType) -> str:
+        """The form of a type: the one asked for where the type has it, else its first one."""
+        return self.form if self.form is not None and self.form in kind.forms else kind.forms[0]
+
+    def of_grids(self, kind: CompensationType) -> GridRequest:
+        """What is asked of the grids of one type."""
+        return GridRequest(
+            type=kind,
+            base=self.base,
+            sampling=Sampling() if self.grids is None else self.grids,
+            points=self.points,
+            ranges=self.ranges,
+            reference_point=self.reference_point,
+            rule=self.rule if kind.name.endswith("SPEC") else None,
+            zero=self.zero if kind.is_linear else None,
+            uncertainty=self.uncertainty,
+        )
+
+
 def compensate(
     solution: Solution,
     names: Sequence[str],
@@ -98,27 +132,23 @@ def compensate(
     >>> made.names, [(grid.type, grid.side) for grid in made.grids]
     (('R-POR',), [('R-POR', 'table')])
     """
+    request = CompensationRequest(base, tables, grids, points, form, rule, reference_point, uncertainty, ranges, zero)
+    return compensation_of(solution, names, request)
+
+
+def compensation_of(solution: Solution, names: Sequence[str], request: CompensationRequest) -> Compensation:
+    """`compensate` with everything that is asked for in one object."""
     types = in_full(select(names, solution.machine))
     for t in types:
-        if t.name.endswith("SPEC") and rule is None and not base.functions:
+        if t.name.endswith("SPEC") and request.rule is None and not request.base.functions:
             raise InputError(f"{t.name} needs what it corrects: `functions` of the base, such as EXX,EAX, or a `rule`")
-    form_of = {t.name: form if form in t.forms else t.forms[0] for t in types}
-    in_tables = [t for t in types if form_of[t.name] == TABLES]
-    in_lines = error_tables(solution, in_tables, base, tables, zero, ranges) if in_tables else ()
+    in_tables = [t for t in types if request.form_of(t) == TABLES]
+    given = (request.base, request.tables, request.zero, request.ranges)
+    in_lines = error_tables(solution, in_tables, *given) if in_tables else ()
     found: list[AnyGrid] = []
-    for t in (t for t in types if form_of[t.name] == GRID):
-        request = GridRequest(
-            type=t,
-            base=base,
-            sampling=Sampling() if grids is None else grids,
-            points=points,
-            ranges=ranges,
-            reference_point=reference_point,
-            rule=rule if t.name.endswith("SPEC") else None,
-            zero=zero if t.is_linear else None,
-            uncertainty=uncertainty,
-        )
-        found += build_grids(solution, request)
+    for t in types:
+        if request.form_of(t) == GRID:
+            found += build_grids(solution, request.of_grids(t))
     return Compensation(tuple(t.name for t in types), in_lines, _once(found))
 
 
