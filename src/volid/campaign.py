@@ -161,11 +161,11 @@ class Campaign:
 
     Args:
         machine: the machine that was measured, with its datum and the settings of its error model.
-        stations: where the instruments stand.
+        stations: The stations, where the instruments stand.
         sets: the readings.
         title: A title in words.
         conditions: the record of conditions, as ISO/TR 16907 9.1 asks for it.
-        warnings: what looked odd when it was read or planned.
+        warnings: Messages about what looked odd when it was read or planned.
         source: file that it was read from.
 
     >>> import volid

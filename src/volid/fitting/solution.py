@@ -3,29 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 import volid  # the public names, each imported when it is first used: nothing above this layer is imported here
-from volid.backend.even_points import every_step
 from volid.backend.lazy import jnp
 from volid.backend.pytrees import STATIC, register_dataclass, register_if_imported
 from volid.campaign import Campaign
-from volid.fitting.datum import s_transformation
+from volid.fitting import tabulation
+from volid.fitting.change_of_datum import held_constants, in_datum
 from volid.fitting.diagnosis.adequacy import Adequacy
-from volid.fitting.diagnosis.identifiability import NAMED, parameter_units, undetermined_directions
-from volid.fitting.frames import check_exact, frames, unknown_rows
+from volid.fitting.diagnosis.identifiability import parameter_units, undetermined_directions
 from volid.fitting.prediction.determination import known_deviations
 from volid.fitting.prediction.deviations import ESTIMABLE, chain_of
-from volid.fitting.prediction.spread import linear_uncertainty
-from volid.fitting.results import Deviations, FunctionValue, Residuals, Statistics, read_only
+from volid.fitting.results import Deviations, FunctionValue, Residuals, Statistics
 from volid.model.error_functions import reference_of
-from volid.model.error_model import ErrorModel, Function, build_model
+from volid.model.error_model import ErrorModel
 from volid.model.error_values import error_values, evaluate_bases
-from volid.model.iso230 import SPINDLE, describe, parse
+from volid.model.iso230 import parse
 from volid.model.kinematics import deviation
 from volid.model.linear_maps import function_rows
 from volid.model.machine import Datum, Machine
@@ -34,17 +32,6 @@ from volid.observations.base import Nuisance
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float
     from numpy.typing import ArrayLike
-
-
-def tool_frame(model: ErrorModel) -> list[Function]:
-    """The constants of the tool frame among the functions of a model, in its order."""
-    return [f for f in model.functions if parse(f.name).axis == SPINDLE]
-
-
-def held_constants(model: ErrorModel, directions: Float[np.ndarray, "s r"]) -> tuple[str, ...]:
-    """Names of tool-frame constants that cannot be stated because part of them is held at 0 along `directions`."""
-    rows = zip(tool_frame(model), directions, strict=False)
-    return tuple(f.name for f, row in rows if np.any(row**2 > NAMED))
 
 
 @register_dataclass
@@ -218,21 +205,7 @@ class Solution:
         Functions with reversal are given for both approach directions, others for 0; functions of two axes along the line at
         the other axis's reference.
         """
-        rows = []
-        for name in self.model.names:
-            if (name, "location") in self.model.by_name:
-                rows.append(self.location(name))
-            else:
-                rows += self.motion(name, self._positions(name, step, points))
-        return rows
-
-    def _positions(self, name: str, step: float | None, points: int) -> np.ndarray:
-        """Where a function is tabulated: `step`, else the knots of a polygon (degree 1), else `points` per travel."""
-        axis = self.machine.axis(parse(name).axis)
-        spline = self.model.by_name[name, "mean"].splines[0]
-        if step is None:
-            return np.linspace(*axis.travel, spline.segments + 1 if spline.degree == 1 else points)
-        return every_step(*axis.travel, step)
+        return tabulation.functions(self, step, points)
 
     def location(self, name: str) -> FunctionValue:
         """A constant (squareness, location error, tool-frame rotation) with its standard uncertainty.
@@ -243,12 +216,7 @@ class Solution:
         Returns:
             A row with `value` and `u` [mm or rad]; NaN when the data do not determine it.
         """
-        i = self.model.by_name[name, "location"].parameters.start
-        fixed = name in self.held_tool_rotation
-        unknown = bool(self.is_not_determined(np.eye(self.model.n_parameters)[i : i + 1])[0]) or fixed
-        value, u = float(np.asarray(self.parameters)[i]), float(np.sqrt(np.asarray(self.covariance)[i, i]))
-        value, u = (np.nan, np.nan) if unknown else (value, u)
-        return FunctionValue(name, parse(name).axis, np.nan, 0, value, u)
+        return tabulation.location(self, name)
 
     def motion_rows(self, name: str, positions: Float[np.ndarray, " m"], direction: int) -> Float[np.ndarray, "m n"]:
         """Rows a with E(position, direction) = a·θ, shape (m, n) [mm or rad per parameter].
@@ -272,17 +240,7 @@ class Solution:
             positions: Positions of its axis, shape (m,) [mm or degrees]; the second axis of a cross effect stands at its
                 reference.
         """
-        axis = parse(name).axis
-        result = []
-        for direction in (1, -1) if (name, "reversal") in self.model.by_name else (0,):
-            rows = self.motion_rows(name, positions, direction)
-            values = rows @ np.asarray(self.parameters)
-            u = linear_uncertainty(rows, self.parameter_covariance)
-            unknown = self.is_not_determined(rows)
-            for x, v, s, not_determined in zip(positions, values, u, unknown, strict=True):
-                v, s = (np.nan, np.nan) if not_determined else (float(v), float(s))
-                result.append(FunctionValue(name, axis, float(x), direction, v, s))
-        return result
+        return tabulation.motion(self, name, positions)
 
     def is_not_determined(self, rows: Float[np.ndarray, "m n"]) -> Bool[np.ndarray, " m"]:
         """Which linear functions of θ change along a combination that is not determined, shape (m,).
@@ -321,48 +279,8 @@ class Solution:
             InputError: the model cannot be expressed in that datum, or predicted readings would have to change (for example those
                 of a straightedge whose slope is stated to be known). The text gives the reason and what to do.
         """
-        machine = self.machine
-        model = build_model(machine, self.model.segments, carrier=self.model.carrier, datum=datum)
-        s, motion = s_transformation(self.model, model, self._hold_tool_rotation(model))
-        n, k = self.model.n_parameters, len(self.nuisance_table)
-        moved_frames = frames(self.model, model, s, motion)
-        check_exact(machine, self.nuisance_table, moved_frames, np.asarray(self.parameters), self.parameter_covariance)
-        full = np.zeros((model.n_parameters + k, n + k))
-        full[: model.n_parameters, :n] = s
-        full[model.n_parameters :, n:] = np.eye(k)
-        full[model.n_parameters :, :n] = -unknown_rows(
-            machine, self.nuisance_table, np.asarray(self.nuisance), moved_frames
-        )
-        start = np.concatenate([np.zeros(n), np.asarray(self.nuisance)])
-        moved = full @ np.concatenate([np.asarray(self.parameters), np.zeros(k)]) + np.pad(
-            start[n:], (model.n_parameters, 0)
-        )
-        return replace(
-            self,
-            parameters=read_only(moved[: model.n_parameters]),
-            nuisance=read_only(moved[model.n_parameters :]),
-            covariance=read_only(full @ np.asarray(self.covariance) @ full.T),
-            null_space=read_only(s @ np.asarray(self.null_space)),
-            model=model,
-            samples=None if self.samples is None else self.samples.mapped(full),
-            prior_root=None if self.prior_root is None else read_only(self.prior_rows @ np.linalg.pinv(s)),
-        )
-
-    def _hold_tool_rotation(self, model: ErrorModel) -> np.ndarray:
-        """Projector that keeps at 0, in the new datum too, what is not determined of the constant tool rotation."""
-        places = [f.parameters.start for f in tool_frame(model)]
-        units = parameter_units(model)[places]
-        projector = np.eye(model.n_parameters)
-        fixed = np.asarray(self.held_directions @ self.held_directions.T) * units[:, None] / units
-        projector[np.ix_(places, places)] -= fixed
-        return projector
+        return in_datum(self, datum)
 
     def summary_functions(self) -> list[tuple[str, str, float, float]]:
         """For every function: symbol, words, range over the travel and largest u [mm or rad]; NaN if not determined."""
-        result = []
-        for name in self.model.names:
-            values = [r for r in self.functions() if r.name == name]
-            numbers = np.array([v.value for v in values])
-            spread = float(np.ptp(numbers)) if len(values) > 1 else float(numbers[0])
-            result.append((name, describe(name), spread, float(max(v.u for v in values))))
-        return result
+        return tabulation.summary_functions(self)
