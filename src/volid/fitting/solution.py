@@ -71,16 +71,17 @@ class Solution:
     >>> found = solution.evaluate([[100.0, 0.0, 0.0]], [0.0, 0.0, 0.0])
     >>> round(1e3 * float(found.values[0, 0]), 1), round(1e3 * float(found.u[0, 0]), 1)  # EXX at X = 100 mm, and its u [µm]
     (8.4, 0.4)
-    >>> row = solution.motion("EXX", np.array([100.0]))[0]
-    >>> round(1e3 * row.value, 1), solution.outside(np.array([[100.0, 0.0, 0.0]])).tolist()
-    (8.4, [False])
+    >>> [(row.direction, round(1e3 * row.value, 1)) for row in solution.motion("EXX", np.array([100.0]))]
+    [(1, 8.5), (-1, 8.3)]
+    >>> solution.outside(np.array([[100.0, 100.0, 0.0], [100.0, 0.0, 0.0]])).tolist()  # Y was measured at 100 mm alone
+    [False, True]
     """
 
-    parameters: Any
-    nuisance: Any
-    covariance: Any
-    null_space: Any
-    held_directions: Any
+    parameters: Float[Any, " n"]  # Any: a tracer or a placeholder while JAX transforms the tree
+    nuisance: Float[Any, " k"]
+    covariance: Float[Any, "n+k n+k"]
+    null_space: Float[Any, "n d"]
+    held_directions: Float[Any, "s r"]
     model: ErrorModel = field(metadata=STATIC)
     campaign: Campaign = field(metadata=STATIC)
     nuisance_table: tuple[Nuisance, ...] = field(metadata=STATIC)
@@ -92,7 +93,7 @@ class Solution:
     notes: tuple[str, ...] = field(metadata=STATIC, default=())
     options: Mapping[str, Any] = field(metadata=STATIC, default_factory=dict)
     provenance: Mapping[str, str] = field(metadata=STATIC, default_factory=dict)
-    prior_root: Any = None
+    prior_root: Float[Any, "r n"] | None = None
     samples: Any = field(metadata=STATIC, default=None)
 
     def __post_init__(self) -> None:
@@ -129,7 +130,9 @@ class Solution:
         n = self.model.n_parameters
         return np.asarray(self.covariance)[:n, :n]
 
-    def deviation(self, q: Any, tool: Any, direction: Any = 0.0) -> Any:
+    def deviation(
+        self, q: Float[Any, "... axes"], tool: Float[Any, "... 3"], direction: Float[Any, ...] | float = 0.0
+    ) -> Float[Any, "... 6"]:
         """Deviation of the functional point and orientation, shape (..., 6) [mm, rad], machine frame, as a JAX array.
 
         Args:
@@ -150,7 +153,12 @@ class Solution:
         values = deviation(chain_of(self.machine), flat, tuple(tools), errors)  # type: ignore[arg-type]
         return values.T.reshape(*shape, 6)
 
-    def evaluate(self, positions: ArrayLike, tool: ArrayLike, direction: ArrayLike | None = None) -> Deviations:
+    def evaluate(
+        self,
+        positions: Float[ArrayLike, "m axes"],
+        tool: Float[ArrayLike, "*m 3"],
+        direction: Float[ArrayLike, "m axes"] | None = None,
+    ) -> Deviations:
         """Deviations with standard uncertainties, machine frame, as NumPy arrays; NaN where they are not determined.
 
         Args:

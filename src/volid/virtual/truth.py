@@ -141,7 +141,9 @@ class Truth:
             for name, function in tables.items():
                 self._check_range(name, parse(name).axis, getattr(function, "positions", None))
 
-    def errors(self, positions: ArrayLike, directions: ArrayLike | None = None) -> Float[np.ndarray, "errors m"]:
+    def errors(
+        self, positions: Float[ArrayLike, "m axes"], directions: Float[ArrayLike, "m axes"] | None = None
+    ) -> Float[np.ndarray, "errors m"]:
         """Error values in the order of the kinematic model, shape (6·(n_axes + 1), m) [mm, rad]. CONVENTIONS 3.
 
         Args:
@@ -165,7 +167,10 @@ class Truth:
         return values
 
     def deviation(
-        self, positions: ArrayLike, tool: ArrayLike, directions: ArrayLike | None = None
+        self,
+        positions: Float[ArrayLike, "*m axes"],
+        tool: Float[ArrayLike, "*m 3"],
+        directions: Float[ArrayLike, "*m axes"] | None = None,
     ) -> Float[np.ndarray, "m 6"]:
         """True deviation of the functional point and orientation, shape (m, 6) [mm, rad]. CONVENTIONS 5.
 
