@@ -27,11 +27,11 @@ class Station:
     """Where an instrument (or a ball-bar socket) stands.
 
     Args:
-        name: as the readings name it.
+        name: The name by which the readings call it.
         body: the body it stands on: "workpiece", "bed", "tool" or the letter of the axis that moves it.
         position: (x, y, z) in that body's frame, all axes at 0 [mm]; None when nothing is known of it.
         known: whether the position is exact. It is then in the common frame of the stations, or in that of the machine.
-        frame: in which frame a known position is: "stations" (their common frame) or "machine".
+        frame: The frame of a known position: "stations" (their common frame) or "machine".
 
     Source: CONVENTIONS 6.
 
@@ -75,20 +75,20 @@ class ObservationSet:
     """Readings of one kind taken with one instrument: m rows of k readings.
 
     Args:
-        name: by which messages and tables call the set.
-        kind: of `volid.observations`, such as "distance".
+        name: The name by which messages and tables call the set.
+        kind: A kind of `volid.observations`, such as "distance".
         positions: commanded axis positions, shape (m, n_axes), machine axis order [mm or degrees].
         directions: approach directions, shape (m, n_axes): +1, -1 or 0 (unknown).
         tool: tool vectors, shape (m, 3) [mm].
-        readings: shape (m, k), in the unit of the kind; NaN in a plan.
+        readings: The readings, shape (m, k), in the unit of the kind; NaN in a plan.
         u: standard uncertainty of each reading, shape (m, k).
         labels: text columns of the kind, such as "station", each of shape (m,).
-        time: shape (m,) [s], NaN where not recorded; None when no row has one.
-        temperature: shape (m,) [°C], likewise.
+        time: Time of each row, shape (m,) [s]; NaN where it is not recorded, None when no row has one.
+        temperature: Temperature of each row, shape (m,) [°C]; NaN where it is not recorded, None when no row has one.
         options: the set's other keys, as the kind defines them.
         effects: systematic effects on the readings.
-        source: file that the set was read from.
-        rows: line numbers in it, shape (m,).
+        source: File that the set was read from.
+        rows: Line number of each row in that file, shape (m,).
 
     Source: CONVENTIONS 6.
 
@@ -156,11 +156,11 @@ class Campaign:
 
     Args:
         machine: the machine that was measured, with its datum and the settings of its error model.
-        stations: where the instruments stand.
+        stations: The stations, where the instruments stand.
         sets: the readings.
-        title: in words.
+        title: A title in words.
         conditions: the record of conditions, as ISO/TR 16907 9.1 asks for it.
-        warnings: what looked odd when it was read or planned.
+        warnings: Messages about what looked odd when it was read or planned.
         source: file that it was read from.
 
     >>> import volid

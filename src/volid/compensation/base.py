@@ -14,6 +14,7 @@ from volid.model.iso230 import LINEAR_AXES, SPINDLE, ErrorName
 from volid.model.jacobian import influence
 from volid.model.kinematics import ROWS
 from volid.model.linear_maps import error_value_rows
+from volid.model.machine import Axis
 
 CHUNK = 256  # places at a time
 
@@ -44,14 +45,17 @@ def base_of(
     """On what a compensation is based: specific lines, tool vector, elevation, functions.
 
     Args:
-        solution: of `fit`.
+        solution: A solution, as `volid.fit` makes it.
         tool: base tool vector, (3,) [mm].
-        at: position by axis letter where the specific lines cross [mm or °]; default the datum's origin, rotary axes at 0.
-        elevation: of R-RAX and R-ANG above the `point` of a table's axis, along its line [mm].
+        at: Position by axis letter where the specific lines cross [mm or °]; by default the origin of the datum, and 0 for rotary
+            axes.
+        elevation: Elevation of R-RAX and R-ANG above the `point` of a table's axis, along its line [mm].
         functions: ISO 230-1 symbols that L-SPEC and R-SPEC use.
 
-    Raises `InputError` for an axis that the machine does not have, a position outside its travel, a function that the model
-    lacks. Source: ISO/TR 16907 10.
+    Raises:
+        InputError: the machine does not have an axis, a position lies outside its travel, or the model lacks a function.
+
+    Source: ISO/TR 16907 10.
 
     >>> import volid
     >>> solution = volid.fit(volid.load_campaign("datasets/five_axis_rtest/campaign.toml"))
@@ -130,21 +134,43 @@ def _turn_frame(
     """
     machine = solution.machine
     rotary = [i for i, a in enumerate(machine.axes) if not a.is_linear]
-    table, head = [i for i in rotary if machine.axes[i].primed], [i for i in rotary if not machine.axes[i].primed]
-    first, last = table[-1] if table else -1, head[0] if head else len(machine.axes)
-    origin = np.zeros(3)
-    for i, axis in enumerate(machine.axes):
-        if axis.is_linear and first < i < last:
-            k = LINEAR_AXES.index(axis.letter)
-            origin[k] = reference_of(machine, solution.datum, axis.letter)
-            if keep(ErrorName("C", axis.letter, True)):
-                slope = np.cross(turn, np.eye(3)[k][:, None], axis=0)
-                out[:, ROWS * i : ROWS * i + 3] -= (positions[:, i] - origin[k])[:, None, None] * slope
-    for i, sense, centre in (*((i, 1.0, origin) for i in table[-1:]), *((i, -1.0, np.zeros(3)) for i in head[:1])):
-        axis = machine.axes[i]
-        if keep(ErrorName("C" if axis.letter != "C" else "A", axis.letter, True)):
-            arm = np.asarray(axis.error_point) - centre
-            moved = np.concatenate([axis.frame.T @ np.cross(turn, arm[:, None], axis=0), axis.frame.T @ turn])
-            out[:, ROWS * i : ROWS * i + ROWS] += sense * moved
+    table = [i for i in rotary if machine.axes[i].primed][-1:]  # that nearest the bed, if there is one
+    head = [i for i in rotary if not machine.axes[i].primed][:1]
+    first, last = [*table, -1][0], [*head, len(machine.axes)][0]
+    linear = [i for i, a in enumerate(machine.axes) if a.is_linear and first < i < last]
+    origin = _turn_linear(solution, out, positions, linear, keep, turn)
+    for i in table:
+        _turn_location(machine.axes[i], out[:, ROWS * i : ROWS * i + ROWS], origin, keep, turn)
+    for i in head:
+        _turn_location(machine.axes[i], out[:, ROWS * i : ROWS * i + ROWS], np.zeros(3), keep, -turn)
     if not head and keep(ErrorName("A", SPINDLE, True)):
         out[:, -3:] -= turn
+
+
+def _turn_linear(
+    solution: Solution,
+    out: np.ndarray,
+    positions: np.ndarray,
+    linear: Sequence[int],
+    keep: Callable[[ErrorName], bool],
+    turn: np.ndarray,
+) -> np.ndarray:
+    """Subtract from the errors of the `linear` axes the slopes that a rotation gives their lines; their references (3,) [mm]."""
+    origin = np.zeros(3)
+    for i in linear:
+        letter = solution.machine.axes[i].letter
+        k = LINEAR_AXES.index(letter)
+        origin[k] = reference_of(solution.machine, solution.datum, letter)
+        if keep(ErrorName("C", letter, True)):
+            slope = np.cross(turn, np.eye(3)[k][:, None], axis=0)
+            out[:, ROWS * i : ROWS * i + 3] -= (positions[:, i] - origin[k])[:, None, None] * slope
+    return origin
+
+
+def _turn_location(
+    axis: Axis, out: np.ndarray, centre: np.ndarray, keep: Callable[[ErrorName], bool], turn: np.ndarray
+) -> None:
+    """Add to the errors of a rotary axis, (m, 6, n), what a rotation about `centre` does to its location errors."""
+    if keep(ErrorName("C" if axis.letter != "C" else "A", axis.letter, True)):
+        arm = np.asarray(axis.error_point) - centre
+        out += np.concatenate([axis.frame.T @ np.cross(turn, arm[:, None], axis=0), axis.frame.T @ turn])

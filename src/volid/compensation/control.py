@@ -44,17 +44,18 @@ class Control:
     """A control of `machine` (nominal kinematics) with its compensation data; immutable.
 
     Args:
-        machine: whose axes it moves.
-        tables: of single functions.
-        grids: spatial grids.
-        tool: the tool vector that it uses (3,) [mm]; None: it knows the true one.
-        increment: least increment by axis letter [mm or °].
-        clamped: letters of axes that do not move for a compensation.
-        poles: what it does near kinematic poles, see `PoleRule`.
-        correct_motion: whether X, Y, Z compensate the motion of the functional point that turned rotary axes cause; None: yes,
+        machine: The machine whose axes it moves.
+        tables: Tables of single error functions.
+        grids: Spatial grids.
+        tool: The tool vector that it uses, (3,) [mm]; None when it knows the true one.
+        increment: Least increment by axis letter [mm or °].
+        clamped: Letters of axes that do not move for a compensation.
+        poles: What it does near kinematic poles, see `PoleRule`.
+        correct_motion: Whether X, Y, Z compensate the motion of the functional point that turned rotary axes cause; None: yes,
             unless only the orientation is corrected (FOR alone).
 
-    Raises `InputError` for an axis that the machine does not have, or an increment that is not positive.
+    Raises:
+        InputError: the machine does not have an axis, or an increment is not positive.
 
     >>> import numpy as np
     >>> import volid
@@ -97,9 +98,9 @@ class Control:
         """Deviations that tables and grids give at commanded positions.
 
         Args:
-            positions: commanded, machine axis order, shape (m, n_axes) [mm or °].
+            positions: Commanded positions, machine axis order, shape (m, n_axes) [mm or °].
             tool: tool vectors of the machine, shape (m, 3) or (3,) [mm]; None when unknown.
-            directions: of approach, shape (m, n_axes): +1, -1 or 0; None: the mean of both.
+            directions: Directions of approach, shape (m, n_axes): +1, -1 or 0; None: the mean of both.
 
         Raises:
             InputError: a compensation needs a tool vector, and none is known.
@@ -126,9 +127,9 @@ class Control:
         """Positions to which the axes move instead of the commanded ones, shape (m, n_axes) [mm or °].
 
         Args:
-            positions: commanded, machine axis order, shape (m, n_axes) [mm or °].
+            positions: Commanded positions, machine axis order, shape (m, n_axes) [mm or °].
             tool: tool vectors of the machine, shape (m, 3) or (3,) [mm]; None when unknown.
-            directions: of approach, shape (m, n_axes): +1, -1 or 0; None: the mean of both.
+            directions: Directions of approach, shape (m, n_axes): +1, -1 or 0; None: the mean of both.
 
         Raises:
             InputError: a compensation needs a tool vector, and none is known.
@@ -152,7 +153,7 @@ class Control:
         """Motion of the functional point that the turns of the rotary axes alone cause, machine frame, shape (m, 3) [mm].
 
         Args:
-            positions: commanded, machine axis order, shape (m, n_axes) [mm or °].
+            positions: Commanded positions, machine axis order, shape (m, n_axes) [mm or °].
             tool: tool vectors of the machine, shape (m, 3) or (3,) [mm].
         """
         q = np.atleast_2d(np.asarray(positions, dtype=float))

@@ -25,9 +25,9 @@ class Compensation:
     """Tables and grids of the types `names`, before or after they were files; see `compensate`.
 
     Args:
-        names: types of ISO/TR 16907.
-        tables: of single functions.
-        grids: spatial grids, each of one side.
+        names: Names of the types of ISO/TR 16907 that it contains.
+        tables: Tables of single error functions.
+        grids: Spatial grids, each for the axes of one side.
 
     >>> import volid
     >>> machine = volid.load_machine("models/wYXbZt_vertical.toml")
@@ -55,6 +55,40 @@ def in_full(types: Sequence[CompensationType]) -> tuple[CompensationType, ...]:
     return tuple(TYPES[n] for n in dict.fromkeys(kept))
 
 
+@dataclass(frozen=True, eq=False)
+class CompensationRequest:
+    """What is asked of a compensation, whatever its types; the fields are the keywords of `compensate`."""
+
+    base: Base
+    tables: Sampling | None = None
+    grids: Sampling | None = None
+    points: int | None = None
+    form: str | None = None
+    rule: Rule | None = None
+    reference_point: Sequence[float] | None = None
+    uncertainty: bool = True
+    ranges: Mapping[str, tuple[float, float]] | None = None
+    zero: Mapping[str, float] | None = None
+
+    def form_of(self, kind: CompensationType) -> str:
+        """The form of a type: the one asked for where the type has it, else its first one."""
+        return self.form if self.form is not None and self.form in kind.forms else kind.forms[0]
+
+    def of_grids(self, kind: CompensationType) -> GridRequest:
+        """What is asked of the grids of one type."""
+        return GridRequest(
+            type=kind,
+            base=self.base,
+            sampling=Sampling() if self.grids is None else self.grids,
+            points=self.points,
+            ranges=self.ranges,
+            reference_point=self.reference_point,
+            rule=self.rule if kind.is_chosen else None,
+            zero=self.zero if kind.is_linear else None,
+            uncertainty=self.uncertainty,
+        )
+
+
 def compensate(
     solution: Solution,
     names: Sequence[str],
@@ -73,21 +107,23 @@ def compensate(
     """Tables and grids of several types, each in its first form, or in the `form` asked for where it has it.
 
     Args:
-        solution: of `fit`.
-        names: types of ISO/TR 16907, see `volid.COMPENSATION_TYPES`.
-        base: on what they are based, see `volid.compensation_base`.
-        tables: sampling of tables.
-        grids: sampling of grids.
-        points: per axis of a grid, where its sampling leaves it open.
-        form: "tables" or "grid".
-        rule: of L-SPEC and R-SPEC, see `GridRequest`.
-        reference_point: of the grids of rotary axes, (3,) [mm].
-        uncertainty: of grids; False changes no value.
-        ranges: lowest and highest position of tables and grids by axis letter [mm or °], default the travel.
-        zero: where tables and the translations of linear grids are 0, by axis letter [mm or °].
+        solution: A solution, as `volid.fit` makes it.
+        names: Names of types of ISO/TR 16907, from `volid.COMPENSATION_TYPES`.
+        base: What the types are based on, as `volid.compensation_base` makes it.
+        tables: How the tables are sampled.
+        grids: How the grids are sampled.
+        points: Number of points per axis of a grid, where `grids` does not state it.
+        form: The preferred form, "tables" or "grid"; a type that does not have it takes its own.
+        rule: Function that computes what L-SPEC and R-SPEC correct, as `GridRequest` describes it.
+        reference_point: Point for which the grids of rotary axes hold the translations, (3,) [mm].
+        uncertainty: Whether the grids contain standard uncertainties; the error values are the same without them.
+        ranges: Lowest and highest position of tables and grids by axis letter [mm or °]; the travel by default.
+        zero: Position by axis letter where tables and the translations of linear grids are 0 [mm or °].
 
-    Raises `InputError` for types that do not go together or that the machine cannot have, or an L-SPEC or R-SPEC without
-    `base.functions` or `rule`; `NotDeterminedError` when the data do not determine what a type holds.
+    Raises:
+        InputError: types do not go together, or the machine cannot have one of them, or an L-SPEC or R-SPEC has neither
+            `base.functions` nor `rule`.
+        NotDeterminedError: the data do not determine what a type contains.
 
     >>> import volid
     >>> solution = volid.fit(volid.load_campaign("datasets/five_axis_rtest/campaign.toml"))
@@ -96,27 +132,23 @@ def compensate(
     >>> made.names, [(grid.type, grid.side) for grid in made.grids]
     (('R-POR',), [('R-POR', 'table')])
     """
+    request = CompensationRequest(base, tables, grids, points, form, rule, reference_point, uncertainty, ranges, zero)
+    return compensation_of(solution, names, request)
+
+
+def compensation_of(solution: Solution, names: Sequence[str], request: CompensationRequest) -> Compensation:
+    """`compensate` with everything that is asked for in one object."""
     types = in_full(select(names, solution.machine))
     for t in types:
-        if t.is_chosen and rule is None and not base.functions:
+        if t.is_chosen and request.rule is None and not request.base.functions:
             raise InputError(f"{t.name} needs what it corrects: `functions` of the base, such as EXX,EAX, or a `rule`")
-    form_of = {t.name: form if form in t.forms else t.forms[0] for t in types}
-    in_tables = [t for t in types if form_of[t.name] == TABLES]
-    in_lines = error_tables(solution, in_tables, base, tables, zero, ranges) if in_tables else ()
+    in_tables = [t for t in types if request.form_of(t) == TABLES]
+    given = (request.base, request.tables, request.zero, request.ranges)
+    in_lines = error_tables(solution, in_tables, *given) if in_tables else ()
     found: list[AnyGrid] = []
-    for t in (t for t in types if form_of[t.name] == GRID):
-        request = GridRequest(
-            type=t,
-            base=base,
-            sampling=Sampling() if grids is None else grids,
-            points=points,
-            ranges=ranges,
-            reference_point=reference_point,
-            rule=rule if t.is_chosen else None,
-            zero=zero if t.is_linear else None,
-            uncertainty=uncertainty,
-        )
-        found += build_grids(solution, request)
+    for t in types:
+        if request.form_of(t) == GRID:
+            found += build_grids(solution, request.of_grids(t))
     return Compensation(tuple(t.name for t in types), in_lines, _once(found))
 
 

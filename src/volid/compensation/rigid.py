@@ -44,7 +44,7 @@ def best_rigid(solution: Solution, tools: Float[np.ndarray, "k 3"]) -> tuple[Sol
     kept as parts of the fit.
 
     Args:
-        solution: of `fit`.
+        solution: A solution, as `volid.fit` makes it.
         tools: tool vectors for which the remaining deviation is minimised, shape (k, 3) [mm]; several that do not lie on one line
             distinguish angular functions from translations.
 

@@ -10,13 +10,14 @@ from scipy.linalg import cho_factor, cho_solve
 
 from volid.backend.rms import rms
 from volid.campaign import Campaign
+from volid.fitting.change_of_datum import held_constants
 from volid.fitting.diagnosis.adequacy import Adequacy, SuspectReading, assess, suspect
 from volid.fitting.diagnosis.resolution import Resolution
 from volid.fitting.equations.problem import Problem
 from volid.fitting.equations.solver import Optimum
 from volid.fitting.fitter import Fitter
 from volid.fitting.results import Residuals, Statistics, read_only
-from volid.fitting.solution import Solution, held_constants
+from volid.fitting.solution import Solution
 
 
 class Assembly:

@@ -25,7 +25,7 @@ def parse_datum(machine: Machine, text: str) -> Datum:
     """The datum that a text such as "primary=Z,secondary=X,line=end_point,reference_X=0" describes.
 
     Args:
-        machine: whose datum holds for everything that the text leaves out.
+        machine: The machine whose datum holds for everything that the text leaves out.
         text: pairs of key and value: primary, secondary, line, and reference_ with an axis letter [mm or degrees].
 
     Raises:

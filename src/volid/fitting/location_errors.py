@@ -68,7 +68,7 @@ def location_errors(solution: Solution, relative_to: str | None = None) -> list[
     about the line of `relative_to`, because not the line but its zero and the machine frame define them.
 
     Args:
-        solution: of a machine with rotary axes.
+        solution: A solution for a machine with rotary axes.
         relative_to: letter of a rotary axis; None or "machine": the machine frame.
 
     Raises:

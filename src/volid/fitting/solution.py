@@ -3,30 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 import volid  # the public names, each imported when it is first used: nothing above this layer is imported here
-from volid.backend.even_points import every_step
 from volid.backend.lazy import jnp
 from volid.backend.pytrees import STATIC, register_dataclass, register_if_imported
 from volid.campaign import Campaign
-from volid.fitting.datum import s_transformation
+from volid.fitting import tabulation
+from volid.fitting.change_of_datum import held_constants, in_datum, mapped
 from volid.fitting.diagnosis.adequacy import Adequacy
 from volid.fitting.diagnosis.identifiability import parameter_units, undetermined_directions
-from volid.fitting.diagnosis.statements import NAMED
-from volid.fitting.frames import check_exact, frames, unknown_rows
 from volid.fitting.prediction.determination import known_deviations
 from volid.fitting.prediction.deviations import determined
-from volid.fitting.prediction.spread import linear_uncertainty
-from volid.fitting.results import Deviations, FunctionValue, Residuals, Statistics, read_only
+from volid.fitting.results import Deviations, FunctionValue, Residuals, Statistics
 from volid.model.error_functions import reference_of
-from volid.model.error_model import ErrorModel, build_model
+from volid.model.error_model import ErrorModel
 from volid.model.error_values import error_values, evaluate_bases
-from volid.model.iso230 import describe, parse
+from volid.model.iso230 import parse
 from volid.model.kinematics import chain_of, deviation
 from volid.model.linear_maps import function_rows
 from volid.model.machine import Datum, Machine
@@ -38,12 +35,6 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
 
-def held_constants(model: ErrorModel, directions: Float[np.ndarray, "s r"]) -> tuple[str, ...]:
-    """Names of tool-frame constants that cannot be stated because part of them is held at 0 along `directions`."""
-    rows = zip(model.tool_frame, directions, strict=False)
-    return tuple(f.name for f, row in rows if np.any(row**2 > NAMED))
-
-
 @register_dataclass
 @dataclass(frozen=True, eq=False)
 class Solution:
@@ -53,24 +44,24 @@ class Solution:
     `volid.backend.pytrees` says from when on JAX knows it as such.
 
     Args:
-        parameters: θ, shape (n,), of the error functions in the order of `model` [mm, rad].
-        nuisance: ν, shape (k,): stations, dead paths and other unknowns, as `nuisance_table` names them.
-        covariance: of (θ, ν), shape (n + k, n + k), from the stated uncertainties; zero along what is not determined.
-        null_space: shape (n, d), combinations of θ that are not determined.
-        held_directions: shape (s, r), directions of the tool-frame constants that are not determined and held at 0.
-        model: the error model, with its datum.
-        campaign: the readings that were fitted, with their machine.
-        nuisance_table: name, unit and prior knowledge of every entry of `nuisance`.
-        adequacy: whether the residuals agree with the stated uncertainties.
-        statistics: numbers about the fit.
-        readings: residuals of every reading, and outliers.
-        statements: what is not determined, in words.
-        undetermined: by function, in how many directions it is not determined.
-        notes: what else a user should know.
-        options: what was asked of the fit.
-        provenance: date, versions, command and inputs, by name.
-        prior_root: pseudo-readings of an earlier solution as rows on θ, shape (r, n); None without one.
-        samples: of Monte Carlo refits; None before `monte_carlo`.
+        parameters: The parameters θ of the error functions, shape (n,), in the order of `model` [mm, rad].
+        nuisance: The other unknowns ν, shape (k,): stations, dead paths and other unknowns, as `nuisance_table` names them.
+        covariance: Covariance of (θ, ν), shape (n + k, n + k), from the stated uncertainties; zero along what is not determined.
+        null_space: Combinations of θ that are not determined, as columns, shape (n, d).
+        held_directions: Directions of the s tool-frame constants that are not determined and held at 0, as columns, shape (s, r).
+        model: The error model, with its datum.
+        campaign: The readings that were fitted, with their machine.
+        nuisance_table: Name, unit and prior knowledge of every entry of `nuisance`.
+        adequacy: Whether the residuals agree with the stated uncertainties.
+        statistics: Numbers about the fit.
+        readings: Residuals of every reading, and outliers.
+        statements: What is not determined, in words.
+        undetermined: For each function, the number of directions in which it is not determined.
+        notes: What else a user should know.
+        options: What was asked of the fit.
+        provenance: Date, versions, command and inputs, by name.
+        prior_root: Pseudo-readings of an earlier solution as rows on θ, shape (r, n); None without one.
+        samples: Samples of the parameters from Monte Carlo refits; None before `monte_carlo`.
 
     Source: CONVENTIONS 3 to 5; ISO 230-1 for the symbols.
 
@@ -81,16 +72,17 @@ class Solution:
     >>> found = solution.evaluate([[100.0, 0.0, 0.0]], [0.0, 0.0, 0.0])
     >>> round(1e3 * float(found.values[0, 0]), 1), round(1e3 * float(found.u[0, 0]), 1)  # EXX at X = 100 mm, and its u [µm]
     (8.4, 0.4)
-    >>> row = solution.motion("EXX", np.array([100.0]))[0]
-    >>> row.direction, round(1e3 * row.value, 1), solution.outside(np.array([[100.0, 0.0, 0.0]]), axes=["X"]).tolist()
-    (1, 8.5, [False])
+    >>> [(row.direction, round(1e3 * row.value, 1)) for row in solution.motion("EXX", np.array([100.0]))]
+    [(1, 8.5), (-1, 8.3)]
+    >>> solution.outside(np.array([[100.0, 100.0, 0.0], [100.0, 0.0, 0.0]])).tolist()  # Y was measured at 100 mm alone
+    [False, True]
     """
 
-    parameters: Any
-    nuisance: Any
-    covariance: Any
-    null_space: Any
-    held_directions: Any
+    parameters: Float[Any, " n"]  # Any: a tracer or a placeholder while JAX transforms the tree
+    nuisance: Float[Any, " k"]
+    covariance: Float[Any, "n+k n+k"]
+    null_space: Float[Any, "n d"]
+    held_directions: Float[Any, "s r"]
     model: ErrorModel = field(metadata=STATIC)
     campaign: Campaign = field(metadata=STATIC)
     nuisance_table: tuple[Nuisance, ...] = field(metadata=STATIC)
@@ -102,7 +94,7 @@ class Solution:
     notes: tuple[str, ...] = field(metadata=STATIC, default=())
     options: Mapping[str, Any] = field(metadata=STATIC, default_factory=dict)
     provenance: Mapping[str, str] = field(metadata=STATIC, default_factory=dict)
-    prior_root: Any = None
+    prior_root: Float[Any, "r n"] | None = None
     samples: Any = field(metadata=STATIC, default=None)
 
     def __post_init__(self) -> None:
@@ -139,13 +131,15 @@ class Solution:
         n = self.model.n_parameters
         return np.asarray(self.covariance)[:n, :n]
 
-    def deviation(self, q: Any, tool: Any, direction: Any = 0.0) -> Any:
+    def deviation(
+        self, q: Float[Any, "... axes"], tool: Float[Any, "... 3"], direction: Float[Any, ...] | float = 0.0
+    ) -> Float[Any, "... 6"]:
         """Deviation of the functional point and orientation, shape (..., 6) [mm, rad], machine frame, as a JAX array.
 
         Args:
-            q: axis positions, shape (..., n_axes), machine axis order (`machine.letters`) [mm or degrees].
-            tool: tool vectors, shape (..., 3) or (3,) [mm].
-            direction: approach, +1, -1 or 0 (mean of both).
+            q: Axis positions, shape (..., n_axes), machine axis order (`machine.letters`) [mm or degrees].
+            tool: Tool vectors, shape (..., 3) or (3,) [mm].
+            direction: Direction of approach, +1, -1 or 0 (mean of both).
 
         Pure JAX: it can be differentiated, compiled (`jit`) and mapped (`vmap`). Values along combinations that are not
         determined are those with the combination at 0; `evaluate` says which these are.
@@ -160,13 +154,18 @@ class Solution:
         values = deviation(chain_of(self.machine), flat, tuple(tools), errors)  # type: ignore[arg-type]
         return values.T.reshape(*shape, 6)
 
-    def evaluate(self, positions: ArrayLike, tool: ArrayLike, direction: ArrayLike | None = None) -> Deviations:
+    def evaluate(
+        self,
+        positions: Float[ArrayLike, "m axes"],
+        tool: Float[ArrayLike, "*m 3"],
+        direction: Float[ArrayLike, "m axes"] | None = None,
+    ) -> Deviations:
         """Deviations with standard uncertainties, machine frame, as NumPy arrays; NaN where they are not determined.
 
         Args:
-            positions: axis positions, shape (m, n_axes), machine axis order [mm or degrees].
-            tool: tool vectors, shape (m, 3) or (3,) [mm].
-            direction: approach, shape (m, n_axes), +1, -1 or 0; None: the mean of both.
+            positions: Axis positions, shape (m, n_axes), machine axis order [mm or degrees].
+            tool: Tool vectors, shape (m, 3) or (3,) [mm].
+            direction: Directions of approach, shape (m, n_axes), +1, -1 or 0; None: the mean of both.
 
         Returns:
             `values` and `u`, shape (m, 6) [mm, rad]; `outside`, shape (m,), where nothing was measured; see `Deviations`.
@@ -199,8 +198,8 @@ class Solution:
         """True for positions outside what was measured, by more than 1 % of the travel, shape (m,).
 
         Args:
-            positions: axis positions, machine axis order, shape (m, n_axes) [mm or degrees].
-            axes: letters of the axes that are judged; None: all. A rotary axis measured over a full turn is measured everywhere.
+            positions: Axis positions, machine axis order, shape (m, n_axes) [mm or degrees].
+            axes: Letters of the axes that are judged; None: all. A rotary axis measured over a full turn is measured everywhere.
         """
         low, high = self.measured_range().T
         slack = 0.01 * np.array([axis.length for axis in self.machine.axes])
@@ -213,27 +212,13 @@ class Solution:
         """All error functions tabulated over the travels, and location errors, each with its standard uncertainty.
 
         Args:
-            step: spacing [mm or degrees]; None: `points` per travel.
-            points: per travel. A function that is a polygon (degree 1) is tabulated at its knots instead.
+            step: Spacing [mm or degrees]; None: `points` per travel.
+            points: Number of points per travel. A function that is a polygon (degree 1) is tabulated at its knots instead.
 
         Functions with reversal are given for both approach directions, others for 0; functions of two axes along the line at
         the other axis's reference.
         """
-        rows = []
-        for name in self.model.names:
-            if (name, "location") in self.model.by_name:
-                rows.append(self.location(name))
-            else:
-                rows += self.motion(name, self._positions(name, step, points))
-        return rows
-
-    def _positions(self, name: str, step: float | None, points: int) -> np.ndarray:
-        """Where a function is tabulated: `step`, else the knots of a polygon (degree 1), else `points` per travel."""
-        axis = self.machine.axis(parse(name).axis)
-        spline = self.model.by_name[name, "mean"].splines[0]
-        if step is None:
-            return np.linspace(*axis.travel, spline.segments + 1 if spline.degree == 1 else points)
-        return every_step(*axis.travel, step)
+        return tabulation.functions(self, step, points)
 
     def location(self, name: str) -> FunctionValue:
         """A constant (squareness, location error, tool-frame rotation) with its standard uncertainty.
@@ -244,20 +229,16 @@ class Solution:
         Returns:
             A row with `value` and `u` [mm or rad]; NaN when the data do not determine it.
         """
-        i = self.model.by_name[name, "location"].parameters.start
-        fixed = name in self.held_tool_rotation
-        unknown = bool(self.is_not_determined(np.eye(self.model.n_parameters)[i : i + 1])[0]) or fixed
-        value, u = float(np.asarray(self.parameters)[i]), float(np.sqrt(np.asarray(self.covariance)[i, i]))
-        value, u = (np.nan, np.nan) if unknown else (value, u)
-        return FunctionValue(name, parse(name).axis, np.nan, 0, value, u)
+        return tabulation.location(self, name)
 
     def motion_rows(self, name: str, positions: Float[np.ndarray, " m"], direction: int) -> Float[np.ndarray, "m n"]:
         """Rows a with E(position, direction) = a·θ, shape (m, n) [mm or rad per parameter].
 
         Args:
             name: ISO 230-1 symbol of an error motion in the model, such as "EXX".
-            positions: of its axis, shape (m,) [mm or degrees]; the second axis of a cross effect stands at its reference.
-            direction: approach, +1, -1 or 0 (mean of both).
+            positions: Positions of its axis, shape (m,) [mm or degrees]; the second axis of a cross effect stands at its
+                reference.
+            direction: Direction of approach, +1, -1 or 0 (mean of both).
         """
         references = [[reference_of(self.machine, self.datum, a.letter)] for a in self.machine.axes]
         q = np.tile(references, len(positions))
@@ -269,25 +250,16 @@ class Solution:
 
         Args:
             name: ISO 230-1 symbol of an error motion in the model, such as "EXX".
-            positions: of its axis, shape (m,) [mm or degrees]; the second axis of a cross effect stands at its reference.
+            positions: Positions of its axis, shape (m,) [mm or degrees]; the second axis of a cross effect stands at its
+                reference.
         """
-        axis = parse(name).axis
-        result = []
-        for direction in (1, -1) if (name, "reversal") in self.model.by_name else (0,):
-            rows = self.motion_rows(name, positions, direction)
-            values = rows @ np.asarray(self.parameters)
-            u = linear_uncertainty(rows, self.parameter_covariance)
-            unknown = self.is_not_determined(rows)
-            for x, v, s, not_determined in zip(positions, values, u, unknown, strict=True):
-                v, s = (np.nan, np.nan) if not_determined else (float(v), float(s))
-                result.append(FunctionValue(name, axis, float(x), direction, v, s))
-        return result
+        return tabulation.motion(self, name, positions)
 
     def is_not_determined(self, rows: Float[np.ndarray, "m n"]) -> Bool[np.ndarray, " m"]:
         """Which linear functions of θ change along a combination that is not determined, shape (m,).
 
         Args:
-            rows: the functions as rows on θ, shape (m, n).
+            rows: The functions as rows on θ, shape (m, n).
         """
         units = parameter_units(self.model)
         if not self.null_space.shape[1]:
@@ -314,20 +286,13 @@ class Solution:
         Every unknown answers as its kind of observation declares, so that no predicted reading changes. Source: CONVENTIONS 4.
 
         Args:
-            datum: the new datum, such as `volid.parse_datum` makes it.
+            datum: The new datum, such as `volid.parse_datum` makes it.
 
         Raises:
             InputError: the model cannot be expressed in that datum, or predicted readings would have to change (for example those
                 of a straightedge whose slope is stated to be known). The text gives the reason and what to do.
         """
-        machine = self.machine
-        model = build_model(machine, self.model.segments, carrier=self.model.carrier, datum=datum)
-        s, motion = s_transformation(self.model, model, self._hold_tool_rotation(model))
-        moved_frames = frames(self.model, model, s, motion)
-        check_exact(machine, self.nuisance_table, moved_frames, np.asarray(self.parameters), self.parameter_covariance)
-        answer = -unknown_rows(machine, self.nuisance_table, np.asarray(self.nuisance), moved_frames)
-        prior_root = None if self.prior_root is None else self.prior_rows @ np.linalg.pinv(s)
-        return self.mapped(model, s, answer, prior_root)
+        return in_datum(self, datum)
 
     def mapped(
         self,
@@ -339,42 +304,13 @@ class Solution:
         """The solution with θ' = M θ and ν' = ν + A θ; covariance, null space and samples follow.
 
         Args:
-            model: the error model that θ' belongs to.
+            model: The error model that θ' belongs to.
             mapping: M, shape (m, n).
             answer: A, shape (k, n), change of the other unknowns; None: they stay.
-            prior_root: pseudo-readings of an earlier solution as rows on θ', shape (r, m); None without one.
+            prior_root: Pseudo-readings of an earlier solution as rows on θ', shape (r, m); None without one.
         """
-        m, n, k = len(mapping), self.model.n_parameters, len(self.nuisance_table)
-        theta, nuisance = np.asarray(self.parameters), np.asarray(self.nuisance)
-        full = np.zeros((m + k, n + k))
-        full[:m, :n], full[m:, n:] = mapping, np.eye(k)
-        full[m:, :n] = 0.0 if answer is None else answer
-        return replace(
-            self,
-            parameters=read_only(mapping @ theta),
-            nuisance=read_only(nuisance if answer is None else nuisance + answer @ theta),
-            covariance=read_only(full @ np.asarray(self.covariance) @ full.T),
-            null_space=read_only(mapping @ np.asarray(self.null_space)),
-            model=model,
-            samples=None if self.samples is None else self.samples.mapped(full),
-            prior_root=None if prior_root is None else read_only(prior_root),
-        )
-
-    def _hold_tool_rotation(self, model: ErrorModel) -> np.ndarray:
-        """Projector that keeps at 0, in the new datum too, what is not determined of the constant tool rotation."""
-        places = [f.parameters.start for f in model.tool_frame]
-        units = parameter_units(model)[places]
-        projector = np.eye(model.n_parameters)
-        fixed = np.asarray(self.held_directions @ self.held_directions.T) * units[:, None] / units
-        projector[np.ix_(places, places)] -= fixed
-        return projector
+        return mapped(self, model, mapping, answer, prior_root)
 
     def summary_functions(self) -> list[tuple[str, str, float, float]]:
         """For every function: symbol, words, range over the travel and largest u [mm or rad]; NaN if not determined."""
-        result = []
-        for name in self.model.names:
-            values = [r for r in self.functions() if r.name == name]
-            numbers = np.array([v.value for v in values])
-            spread = float(np.ptp(numbers)) if len(values) > 1 else float(numbers[0])
-            result.append((name, describe(name), spread, float(max(v.u for v in values))))
-        return result
+        return tabulation.summary_functions(self)

@@ -124,10 +124,10 @@ def fit_streamed(
 
     Args:
         stream: the readings, as `volid.CampaignStream` reads them part by part.
-        datum: as in `fit`.
-        prior: as in `fit`.
-        sample: number of rows of the sample.
-        progress: as in `fit`.
+        datum: The datum of the solution, the same as in `fit`.
+        prior: An earlier solution, the same as in `fit`.
+        sample: Number of rows of the sample.
+        progress: Function that is called with messages, the same as in `fit`.
 
     Raises:
         InputError: as `fit` does, and for drift effects, whose scopes span all parts.

@@ -36,15 +36,16 @@ def save_compensation(
     """All tables and grids of a compensation into a folder: EXX.csv, …, grid.linear.csv, …
 
     Args:
-        made: of `compensate`.
-        solution: it was made from, for the record.
-        folder: new, or replaced with `overwrite`.
-        form: how tables are written.
-        errors: write error values instead of compensation values.
-        source: the solution's file, for the record.
-        overwrite: replace what is there.
+        made: The compensation, as `volid.compensate` makes it.
+        solution: The solution from which it was made, for the record in the files.
+        folder: A new folder, or with `overwrite` an existing one.
+        form: How tables are written.
+        errors: Whether error values are written instead of compensation values.
+        source: File of the solution, for the record in the files.
+        overwrite: Whether an existing folder is replaced.
 
-    Raises `OutputError` when the folder exists or cannot be written.
+    Raises:
+        OutputError: the folder exists and `overwrite` is False, or it cannot be written.
 
     >>> import volid
     >>> solution = volid.fit(volid.load_campaign("datasets/five_axis_rtest/campaign.toml"))
@@ -71,11 +72,12 @@ def load_control(machine: Machine, paths: Iterable[str | Path], **options: Any) 
     """A simulated control with the tables and grids of files and folders.
 
     Args:
-        machine: whose axes the control moves.
-        paths: of tables, grids, and folders of them.
-        options: as of `Control`: tool, increment, clamped, poles, correct_motion.
+        machine: The machine whose axes the control moves.
+        paths: Paths of tables and grids, and of folders that contain them.
+        options: Options of `Control`: tool, increment, clamped, poles, correct_motion.
 
-    Raises `InputError` for a file that is neither a table nor a grid of volid, or two tables of one function.
+    Raises:
+        InputError: a file is neither a table nor a grid of volid, or there are two tables of one function.
 
     >>> import volid
     >>> solution = volid.fit(volid.load_campaign("datasets/five_axis_rtest/campaign.toml"))

@@ -27,7 +27,7 @@ def read_grid(path: str | Path) -> AnyGrid:
     """A grid from CSV or HDF5, as error values in mm and rad whatever the file holds: `Grid`, or `RotaryGrid` for rotary axes.
 
     Args:
-        path: of a file that `save_grid` or `volid grid` wrote.
+        path: Path of a file that `save_grid` or `volid grid` wrote.
 
     Raises:
         InputError: the file is damaged or of another format, a header line or column is missing, or the nodes are no regular

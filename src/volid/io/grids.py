@@ -171,14 +171,17 @@ def save_grid(
     """Write a grid as HDF5 when `path` ends in .h5 or .hdf5, else as CSV: compensation values unless `errors`.
 
     Args:
-        grid: of `linear_grid`, `rotary_grids` or `compensate`.
-        solution: it was made from, for the record.
-        path: of the file.
-        errors: write error values.
-        source: the solution's file, for the record.
-        overwrite: replace an existing file.
+        grid: A grid that `linear_grid`, `rotary_grids` or `compensate` made.
+        solution: The solution from which it was made, for the record in the file.
+        path: Path of the file.
+        errors: Whether error values are written instead of compensation values.
+        source: File of the solution, for the record in the file.
+        overwrite: Whether an existing file is replaced.
 
-    Raises `OutputError` when `path` exists (unless `overwrite`) or cannot be written. Source: ISO/TR 16907 12.
+    Raises:
+        OutputError: `path` exists and `overwrite` is False, or it cannot be written.
+
+    Source: ISO/TR 16907 12.
 
     >>> import volid
     >>> solution = volid.fit(volid.load_campaign("datasets/five_axis_rtest/campaign.toml"))

@@ -29,7 +29,7 @@ def read_machine(path: str | Path) -> Machine:
     """The machine described by a TOML file, as `models/README.md` describes it.
 
     Args:
-        path: of the file.
+        path: Path of the TOML file.
 
     Raises:
         InputError: naming file and key, for a missing file, an unknown or missing key, or a wrong value.

@@ -80,8 +80,8 @@ def write_solution(solution: Solution, path: str | Path, overwrite: bool = False
     """Write a solution to one HDF5 file that holds everything, its campaign and machine included.
 
     Args:
-        solution: of a fit.
-        path: of the file, ending in .h5.
+        solution: A solution, as `volid.fit` makes it.
+        path: Path of the file, ending in .h5.
         overwrite: replace an existing file.
 
     Raises:
@@ -124,7 +124,7 @@ def read_solution(path: str | Path) -> Solution:
     """The solution stored in an HDF5 file: same parameters, deviations and covariance to the last bit.
 
     Args:
-        path: of a file that `volid.save_solution` or `volid fit` has written.
+        path: Path of a file that `volid.save_solution` or `volid fit` has written.
 
     Raises:
         InputError: the file is missing, truncated, not HDF5, of another type or version, or incomplete; or this version builds

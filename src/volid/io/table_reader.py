@@ -23,9 +23,10 @@ def read_table(path: str | Path) -> ErrorTable:
     """A table as error values, absolute, in mm or rad, whatever the file holds.
 
     Args:
-        path: of a CSV file that `save_compensation` wrote.
+        path: Path of a CSV file that `save_compensation` wrote.
 
-    Raises `InputError` when the file is damaged or of another format, a header line or column is missing, positions do not rise.
+    Raises:
+        InputError: the file is damaged or of another format, a header line or column is missing, or the positions do not rise.
 
     >>> path = getfixture("tmp_path") / "EXX.csv"
     >>> keys = ["format: volid-table/1", "type: L-POS", "function: EXX", "values: compensation", "rows: absolute"]

@@ -59,25 +59,33 @@ def rotary_constraints(
     across = across_pair(along)
     components = [parse(n).component % 3 for n in group]
     zero = reference_of(machine, datum, axis.letter)
-
-    def row(direction: np.ndarray, functional: list[np.ndarray]) -> np.ndarray:
-        """Σ_k direction[k] · functional of component k."""
-        return np.concatenate([direction[k] * f for k, f in zip(components, functional, strict=True)])
+    means = [mean_row(f[0]) for f in splines]
+    at_zero = [value_row(f[0], zero) for f in splines] if parse(group[0]).is_rotation else means
 
     rows = []
-    every = [_across(machine, datum, f)[1] for f in splines]
-    for number in range(max(len(e) for e in every)):
-        others = [e[min(number, len(e) - 1)] for e in every]
-        mean = [np.kron(mean_row(f[0]), e) for f, e in zip(splines, others, strict=True)]
-        at_zero = [np.kron(value_row(f[0], zero), e) for f, e in zip(splines, others, strict=True)]
-        rows += [row(along, at_zero if parse(group[0]).is_rotation else mean), *(row(v, mean) for v in across)]
+    for others in _values_of_other(machine, datum, splines):
+        rows.append(_row(along, components, at_zero, others))
+        rows += [_row(v, components, means, others) for v in across]
     if len(group) > 1:
         lines = [_across(machine, datum, f)[0] for f in splines]
-        cosine = [np.kron(harmonic_rows(f[0])[1], line) for f, line in zip(splines, lines, strict=True)]
-        sine = [np.kron(harmonic_rows(f[0])[2], line) for f, line in zip(splines, lines, strict=True)]
+        cosine, sine = [harmonic_rows(f[0])[1] for f in splines], [harmonic_rows(f[0])[2] for f in splines]
         sense = -1.0 if axis.primed else 1.0
-        rows += [row(v, cosine) + row(sense * np.cross(along, v), sine) for v in across]
+        for v in across:
+            turned = sense * np.cross(along, v)
+            rows.append(_row(v, components, cosine, lines) + _row(turned, components, sine, lines))
     return np.array([r for r in rows if np.any(np.abs(r) > 1e-14)])
+
+
+def _row(direction: np.ndarray, components: list[int], own: list[np.ndarray], others: list[np.ndarray]) -> np.ndarray:
+    """Σ_k direction[k] · functional of component k, each the product of a row on its own axis and one on the other axis."""
+    each = zip(components, own, others, strict=True)
+    return np.concatenate([direction[k] * np.kron(row, other) for k, row, other in each])
+
+
+def _values_of_other(machine: Machine, datum: Datum, splines: list[tuple[Spline, ...]]) -> list[list[np.ndarray]]:
+    """For every value of the other axis of cross effects, one row per function; a function with fewer repeats its last one."""
+    every = [_across(machine, datum, f)[1] for f in splines]
+    return [[e[min(number, len(e) - 1)] for e in every] for number in range(max(len(e) for e in every))]
 
 
 def refine_all(coarse: tuple[Spline, ...], fine: tuple[Spline, ...]) -> np.ndarray:

@@ -37,39 +37,48 @@ def deviation_partials(machine: Machine, q: Any, tool: Vector, errors: Any) -> l
     """
     n = len(machine.axes)
     units = [tuple(constant_like(q[0], float(i == k)) for i in range(3)) for k in range(3)]
-    directions = [_to_workpiece(machine, q, u) for u in units]  # as the bodies see them, from the workpiece on
-    seen = []
-    for i in range(n):
-        before, directions = _directions_at(
-            machine.axes[i], q[i], error_motion(machine, i, errors).rotation, directions
-        )
-        seen.append(before)
-    seen.append(directions)
+    seen = _seen_by_bodies(machine, q, errors, units)
     point, vectors = tool, [_to_tool(machine, q, u) for u in units]
     rows: list[list[Any]] = [[0.0] * (ROWS * (n + 1)) for _ in range(6)]
     for i in range(n, -1, -1):
         motion = error_motion(machine, i, errors)
         axis = machine.axes[i] if i < n else None
         if axis is not None and not error_first(axis):
-            point = nominal_factor(axis, q[i], point, False)
-            vectors = [nominal_factor(axis, q[i], v, True) for v in vectors]
+            point, vectors = _moved_by_axis(axis, q[i], point, vectors)
         arm = subtract(point, motion.point)
-        for k, direction in enumerate(seen[i]):
-            _put(rows[k], axis, ROWS * i, direction)
-            _put(rows[k], axis, ROWS * i + 3, _by_rotation(direction, arm, motion.rotation))
-            one, other = (k + 1) % 3, (k + 2) % 3
-            turned = subtract(
-                _by_rotation(seen[i][other], vectors[one], motion.rotation),
-                _by_rotation(seen[i][one], vectors[other], motion.rotation),
-            )
-            _put(rows[3 + k], axis, ROWS * i + 3, (0.5 * turned[0], 0.5 * turned[1], 0.5 * turned[2]))
+        for k in range(3):
+            _put(rows[k], axis, ROWS * i, seen[i][k])
+            _put(rows[k], axis, ROWS * i + 3, _by_rotation(seen[i][k], arm, motion.rotation))
+            _put(rows[3 + k], axis, ROWS * i + 3, _of_orientation(k, seen[i], vectors, motion.rotation))
         point = add(add(rotate_small(motion.rotation, arm), motion.point), motion.translation)
         vectors = [rotate_small(motion.rotation, v) for v in vectors]
         if axis is not None and error_first(axis):
-            point = nominal_factor(axis, q[i], point, False)
-            vectors = [nominal_factor(axis, q[i], v, True) for v in vectors]
+            point, vectors = _moved_by_axis(axis, q[i], point, vectors)
         point, vectors = computed_once(point), [computed_once(v) for v in vectors]
     return rows
+
+
+def _seen_by_bodies(machine: Machine, q: Any, errors: Any, units: list[Any]) -> list[list[Vector]]:
+    """The directions `units` of the machine frame as the error motion of every body sees them, from the workpiece on."""
+    directions, seen = [_to_workpiece(machine, q, u) for u in units], []
+    for i, axis in enumerate(machine.axes):
+        before, directions = _directions_at(axis, q[i], error_motion(machine, i, errors).rotation, directions)
+        seen.append(before)
+    return [*seen, directions]
+
+
+def _moved_by_axis(axis: Axis, q: Any, point: Vector, vectors: list[Vector]) -> tuple[Vector, list[Vector]]:
+    """A point and directions, moved by the nominal motion of an axis."""
+    return nominal_factor(axis, q, point, False), [nominal_factor(axis, q, v, True) for v in vectors]
+
+
+def _of_orientation(k: int, seen: list[Vector], vectors: list[Vector], rotation: Vector) -> Vector:
+    """∂(component k of the rotation)/∂ω of one body: half the skew part of what its error rotation does to the unit vectors."""
+    one, other = (k + 1) % 3, (k + 2) % 3
+    turned = subtract(
+        _by_rotation(seen[other], vectors[one], rotation), _by_rotation(seen[one], vectors[other], rotation)
+    )
+    return 0.5 * turned[0], 0.5 * turned[1], 0.5 * turned[2]
 
 
 def _to_workpiece(machine: Machine, q: Any, x: Vector) -> Vector:

@@ -148,12 +148,12 @@ class Machine:
     """A machine tool's kinematic chain, its datum and the settings of its error model.
 
     Args:
-        name: in words.
+        name: The name of the machine, in words.
         structure: structural code of ISO 10791-6, such as "w Y' X' b Z (C) t".
-        axes: from the workpiece to the tool, as in `structure`; arrays of axis positions follow this order.
+        axes: The axes from the workpiece to the tool, as in `structure`; arrays of axis positions follow this order.
         datum: the coordinate system that results refer to.
         model: which error functions exist, and how they are modelled.
-        text: of the file that it was read from.
+        text: Text of the file that it was read from.
 
     Source: CONVENTIONS 2.
 

@@ -7,6 +7,7 @@ and the other ball stands on the cone axis. The path follows the cone-frustum wo
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -65,38 +66,59 @@ def cone_frustum(
         >>> plan.n_readings, plan.stations[0].name
         (37, 'ball')
     """
+    return _plan(machine, _Test(centre, tool, length, half_angle, inclination, n, u, calibrated_u))
+
+
+class _Test(NamedTuple):
+    """A test on a cone frustum; the fields are the arguments of `cone_frustum`."""
+
+    centre: Sequence[float] | None
+    tool: Sequence[float]
+    length: float
+    half_angle: float
+    inclination: float
+    n: int
+    u: float
+    calibrated_u: float
+
+
+def _plan(machine: Machine, test: _Test) -> Campaign:
     if len(rotary_axes(machine)) != 2:
         raise InputError(f"machine '{machine.name}' needs two rotary axes for a cone frustum")
     from scipy.spatial.transform import Rotation  # slow to import, and few need it
 
-    alpha, turn = np.deg2rad(half_angle), 2.0 * np.pi * np.arange(n) / max(n - 1, 1)
-    tilt = Rotation.from_euler("y", inclination, degrees=True)
-    radial = tilt.apply(np.stack([np.cos(turn), np.sin(turn), np.zeros(n)], axis=1))
+    alpha, turn = np.deg2rad(test.half_angle), 2.0 * np.pi * np.arange(test.n) / max(test.n - 1, 1)
+    tilt = Rotation.from_euler("y", test.inclination, degrees=True)
+    radial = tilt.apply(np.stack([np.cos(turn), np.sin(turn), np.zeros(test.n)], axis=1))
     axis = tilt.apply([0.0, 0.0, 1.0])
     angles = _angles(machine, np.cos(alpha) * axis + np.sin(alpha) * radial)
     positions = with_rotary(machine, **dict(zip((a.letter for a in rotary_axes(machine)), angles.T, strict=True)))
-    circle = length * np.cos(alpha) * radial
-    if centre is None:
-        centre = reachable(machine, positions, tool, circle)
+    circle = test.length * np.cos(alpha) * radial
+    centre = reachable(machine, positions, test.tool, circle) if test.centre is None else test.centre
     middle = np.asarray(centre, dtype=float)
-    target = middle + circle
-    kept = within_travel(machine, follow(machine, positions, np.asarray(tool), target), "cone frustum")
-    m = len(kept.rows)
-    readings = ObservationSet(
+    reached = follow(machine, positions, np.asarray(test.tool), middle + circle)
+    kept = within_travel(machine, reached, "cone frustum")
+    x, y, z = (float(c) for c in middle + test.length * np.sin(alpha) * axis)
+    ball = Station("ball", position=(x, y, z))
+    sets = (_readings(test, kept.positions),)
+    return Campaign(machine, (ball,), sets, "Cone frustum", warnings=kept.warnings, source="cone frustum plan")
+
+
+def _readings(test: _Test, positions: np.ndarray) -> ObservationSet:
+    """The set of distances to be read at positions (m, n_axes)."""
+    m = len(positions)
+    return ObservationSet(
         name="cone frustum",
         kind="distance",
-        positions=kept.positions,
-        directions=np.zeros_like(kept.positions),
-        tool=np.tile(np.asarray(tool, dtype=float), (m, 1)),
+        positions=positions,
+        directions=np.zeros_like(positions),
+        tool=np.tile(np.asarray(test.tool, dtype=float), (m, 1)),
         readings=np.full((m, 1), np.nan),
-        u=np.full((m, 1), u),
+        u=np.full((m, 1), test.u),
         labels={"station": np.full(m, "ball"), "segment": np.full(m, "1")},
-        options={"relative": False, "calibrated_u": calibrated_u, "u": u},
+        options={"relative": False, "calibrated_u": test.calibrated_u, "u": test.u},
         source="cone frustum plan",
     )
-    x, y, z = (float(c) for c in middle + length * np.sin(alpha) * axis)
-    ball = Station("ball", position=(x, y, z))
-    return Campaign(machine, (ball,), (readings,), "Cone frustum", warnings=kept.warnings, source="cone frustum plan")
 
 
 def _tool_axis(machine: Machine, angles: np.ndarray) -> np.ndarray:

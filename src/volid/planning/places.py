@@ -50,17 +50,21 @@ def spheres_and_tools(
         vectors = np.atleast_2d(np.asarray(tools, dtype=float)).tolist()
     if spheres is not None:
         return Places(dict(spheres), vectors or _tools(machine, LENGTHS[0], n if len(spheres) == 1 else len(spheres)))
-    tables = [axis for axis in rotary_axes(machine) if axis.primed]
-    n = n if vectors is None or len(vectors) == 1 else len(vectors)
+    return _chosen_places(machine, positions, vectors, n if vectors is None or len(vectors) == 1 else len(vectors))
+
+
+def _chosen_places(machine: Machine, positions: np.ndarray, given: list[Vector] | None, n: int) -> Places:
+    """Spheres for the given tool vectors, or else for the longest of `LENGTHS` with which the travels suffice."""
+    table = next((axis for axis in rotary_axes(machine) if axis.primed), None)
     for length in LENGTHS:
-        chosen = vectors or _tools(machine, length, n)
-        runs = max(len(chosen), n if tables else 1)
-        spread = _around(tables[0].unit_vector, runs) if tables else np.zeros((runs, 3))
-        where = _preferred(machine, chosen[0])
-        found = reach(machine, positions, [chosen[i % len(chosen)] for i in range(runs)], spread, where)
-        if found.beyond == 0.0 or vectors:
+        chosen = given or _tools(machine, length, n)
+        runs = len(chosen) if table is None else max(len(chosen), n)
+        spread = np.zeros((runs, 3)) if table is None else _around(table.unit_vector, runs)
+        vectors = [chosen[i % len(chosen)] for i in range(runs)]
+        found = reach(machine, positions, vectors, spread, _preferred(machine, chosen[0]))
+        if found.beyond == 0.0 or given:
             break
-    centres = np.round(found.centre + found.radius * spread[: runs if tables else 1])
+    centres = np.round(found.centre + found.radius * (spread[:1] if table is None else spread))
     return Places({f"P{i + 1}": tuple(c.tolist()) for i, c in enumerate(centres)}, chosen)
 
 

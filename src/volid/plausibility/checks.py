@@ -48,7 +48,7 @@ def check_campaign(campaign: Campaign) -> tuple[str, ...]:
     """Warnings about what looks odd in a campaign, each naming file and rows.
 
     Args:
-        campaign: with readings.
+        campaign: A campaign with readings.
 
     Raises:
         InputError: for what no fit can use: no readings, numbers that are not finite, u <= 0, duplicated rows, readings or
@@ -184,7 +184,7 @@ def closures(campaign: Campaign) -> tuple[Closure, ...]:
     0) repeat at the same rotary positions; for them the nominal places of the centre in the workpiece frame are compared.
 
     Args:
-        campaign: with readings.
+        campaign: A campaign with readings.
 
     Returns:
         A tuple of records with `n` differences, their `rms`, `max` and `u` in the unit of the reading, and the ratios to u.

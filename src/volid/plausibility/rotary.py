@@ -34,26 +34,42 @@ _ENOUGH = 3  # different whole degrees, which by chance all numbers are once in 
 
 def check_radians(readings: ObservationSet, campaign: Campaign) -> None:
     """Raises `InputError` when positions of one or several rotary axes of a set are in radians."""
-    machine, q = campaign.machine, readings.positions
-    small = [
-        i
-        for i in _rotary_columns(machine)
-        if machine.axes[i].length > _LEAST_TRAVEL and np.ptp(q[:, i]) > 0.0 and np.abs(q[:, i]).max() <= _TURN
-    ]
-    before = _misfit(readings, campaign, q) if small else None
-    absolute = not any(beam.relative for beam in KINDS[readings.kind].beams(readings, campaign))
-    places = KINDS[readings.kind].standing
-    if before is not None and before > (_SUSPECT_LENGTHS if absolute and not places else _SUSPECT):
-        trials = [chosen for n in range(1, len(small) + 1) for chosen in combinations(small, n)]
-        after = {chosen: _misfit(readings, campaign, _in_degrees(q, list(chosen))) or 0.0 for chosen in trials}
-        best = min(trials, key=lambda chosen: after[chosen])
-        if after[best] < _BETTER * before:
+    machine = campaign.machine
+    small = _may_be_radians(machine, readings.positions)
+    if not small:
+        return
+    before = _misfit(readings, campaign, readings.positions)
+    if before is not None and before > _suspicious_misfit(readings, campaign):
+        best, after = _best_in_degrees(readings, campaign, small)
+        if after < _BETTER * before:
+            places = KINDS[readings.kind].standing
             what = f"the {places}'s places scatter" if places else "distances differ from nominal"
-            said = f"{what} by {before:.3g} mm, but by {after[best]:.2g} mm when they are taken for radians"
-            _say_radians(readings, machine, list(best), said)
-    integers = [i for i in small if _integer_degrees(q[:, i])]
+            said = f"{what} by {before:.3g} mm, but by {after:.2g} mm when they are taken for radians"
+            _say_radians(readings, machine, best, said)
+    integers = [i for i in small if _integer_degrees(readings.positions[:, i])]
     if integers:
         _say_radians(readings, machine, integers, "they are whole degrees when taken for radians")
+
+
+def _may_be_radians(machine: Machine, q: np.ndarray) -> list[int]:
+    """Columns of the rotary axes that move and stay within ±2π, although they can travel further."""
+    long = [i for i in _rotary_columns(machine) if machine.axes[i].length > _LEAST_TRAVEL]
+    return [i for i in long if np.ptp(q[:, i]) > 0.0 and np.abs(q[:, i]).max() <= _TURN]
+
+
+def _suspicious_misfit(readings: ObservationSet, campaign: Campaign) -> float:
+    """Misfit [mm] above which radians are suspected."""
+    kind = KINDS[readings.kind]
+    absolute = not any(beam.relative for beam in kind.beams(readings, campaign))
+    return _SUSPECT_LENGTHS if absolute and not kind.standing else _SUSPECT
+
+
+def _best_in_degrees(readings: ObservationSet, campaign: Campaign, small: list[int]) -> tuple[list[int], float]:
+    """Those of the columns that make the misfit least when they are taken for radians, and that misfit [mm]."""
+    trials = [list(chosen) for n in range(1, len(small) + 1) for chosen in combinations(small, n)]
+    after = [_misfit(readings, campaign, _in_degrees(readings.positions, chosen)) or 0.0 for chosen in trials]
+    best = int(np.argmin(after))
+    return trials[best], after[best]
 
 
 def _say_radians(readings: ObservationSet, machine: Machine, columns: list[int], why: str) -> None:

@@ -41,8 +41,8 @@ def summary_data(solution: Solution, tool: Sequence[float] | None = None) -> dic
     """The summary as plain objects that JSON has, mm and rad; None is what is not determined.
 
     Args:
-        solution: of a fit.
-        tool: tool vector (3,) of the volumetric numbers [mm]; None: the one of most readings.
+        solution: A solution, as `volid.fit` makes it.
+        tool: Tool vector (3,) for which the volumetric numbers hold [mm]; None: the one of most readings.
     """
     x, y, z = solution.most_used_tool() if tool is None else map(float, tool)
     table = _tabulated(solution)
@@ -281,8 +281,8 @@ def summary(solution: Solution, tool: Sequence[float] | None = None) -> str:
     Lengths in µm, rotations in µrad, expanded uncertainties with k = 2; "n.d." is what is not determined.
 
     Args:
-        solution: of a fit.
-        tool: tool vector (3,) of the volumetric numbers [mm]; None: the one of most readings.
+        solution: A solution, as `volid.fit` makes it.
+        tool: Tool vector (3,) for which the volumetric numbers hold [mm]; None: the one of most readings.
 
     Source: ISO 230-1 for V_XYZ and the symbols.
 

@@ -95,7 +95,7 @@ class Truth:
 
     Every absent name is zero. Drift and thermal change of the machine are not modelled.
 
-    Attributes:
+    Args:
         machine: The machine that has these errors.
         functions: Error motion by its ISO 230-1 symbol: any function of an array of positions of its own axis
             [mm or degrees -> mm or rad].
@@ -141,12 +141,14 @@ class Truth:
             for name, function in tables.items():
                 self._check_range(name, parse(name).axis, getattr(function, "positions", None))
 
-    def errors(self, positions: ArrayLike, directions: ArrayLike | None = None) -> Float[np.ndarray, "errors m"]:
+    def errors(
+        self, positions: Float[ArrayLike, "m axes"], directions: Float[ArrayLike, "m axes"] | None = None
+    ) -> Float[np.ndarray, "errors m"]:
         """Error values in the order of the kinematic model, shape (6·(n_axes + 1), m) [mm, rad]. CONVENTIONS 3.
 
         Args:
-            positions: axis positions, machine axis order, shape (m, n_axes) [mm or degrees].
-            directions: of approach, shape (m, n_axes): +1, -1 or 0 (the mean of both); None: 0.
+            positions: Axis positions, machine axis order, shape (m, n_axes) [mm or degrees].
+            directions: Directions of approach, shape (m, n_axes): +1, -1 or 0 (the mean of both); None: 0.
         """
         q = np.asarray(positions, dtype=float)
         way = np.zeros_like(q) if directions is None else np.broadcast_to(np.asarray(directions, dtype=float), q.shape)
@@ -165,14 +167,17 @@ class Truth:
         return values
 
     def deviation(
-        self, positions: ArrayLike, tool: ArrayLike, directions: ArrayLike | None = None
+        self,
+        positions: Float[ArrayLike, "*m axes"],
+        tool: Float[ArrayLike, "*m 3"],
+        directions: Float[ArrayLike, "*m axes"] | None = None,
     ) -> Float[np.ndarray, "m 6"]:
         """True deviation of the functional point and orientation, shape (m, 6) [mm, rad]. CONVENTIONS 5.
 
         Args:
-            positions: axis positions, machine axis order, shape (m, n_axes) or (n_axes,) [mm or degrees].
-            tool: tool vectors, shape (m, 3) or (3,) [mm].
-            directions: of approach, shape (m, n_axes): +1, -1 or 0 (the mean of both); None: 0.
+            positions: Axis positions, machine axis order, shape (m, n_axes) or (n_axes,) [mm or degrees].
+            tool: Tool vectors, shape (m, 3) or (3,) [mm].
+            directions: Directions of approach, shape (m, n_axes): +1, -1 or 0 (the mean of both); None: 0.
         """
         q = np.atleast_2d(np.asarray(positions, dtype=float))
         tools = np.broadcast_to(np.asarray(tool, dtype=float), (len(q), 3)).T

@@ -42,10 +42,10 @@ class SpatialGrid(ABC):
         type: compensation type of ISO/TR 16907 whose effects the values hold, such as "L-VOL".
         axes: letters, in the order X, Y, Z or A, B, C.
         nodes: positions per axis, each rising [mm or °].
-        positions: of all n nodes, the first axis varying fastest, shape (n, k) [mm or °].
+        positions: Positions of all n nodes, the first axis varying fastest, shape (n, k) [mm or °].
         values: ERROR values, actual - nominal, machine frame: translations [mm] at the reference, rotations [rad]; shape (n, 6).
             NaN where the data do not determine a component.
-        u: their standard uncertainties, shape (n, 6); NaN where not asked for.
+        u: Standard uncertainties of the values, shape (n, 6); NaN where not asked for.
         outside: True where a node lies outside what was measured, shape (n,).
     """
 
@@ -84,8 +84,8 @@ class SpatialGrid(ABC):
         """Error values by linear interpolation between the nodes, as a control does it.
 
         Args:
-            positions: of the grid's axes, in the order of `axes`, shape (m, k) [mm or °]; a position beyond a full turn is moved
-                back into the nodes.
+            positions: Positions of the grid's axes, in the order of `axes`, shape (m, k) [mm or °]; a position beyond a full turn
+                is moved back into the nodes.
 
         Returns:
             Error values, shape (m, 6) [mm, rad].
@@ -117,8 +117,8 @@ class SpatialGrid(ABC):
         """Lever arms that a control uses, shape (m, 3) [mm].
 
         Args:
-            machine: whose axes move.
-            positions: of all axes, machine axis order, shape (m, n_axes) [mm or °].
+            machine: The machine whose axes move.
+            positions: Positions of all axes, machine axis order, shape (m, n_axes) [mm or °].
             tool: tool vectors, shape (m, 3) or (3,) [mm].
         """
         return np.asarray(lever_points(machine, self.side, positions, tool) - self.reference)
@@ -138,13 +138,19 @@ class Grid(SpatialGrid):
     computes e(tool) = e(tool0) + rotation × (tool - tool0).
 
     Args:
-        tool: tool vector of the translations [mm].
-        frame: "machine".
-        datum: in words.
-        notes: what else a user should know.
-        bands: ends of 95 % coverage intervals, symmetric and shortest, shape (4, n, 6), where asked for.
-
-    and those of `SpatialGrid`.
+        type: Compensation type of ISO/TR 16907 whose effects the values hold, such as "L-VOL".
+        axes: Letters of the axes, in the order X, Y, Z or A, B, C.
+        nodes: Rising positions of each axis, shape (number of nodes of the axis,) [mm or °].
+        positions: Positions of all n nodes, the first axis varying fastest, shape (n, k) [mm or °].
+        values: ERROR values, shape (n, 6) [mm, rad], as in `SpatialGrid`.
+        u: Standard uncertainties of the values, shape (n, 6) [mm, rad]; NaN where they were not asked for.
+        outside: True where a node lies outside what was measured, shape (n,).
+        tool: Tool vector for which the translations hold, (3,) [mm].
+        frame: Frame of the values, always "machine".
+        datum: The datum in words.
+        notes: What else a user should know.
+        bands: Ends of the 95 % coverage intervals, the symmetric and the shortest one, shape (4, n, 6) [mm, rad]; None where they
+            were not asked for.
 
     >>> import numpy as np
     >>> x, values = np.array([0.0, 100.0]), np.zeros((2, 6))
@@ -158,7 +164,7 @@ class Grid(SpatialGrid):
     frame: str
     datum: str
     notes: tuple[str, ...] = ()
-    bands: np.ndarray | None = None
+    bands: Float[np.ndarray, "4 n 6"] | None = None
 
     @property
     def side(self) -> str:
@@ -186,13 +192,18 @@ class RotaryGrid(SpatialGrid):
     The head's grid includes the constants of the tool frame, which turn with it.
 
     Args:
-        side: "table" or "head".
+        type: Compensation type of ISO/TR 16907 whose effects the values hold, such as "R-VOL".
+        axes: Letters of the axes, in the order A, B, C.
+        nodes: Rising positions of each axis, shape (number of nodes of the axis,) [°].
+        positions: Positions of all n nodes, the first axis varying fastest, shape (n, k) [°].
+        values: ERROR values, shape (n, 6) [mm, rad], as in `SpatialGrid`.
+        u: Standard uncertainties of the values, shape (n, 6) [mm, rad]; NaN where they were not asked for.
+        outside: True where a node lies outside what was measured, shape (n,).
+        side: The side of the machine, "table" or "head".
         determined: False where the data do not determine a component, shape (n, 6).
-        reference_point: point whose translation the values hold [mm].
-        period: per axis, 360 for full turns, else 0 [°].
-        frame, datum, notes, bands: as of `Grid`.
-
-    and those of `SpatialGrid`.
+        reference_point: Point whose translation the values hold, (3,) [mm].
+        period: For each axis, 360 when its nodes close a full turn, else 0 [°].
+        frame, datum, notes, bands: The same as in `Grid`.
 
     >>> import numpy as np
     >>> c, values, known = np.array([0.0, 180.0, 360.0]), np.zeros((3, 6)), np.ones((3, 6), bool)
@@ -210,7 +221,7 @@ class RotaryGrid(SpatialGrid):
     frame: str
     datum: str
     notes: tuple[str, ...] = ()
-    bands: np.ndarray | None = None
+    bands: Float[np.ndarray, "4 n 6"] | None = None
 
     @property
     def reference(self) -> Float[np.ndarray, " 3"]:
@@ -233,7 +244,7 @@ class RotaryGrid(SpatialGrid):
         """Error values at functional points: e + ω × (point - reference), and ω.
 
         Args:
-            positions: of the grid's axes, in the order of `axes`, shape (m, k) [°].
+            positions: Positions of the grid's axes, in the order of `axes`, shape (m, k) [°].
             points: functional points, shape (m, 3) [mm]; `lever_arm` says how they are counted.
 
         Returns:

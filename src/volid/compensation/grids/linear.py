@@ -33,14 +33,17 @@ def linear_grid(
     On a machine with rotary axes: the errors of the linear axes alone, see `volid.rotary_grids`.
 
     Args:
-        solution: of `fit`.
-        step: distance of the nodes [mm].
-        points: or so many nodes per axis, default 21.
-        tool: tool vector of the translations [mm].
-        nodes: or the nodes by axis letter, each of shape (n,) [mm].
+        solution: A solution, as `volid.fit` makes it.
+        step: Distance between the nodes of an axis [mm].
+        points: Number of nodes per axis, where no step is given; 21 by default.
+        tool: Tool vector for which the translations hold, (3,) [mm].
+        nodes: The nodes themselves by axis letter, each of shape (n,) [mm], instead of a step or a number.
 
-    Raises `NotDeterminedError` when the data do not determine the translations for this tool vector, `InputError` for a step or
-    a number of points that makes no grid. Source: ISO/TR 16907 7.5.
+    Raises:
+        NotDeterminedError: the data do not determine the translations for this tool vector.
+        InputError: the step or the number of points makes no grid.
+
+    Source: ISO/TR 16907 7.5.
 
     >>> import volid
     >>> solution = volid.fit(volid.load_campaign("datasets/five_axis_rtest/campaign.toml"))

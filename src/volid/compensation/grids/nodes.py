@@ -32,13 +32,11 @@ def grid_nodes(solution: Solution, request: GridRequest, side: str) -> tuple[np.
     """
     if request.points is not None and request.points < 2:
         raise InputError(f"grid: points = {request.points}; expected at least 2 per axis")
-    axes, sampling = axes_of(solution.machine, side), request.sampling
     reach = {a.letter: a.travel for a in solution.machine.axes} | dict(request.ranges or {})
     given = {a: np.asarray(n, dtype=float) for a, n in (request.nodes or {}).items()}
-    if sampling.max_error is None:
-        count = sampling.max_points or request.points or (POINTS if side == LINEAR else ROTARY_POINTS)
-        step = sampling.step
-        found = {a: np.linspace(*reach[a], count) if step is None else every_step(*reach[a], step) for a in axes}
+    axes = axes_of(solution.machine, side)
+    if request.sampling.max_error is None:
+        found = {a: _even_nodes(request, side, reach[a]) for a in axes}
     else:
         found = {a: _fewest_nodes(solution, request, side, a, reach) for a in axes if a not in given}
     lines = tuple((found | given)[a] for a in axes)
@@ -46,6 +44,14 @@ def grid_nodes(solution: Solution, request: GridRequest, side: str) -> tuple[np.
     if size > LARGEST:
         raise InputError(f"grid: {size} points asked for, more than {LARGEST}; take a larger step")
     return lines
+
+
+def _even_nodes(request: GridRequest, side: str, reach: tuple[float, float]) -> np.ndarray:
+    """Nodes of one axis by step or by number, between the ends of `reach`."""
+    if request.sampling.step is not None:
+        return every_step(*reach, request.sampling.step)
+    default = POINTS if side == LINEAR else ROTARY_POINTS
+    return np.linspace(*reach, request.sampling.max_points or request.points or default)
 
 
 def _fewest_nodes(

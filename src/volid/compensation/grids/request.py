@@ -25,16 +25,17 @@ class GridRequest:
     """Grids of one compensation type.
 
     Args:
-        type: of ISO/TR 16907; it must have the form of a grid.
-        base: specific lines, tool vector, alignment.
-        sampling: step, at most so many points per axis, or a bound on the interpolation error.
-        points: per axis, where the sampling leaves it open; default 21, of rotary axes 37.
-        nodes: stated nodes by axis letter [mm or °], instead of either.
-        ranges: lowest and highest node by axis letter, default the travel [mm or °].
-        reference_point: of the grids of rotary axes, (3,) [mm], in the frame of the body that bears them, which coincides with
-            the machine frame when the linear axes stand at 0; default: the `point` of the axis nearest the bed, for each side.
-        rule: of L-SPEC and R-SPEC, called as rule(solution, positions (m, n_axes), tool (m, 3)), returns error values (m, 6)
-            [mm, rad].
+        type: Type of ISO/TR 16907; it must have the form of a grid.
+        base: The specific lines, the tool vector and the alignment that the grids are based on.
+        sampling: The step, the largest number of points per axis, or a bound on the interpolation error.
+        points: Number of points per axis where the sampling does not state it; 21 by default, 37 for rotary axes.
+        nodes: The nodes themselves by axis letter [mm or °], instead of a sampling.
+        ranges: Lowest and highest node by axis letter [mm or °]; the travel by default.
+        reference_point: Point for which the grids of rotary axes hold the translations, (3,) [mm], in the frame of
+            the body that bears these axes, which coincides with the machine frame when the linear axes stand at 0; by default the
+            `point` of the axis nearest the bed, for each side.
+        rule: Function that computes what L-SPEC and R-SPEC correct; it is called as rule(solution, positions (m, n_axes),
+            tool (m, 3)) and returns error values (m, 6) [mm, rad].
         zero: where the translations of a linear grid are 0 for its tool vector, by axis letter [mm], other axes at the lines'
             crossing; rotations stay, because their effect on other tools does not vanish.
         uncertainty: False leaves out u, which takes most of the time; it changes no value.
@@ -42,7 +43,8 @@ class GridRequest:
             errors' influences at the nominal machine, products of errors left out (below 0.02 µm per metre at 100 µrad).
             Default: exact where it exists, for the types that hold all errors of their axes in the frame of the datum.
 
-    Raises `InputError` for a type without grids, and for an exact evaluation that does not exist.
+    Raises:
+        InputError: the type has no grids, or an exact evaluation does not exist.
     """
 
     type: CompensationType

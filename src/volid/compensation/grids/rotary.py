@@ -41,16 +41,19 @@ def rotary_grids(
     constants of the tool frame. The squareness errors of the linear axes stay in the linear grid.
 
     Args:
-        solution: of `fit`.
-        step: distance of the nodes [°].
-        points: or so many nodes per axis, default 37.
-        reference_point: point whose translation the values hold, shape (3,) [mm], in the frame of the body that bears the rotary
+        solution: A solution, as `volid.fit` makes it.
+        step: Distance between the nodes of an axis [°].
+        points: Number of nodes per axis, where no step is given; 37 by default.
+        reference_point: Point whose translation the values hold, shape (3,) [mm], in the frame of the body that bears the rotary
             axes, which coincides with the machine frame when the linear axes stand at 0; by default the `point` of the axis
             nearest the bed, for each side its own.
-        nodes: or the nodes by axis letter, each of shape (n,) [°].
+        nodes: The nodes themselves by axis letter, each of shape (n,) [°], instead of a step or a number.
 
-    Raises `InputError` for a machine without rotary axes, a linear axis between stacked ones, or a step that makes no grid;
-    `NotDeterminedError` when the data do not determine the translations. Source: ISO/TR 16907 7.5, Table 3.
+    Raises:
+        InputError: the machine has no rotary axes, a linear axis stands between stacked ones, or the step makes no grid.
+        NotDeterminedError: the data do not determine the translations.
+
+    Source: ISO/TR 16907 7.5, Table 3.
 
     >>> import volid
     >>> solution = volid.fit(volid.load_campaign("datasets/five_axis_rtest/campaign.toml"))

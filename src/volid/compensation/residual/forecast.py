@@ -23,14 +23,13 @@ import numpy as np
 from volid.compensation.base import Base
 from volid.compensation.grids.request import Rule
 from volid.compensation.motion import Motion, asked_motion
-from volid.compensation.package import Compensation, compensate
+from volid.compensation.package import Compensation, CompensationRequest, compensation_of
 from volid.compensation.residual.fields import LENGTHS, Field, Places, moved_by, quantities, volume_places
 from volid.compensation.reversal import NONE as NO_REVERSAL
 from volid.compensation.reversal import reversal_text
 from volid.compensation.tables.sampling import Sampling
 from volid.fitting.prediction.spread import covariance_root
 from volid.fitting.solution import Solution
-from volid.model.machine import Machine
 from volid.uncertainty.coverage import coverage_intervals
 
 if TYPE_CHECKING:
@@ -72,11 +71,11 @@ class Forecast:
     """What `forecast` predicts.
 
     Args:
-        columns: one for each list of types, after "none".
-        tools: tool vectors, shape (k, 3) [mm].
-        draws: number of draws of the parameters.
-        source: where the draws come from, in words.
-        notes: what else a user should know.
+        columns: Predictions without any compensation ("none"), followed by those of each list of types.
+        tools: The tool vectors that the predictions hold for, shape (k, 3) [mm].
+        draws: Number of draws of the parameters.
+        source: Where the draws come from, in words.
+        notes: What else a user should know.
 
     >>> import numpy as np
     >>> Forecast((), np.zeros((1, 3)), 400, "the covariance of the solution").draws
@@ -110,18 +109,21 @@ def forecast(
     """Predictions for each list of types, after "none", for each tool vector.
 
     Args:
-        solution: of `fit`.
-        lists: lists of types of ISO/TR 16907, such as [["L-VOL"], ["L-POS", "L-STR"]].
-        base: on what they are based, see `volid.compensation_base`.
-        tools: tool vectors, shape (k, 3) [mm], default the base tool.
-        places: where the deviation is evaluated, default 512 places over the travels.
-        tables, grids, points, form, rule, ranges: as in `compensate`.
-        control: options of `Control`: increment, clamped, poles, correct_motion.
-        tool_error: tool vector that the control uses minus the true one, (3,) [mm].
-        seed: of the draws.
+        solution: A solution, as `volid.fit` makes it.
+        lists: Lists of types of ISO/TR 16907, such as [["L-VOL"], ["L-POS", "L-STR"]].
+        base: What the types are based on, as `volid.compensation_base` makes it.
+        tools: Tool vectors for which the predictions are made, shape (k, 3) [mm]; the base tool by default.
+        places: Where the deviation is evaluated; 512 places over the travels by default.
+        tables, grids, points, form, rule, ranges: The same as in `compensate`.
+        control: Options of `Control`: increment, clamped, poles, correct_motion.
+        tool_error: Tool vector that the control uses minus the true one, (3,) [mm].
+        seed: Seed of the random numbers that the draws of the parameters come from.
 
-    Raises `InputError`, and `NotDeterminedError` when the data do not determine the deviation of the functional point over the
-    volume. Source: ISO/TR 16907 11.1.
+    Raises:
+        InputError: as `compensate` and `Control` raise it.
+        NotDeterminedError: the data do not determine the deviation of the functional point over the volume.
+
+    Source: ISO/TR 16907 11.1.
 
     >>> import volid
     >>> solution = volid.fit(volid.load_campaign("datasets/five_axis_rtest/campaign.toml"))
@@ -130,29 +132,27 @@ def forecast(
     >>> after.name, bool(after.predictions[0].value[0] < 0.5 * before.predictions[0].value[0])
     ('R-VOL', True)
     """
-    tools = base.tool[None] if tools is None else np.atleast_2d(tools)
+    request = CompensationRequest(base, tables, grids, points, form, rule, uncertainty=False, ranges=ranges)
     places = volume_places(solution.machine) if places is None else places
+    tools = base.tool[None] if tools is None else np.atleast_2d(tools)
     draws, source = parameter_draws(solution, seed)
     fields = [Field(solution, places, tool, base) for tool in tools]
-    columns = []
-    for names in ((), *lists):
-        made = compensate(
-            solution,
-            names,
-            base,
-            tables=tables,
-            grids=grids,
-            points=points,
-            form=form,
-            rule=rule,
-            uncertainty=False,
-            ranges=ranges,
-        )
-        predictions, motion, unintended = _column(
-            solution.machine, made, fields, draws, control or {}, np.asarray(tool_error)
-        )
-        columns.append(Column(" + ".join(names) or NONE, predictions, motion, unintended, made))
+    believed = _Believed(control or {}, np.asarray(tool_error))
+    columns = [
+        _column(names, compensation_of(solution, names, request), fields, draws, believed) for names in ((), *lists)
+    ]
     return Forecast(tuple(columns), tools, len(draws), source, _notes(solution, columns))
+
+
+class _Believed(NamedTuple):
+    """What a control works with: `options` of `Control`, and the tool vector that it uses minus the true one, (3,) [mm]."""
+
+    options: Mapping[str, Any]
+    tool_error: np.ndarray
+
+    def of(self, tool: np.ndarray) -> dict[str, Any]:
+        """Options of a control for a true tool vector: with the vector that it uses, where that is another one."""
+        return {**self.options, "tool": tuple(tool + self.tool_error)} if self.tool_error.any() else dict(self.options)
 
 
 def _notes(solution: Solution, columns: Sequence[Column]) -> tuple[str, ...]:
@@ -173,30 +173,20 @@ def parameter_draws(solution: Solution, seed: int = 0) -> tuple[np.ndarray, str]
 
 
 def _column(
-    machine: Machine,
-    made: Compensation,
-    fields: Sequence[Field],
-    draws: np.ndarray,
-    options: Mapping[str, Any],
-    tool_error: np.ndarray,
-) -> tuple[tuple[Prediction, ...], Motion, float]:
+    names: Sequence[str], made: Compensation, fields: Sequence[Field], draws: np.ndarray, believed: _Believed
+) -> Column:
     """Predictions for each tool vector, the motions asked for with the first one, and the largest unintended motion."""
+    machine, first = fields[0].machine, fields[0]
     found, unintended = [], 0.0
     for of_tool in fields:
-        q, acting = of_tool.places.positions, made.control(machine, **_believing(options, of_tool.tool, tool_error))
+        q, acting = of_tool.places.positions, made.control(machine, **believed.of(of_tool.tool))
         altered = acting.command(q, of_tool.tool, of_tool.places.directions)
         found.append(_prediction(of_tool, moved_by(machine, q, altered, of_tool.tool), draws))
         unintended = max(unintended, float(np.linalg.norm(acting.unintended_motion(q, of_tool.tool), axis=1).max()))
-    first = fields[0]
     # without the steps of the least increment, which have no speed
-    smooth = {k: v for k, v in _believing(options, first.tool, tool_error).items() if k != "increment"}
+    smooth = {k: v for k, v in believed.of(first.tool).items() if k != "increment"}
     motion = asked_motion(made.control(machine, **smooth), first.places.positions, first.tool)
-    return tuple(found), motion, unintended
-
-
-def _believing(options: Mapping[str, Any], tool: np.ndarray, tool_error: np.ndarray) -> dict[str, Any]:
-    """Options of a control with the tool vector that it believes in, where that is not the true one."""
-    return {**options, "tool": tuple(tool + tool_error)} if tool_error.any() else dict(options)
+    return Column(" + ".join(names) or NONE, tuple(found), motion, unintended, made)
 
 
 def _prediction(field: Field, moved: np.ndarray, draws: np.ndarray) -> Prediction:

@@ -52,7 +52,7 @@ def volumetric_summary(solution: Solution, tool: tuple[float, float, float]) -> 
     """Volumetric accuracy and largest deviation over the travel, at the positions of `volume_positions`.
 
     Args:
-        solution: of `fit`.
+        solution: A solution, as `volid.fit` makes it.
         tool: tool vector, (3,) [mm].
 
     Source: ISO 230-1:2012 3.8.
@@ -83,10 +83,10 @@ def predict_residual(
     included.
 
     Args:
-        solution: of `fit`.
-        grid: of the linear axes, over their entire travel.
-        seed: of the draws, the places and the approach directions.
-        rotary: grids of the rotary axes; without them a five-axis machine keeps the errors of its rotary axes.
+        solution: A solution, as `volid.fit` makes it.
+        grid: Grid of the linear axes, over their entire travel.
+        seed: Seed of the random numbers for the draws, the places and the approach directions.
+        rotary: Grids of the rotary axes; without them a five-axis machine keeps the errors of its rotary axes.
 
     Source: ISO/TR 16907 11.1.
 

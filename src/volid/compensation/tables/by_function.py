@@ -55,16 +55,19 @@ def error_tables(
     """Tables of every function that the `types` correct by tables, axis by axis.
 
     Args:
-        solution: of `fit`.
-        types: of ISO/TR 16907, out of `volid.COMPENSATION_TYPES`.
-        base: on what they are based, see `volid.compensation_base`.
-        sampling: of each table, default 21 points, or the knots of a polygon.
-        zero: by axis letter, where the values of its tables are to be zero (mean of both directions) instead of at the lines'
-            crossing [mm or °].
-        ranges: lowest and highest position by axis letter, default the travel [mm or °].
+        solution: A solution, as `volid.fit` makes it.
+        types: Types of ISO/TR 16907, values of `volid.COMPENSATION_TYPES`.
+        base: What the types are based on, as `volid.compensation_base` makes it.
+        sampling: How each table is sampled; by default at 21 points, or at the knots of a polygon.
+        zero: Position by axis letter where the values of its tables are zero (mean of both directions), instead of at the
+            crossing of the lines [mm or °].
+        ranges: Lowest and highest position by axis letter [mm or °]; the travel by default.
 
-    Raises `InputError` for a type without tables or a limit too small for the stated error; `NotDeterminedError` when the data
-    do not determine a function. Source: ISO/TR 16907 8.2, Table 1.
+    Raises:
+        InputError: a type has no tables, or a limit on the points is too small for the stated error.
+        NotDeterminedError: the data do not determine a function.
+
+    Source: ISO/TR 16907 8.2, Table 1.
 
     >>> import volid
     >>> solution = volid.fit(volid.load_campaign("datasets/five_axis_rtest/campaign.toml"))

@@ -25,16 +25,16 @@ class ErrorTable:
     Args:
         type: the compensation types whose effects it holds.
         function: ISO 230-1 symbol.
-        positions: rising, shape (n,) [mm or °].
+        positions: Rising positions of the axis, shape (n,) [mm or °].
         forward: ERROR values approached in +, shape (n,) [mm or rad].
-        reverse: approached in -.
-        u: standard uncertainties of both, shape (n, 2).
+        reverse: ERROR values approached in -, shape (n,) [mm or rad].
+        u: Standard uncertainties of `forward` and `reverse`, shape (n, 2) [mm or rad].
         outside: True where a position lies outside what was measured, shape (n,).
         applied: "kinematic model" or "the axis itself".
         interpolation: largest deviation of linear interpolation between the points [mm or rad].
-        basis: lines, tool vector or elevation, in words.
+        basis: The lines, the tool vector or the elevation that the table is based on, in words.
         zero: where values are zero, in words.
-        datum: in words.
+        datum: The datum in words.
         period: 360 for a full turn, else 0 [°].
         notes: what else a user should know.
 
@@ -81,8 +81,8 @@ class ErrorTable:
         Outside its positions a table keeps its end values.
 
         Args:
-            positions: of the axis, shape (m,) [mm or °].
-            direction: of approach, shape (m,): +1, -1, or 0 when unknown, for the mean of both.
+            positions: Positions of the axis, shape (m,) [mm or °].
+            direction: Direction of approach, shape (m,): +1, -1, or 0 when unknown, for the mean of both.
 
         Returns:
             Error values, shape (m,) [mm or rad].

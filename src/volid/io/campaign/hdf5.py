@@ -34,9 +34,9 @@ def write_campaign(campaign: Campaign, path: str | Path, *, overwrite: bool = Fa
     """Write a campaign, its machine included, to one HDF5 file.
 
     Args:
-        campaign: readings or a plan.
-        path: of the file, ending in .h5.
-        overwrite: replace an existing file.
+        campaign: A campaign with readings, or a plan.
+        path: Path of the file, ending in .h5.
+        overwrite: Whether an existing file is replaced.
 
     Raises:
         OutputError: `path` exists, or cannot be written; then nothing is written.

@@ -23,7 +23,7 @@ class CampaignStream:
     """A campaign in an HDF5 file that is read part by part, so that it need not fit into memory.
 
     Args:
-        path: of a file that `volid.save_campaign` or `volid import` has written.
+        path: Path of a file that `volid.save_campaign` or `volid import` has written.
 
     Attributes: `rows`, the number of rows in all sets, and `n_readings`, that of scalar readings.
 

@@ -52,10 +52,24 @@ def monte_carlo(
     With `digits`, stages of 10,000 trials follow one another until twice the standard deviation of the means over the stages of
     every headline output (estimate, u, end points of the 95 % interval) is below δ = 10^l/2, u having that many significant
     digits (JCGM 101 7.9.4); `samples.tolerance` says how far that was reached. Trials follow from `seed` and their number:
-    neither batches nor workers change them. `folder`: where finished batches are kept (default: a temporary folder, removed
-    with the samples); an interrupted run goes on with `resume`. `scheduler`: address of a Dask scheduler.
+    neither batches nor workers change them.
 
-    Raises `InputError` for a solution without redundancy, numbers below 1, or a folder that holds another run.
+    Args:
+        solution: A solution, as `volid.fit` makes it.
+        trials: Number of refits, at least 20; None: 10,000, or as many as `digits` need.
+        digits: Number of significant digits of u that the results have to reach; it excludes `trials`.
+        seed: Seed of the random numbers.
+        folder: Folder where finished batches are kept; None: a temporary folder that is removed with the samples.
+        resume: Whether an interrupted run in `folder` is continued.
+        scheduler: Address of a Dask scheduler that distributes the trials; None: they run in this process.
+        progress: Function that is called with messages about the progress.
+
+    Returns:
+        The same solution with `samples`.
+
+    Raises:
+        InputError: the solution has no redundancy or was fitted part by part, a number is out of range, or the folder contains
+            another run.
 
     >>> import volid
     >>> solution = volid.fit(volid.load_campaign("datasets/five_axis_rtest/campaign.toml"))

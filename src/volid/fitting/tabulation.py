@@ -1,0 +1,73 @@
+"""Error functions of a solution as tables of numbers, each with its standard uncertainty; `Solution` describes the functions."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from volid.backend.even_points import every_step
+from volid.fitting.prediction.spread import linear_uncertainty
+from volid.fitting.results import FunctionValue
+from volid.model.iso230 import describe, parse
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
+    from volid.fitting.solution import Solution
+
+
+def functions(solution: Solution, step: float | None, points: int) -> list[FunctionValue]:
+    """All functions: motions tabulated over the travels, and constants."""
+    rows = []
+    for name in solution.model.names:
+        if (name, "location") in solution.model.by_name:
+            rows.append(location(solution, name))
+        else:
+            rows += motion(solution, name, _positions(solution, name, step, points))
+    return rows
+
+
+def _positions(solution: Solution, name: str, step: float | None, points: int) -> np.ndarray:
+    """Where a function is tabulated: `step`, else the knots of a polygon (degree 1), else `points` per travel."""
+    axis = solution.machine.axis(parse(name).axis)
+    spline = solution.model.by_name[name, "mean"].splines[0]
+    if step is None:
+        return np.linspace(*axis.travel, spline.segments + 1 if spline.degree == 1 else points)
+    return every_step(*axis.travel, step)
+
+
+def location(solution: Solution, name: str) -> FunctionValue:
+    """A constant with its standard uncertainty; NaN when the data do not determine it."""
+    i = solution.model.by_name[name, "location"].parameters.start
+    fixed = name in solution.held_tool_rotation
+    unknown = bool(solution.is_not_determined(np.eye(solution.model.n_parameters)[i : i + 1])[0]) or fixed
+    value, u = float(np.asarray(solution.parameters)[i]), float(np.sqrt(np.asarray(solution.covariance)[i, i]))
+    value, u = (np.nan, np.nan) if unknown else (value, u)
+    return FunctionValue(name, parse(name).axis, np.nan, 0, value, u)
+
+
+def motion(solution: Solution, name: str, positions: Float[np.ndarray, " m"]) -> list[FunctionValue]:
+    """An error motion at positions of its axis, shape (m,) [mm or degrees], for each approach direction if it has reversal."""
+    axis = parse(name).axis
+    result = []
+    for direction in (1, -1) if (name, "reversal") in solution.model.by_name else (0,):
+        rows = solution.motion_rows(name, positions, direction)
+        values = rows @ np.asarray(solution.parameters)
+        u = linear_uncertainty(rows, solution.parameter_covariance)
+        unknown = solution.is_not_determined(rows)
+        for x, v, s, not_determined in zip(positions, values, u, unknown, strict=True):
+            v, s = (np.nan, np.nan) if not_determined else (float(v), float(s))
+            result.append(FunctionValue(name, axis, float(x), direction, v, s))
+    return result
+
+
+def summary_functions(solution: Solution) -> list[tuple[str, str, float, float]]:
+    """For every function: symbol, words, range over the travel and largest u [mm or rad]; NaN if not determined."""
+    result = []
+    for name in solution.model.names:
+        values = [r for r in solution.functions() if r.name == name]
+        numbers = np.array([v.value for v in values])
+        spread = float(np.ptp(numbers)) if len(values) > 1 else float(numbers[0])
+        result.append((name, describe(name), spread, float(max(v.u for v in values))))
+    return result
