@@ -46,7 +46,8 @@ def messages_of(grid: AnyGrid, args: argparse.Namespace, several: bool) -> list[
 
 def reversal_lines(solution: Solution, grids: tuple[AnyGrid, ...]) -> list[str]:
     """What the grids leave of the reversal, one line per side."""
-    from volid.compensation.reversal import NONE, reversal_text
+    from volid.compensation.grids.sides import part_letters
+    from volid.compensation.reversal import left_reversal, reversal_text
 
-    lines = dict.fromkeys(f"reversal, {g.side} grid: {reversal_text(solution, g)}" for g in grids)
-    return [line for line in lines if NONE not in line]
+    with_reversal = [g for g in grids if left_reversal(solution, part_letters(solution.machine, g.side))]
+    return list(dict.fromkeys(f"reversal, {g.side} grid: {reversal_text(solution, g)}" for g in with_reversal))
