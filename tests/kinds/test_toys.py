@@ -161,5 +161,15 @@ def test_monte_carlo_of_toys(toys):
     x = np.concatenate(list(solution.samples.batches()))[:, n + np.array(own)]
     expected = np.sqrt(np.diagonal(solution.covariance))[n + np.array(own)]
     np.testing.assert_allclose(x.std(axis=0), expected, rtol=0.1)  # 2000 trials: 1.6 %, four of that and more
+
+
+def test_the_trials_of_toys_predict_the_same_in_another_datum(toys):
+    from volid.uncertainty.trials.monte_carlo import monte_carlo
+
+    campaign, _ = simulate(plan(), exact_truth(machine_of(THREE)), seed=3, station_error=2.0)
+    solution = monte_carlo(fit(campaign), 20, seed=1)
     moved = solution.in_datum(DATUM)
-    assert moved.samples.trials == 2000
+    before, after = (next(s.samples.batches())[:5] for s in (solution, moved))
+    assert np.abs(after - before)[:, solution.model.n_parameters :].max() > 1e-4, "nothing to follow"
+    for one, other in zip(predictions(solution, before), predictions(moved, after), strict=True):
+        np.testing.assert_allclose(other, one, rtol=0, atol=1e-5)  # a slope of 1e-3, a shift of 5 µm
