@@ -72,14 +72,11 @@ def explain(model: ErrorModel, null: np.ndarray, campaign: Campaign, tool_fixed:
     groups = _groups(model, null)
     place = [g for g in groups if g.is_open and _is_place_of_workpiece(campaign, g)]
     wholly = [g for g in groups if g.is_open and g not in place]
-    partly = [g for g in groups if g.is_partly_open]
     count = null.shape[1] - sum(g.size for g in (*place, *wholly))
     reason = _reason(model, null, campaign)
     lines = [_place_line(place, campaign)] if place else []
     lines += [_open_line(wholly, reason)] if wholly else []
-    if partly and count:
-        among = ", ".join(g.text() for g in partly)
-        lines.append(f"{count} combination{'s' if count > 1 else ''} among {among}: {reason}.")
+    lines += _combination_lines(groups, count, reason)
     if tool_fixed and place and len(lines) == 1:
         lines.append(f"Constants of the tool frame, held at 0: {reason}.")
     return (*lines, *_determined_lines(groups))
@@ -96,6 +93,12 @@ def _place_line(place: list[_Group], campaign: Campaign) -> str:
 def _open_line(groups: list[_Group], reason: str) -> str:
     named = ", ".join(g.text(with_size=True) for g in groups)
     return f"{named}: {reason}. Measure what is missing, or set {groups[0].setting} and the like."
+
+
+def _combination_lines(groups: list[_Group], count: int, reason: str) -> list[str]:
+    """The `count` combinations of functions that are not determined, where there are any."""
+    among = ", ".join(g.text() for g in groups if g.is_partly_open)
+    return [f"{count} combination{'s' if count > 1 else ''} among {among}: {reason}."] if among and count else []
 
 
 def _determined_lines(groups: list[_Group]) -> list[str]:
