@@ -16,7 +16,7 @@ from volid.fitting.fit import fit
 
 # 13 positions of the tilting axis carry no more than 13 coefficients
 FINE_ENOUGH = "\n{} = {{ segments = 9 }}"
-U_POSITION, U_ORIENTATION = 0.0002, 1e-6  # mm, rad: what issue 3 asks for
+U_POSITION, U_ORIENTATION = 0.0002, 1e-6  # mm, rad: what a campaign of this plan has to reach
 
 
 def identified(layout, seed):
