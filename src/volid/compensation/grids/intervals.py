@@ -23,7 +23,7 @@ def with_intervals(solution: Solution, grid: AnyGrid, probability: float = PROBA
     known up to a rigid motion only.
     """
     if solution.samples is None:
-        raise InputError("coverage intervals need Monte Carlo samples; take a solution after `volid.monte_carlo`")
+        raise InputError("coverage intervals need Monte Carlo samples; run `volid.monte_carlo` first")
     if grid.type not in ENTIRE:
         raise InputError(
             f"coverage intervals are offered for {', '.join(ENTIRE)}, not for {grid.type}; u is in the grid"
