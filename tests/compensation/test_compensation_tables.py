@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.compensated import TOOL, machine_and_solution, only
+from support.grids import effect_grids
 
 from volid.compensation.base import base_of
-from volid.compensation.grids.builder import effect_grids
 from volid.compensation.grids.grid import Grid
 from volid.compensation.grids.nodes import grid_interpolation
 from volid.compensation.grids.request import GridRequest

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from volid.compensation.base import Base
 from volid.compensation.grids.evaluation import Evaluated, evaluate
 from volid.compensation.grids.grid import AnyGrid, Grid, RotaryGrid
 from volid.compensation.grids.interpolation import grid_positions, period_of
@@ -22,18 +21,9 @@ from volid.compensation.grids.notes import grid_notes, require_determined
 from volid.compensation.grids.places import Place, place_at
 from volid.compensation.grids.request import GridRequest
 from volid.compensation.grids.sides import LINEAR, axes_of, rotary_sides
-from volid.compensation.tables.sampling import Sampling
-from volid.compensation.types import CompensationType
 from volid.exceptions import InputError
 from volid.fitting.solution import Solution
 from volid.model.error_functions import describe_datum
-
-
-def effect_grids(
-    solution: Solution, t: CompensationType, base: Base, sampling: Sampling | None = None, **options: Any
-) -> tuple[AnyGrid, ...]:
-    """Grids of one type, see `build_grids`; `options`: the other fields of `GridRequest`."""
-    return build_grids(solution, GridRequest(t, base, Sampling() if sampling is None else sampling, **options))
 
 
 def build_grids(solution: Solution, request: GridRequest) -> tuple[AnyGrid, ...]:

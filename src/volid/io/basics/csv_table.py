@@ -125,7 +125,7 @@ def read_csv(path: str | Path) -> CsvTable:
     lines = read_text(Path(path)).split("\n")
     kept = [i for i, line in enumerate(lines) if line.strip() and not line.lstrip().startswith("#")]
     if not kept:
-        raise InputError(f"{path}: the file is empty; expected a header row and one row per reading")
+        raise InputError(f"{path}: the file is empty; expected a header row and rows below it")
     rows = list(csv.reader(lines[i] for i in kept))
     header = [name.strip() for name in rows[0]]
     if len(header) == 1 and ";" in header[0]:
@@ -135,7 +135,7 @@ def read_csv(path: str | Path) -> CsvTable:
             f"{path}, row {kept[0] + 1}: the cells are separated by {found}; expected commas between the cells and decimal points"
         )
     if len(rows) == 1:
-        raise InputError(f"{path}: there is a header but no row; expected one row per reading")
+        raise InputError(f"{path}: there is a header but no row below it")
     _check_header(header, f"{path}, row {kept[0] + 1}")
     if len(rows) != len(kept):
         raise InputError(f"{path}: a cell in quotes runs over several lines; expected one line per row")
