@@ -18,9 +18,11 @@ FORMAT = "volid-machine/1"
 LINES = ("least_squares", "end_point")
 AXIS_FRAMES = ("machine", "axis")
 _LINEAR_KEYS = ("travel", "reference", "error_point")
+_WAVE_KEYS = ("pitch",)  # of linear axes
 _ROTARY_KEYS = (*_LINEAR_KEYS, "point", "direction", "axis_frame")
 _FUNCTION_KEYS = ("segments", "degree", "reversal", "over")
 _LARGEST_DEGREE = 5
+PITCHES = 0.1  # of the travel: longer waves are what the functions themselves are for
 _ORIGIN = (0.0, 0.0, 0.0)
 _PARALLEL = 1e-3  # sine of the angle between two directions
 
@@ -99,7 +101,9 @@ def _axis(table: Table, letter: str, primed: bool) -> Axis:
         for key in set(_ROTARY_KEYS) - set(_LINEAR_KEYS):
             if key in table.data:
                 raise InputError(f"{table.where}: {key} is for rotary axes; {letter} is linear, so remove it")
-    table.only(_LINEAR_KEYS if linear else _ROTARY_KEYS)
+    if not linear and "pitch" in table.data:
+        raise InputError(f"{table.where}: pitch is for linear axes; {letter} is rotary, so remove it")
+    table.only((*_LINEAR_KEYS, *_WAVE_KEYS) if linear else _ROTARY_KEYS)
     travel = table.vector("travel", 2)
     if travel[0] >= travel[1]:
         raise table.wrong("travel", "two increasing end positions, [lower, upper]")
@@ -113,7 +117,16 @@ def _axis(table: Table, letter: str, primed: bool) -> Axis:
         point=point,
         direction=_direction(table, letter),
         axis_frame=table.text("axis_frame", "machine", choices=AXIS_FRAMES) == "axis",
+        pitch=_pitch(table, travel),
     )
+
+
+def _pitch(table: Table, travel: tuple[float, float]) -> float:
+    """Period of short waves [mm]; 0 for none."""
+    pitch = table.number("pitch", 0.0)
+    if "pitch" in table.data and not 0.0 < pitch <= PITCHES * (travel[1] - travel[0]):
+        raise table.wrong("pitch", f"a length in mm of at most {PITCHES:g} of the travel, such as 10.0")
+    return pitch
 
 
 def _reference(table: Table, travel: tuple[float, float], linear: bool) -> float:
@@ -251,6 +264,7 @@ def format_machine(machine: Machine) -> str:
     lines = format_lines({"format": FORMAT, "name": machine.name, "structure": machine.structure})
     for axis in machine.axes:
         values = {key: getattr(axis, key) for key in _LINEAR_KEYS}
+        values |= {"pitch": axis.pitch} if axis.pitch else {}
         if not axis.is_linear:
             values |= {"point": axis.point, "direction": axis.unit_vector}
             values |= {"axis_frame": AXIS_FRAMES[axis.axis_frame]}

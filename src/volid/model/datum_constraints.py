@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from volid.model.error_functions import reference_of, settings_for, spline_axes
@@ -10,9 +12,17 @@ from volid.model.iso230 import parse
 from volid.model.machine import Datum, Machine
 from volid.model.splines import Spline, end_slope_row, harmonic_rows, mean_row, refinement, slope_row, value_row
 
+Reach = Mapping[str, tuple[float, float]]
+"""Lowest and highest position by axis letter that splines hold, where that is more than the travel."""
 
-def make_splines(machine: Machine, name: str, segments: tuple[int, ...]) -> tuple[Spline, ...]:
-    """Splines of an error motion with the given number of intervals per axis; period 360° on full-turn rotary axes."""
+
+def make_splines(
+    machine: Machine, name: str, segments: tuple[int, ...], reach: Reach | None = None
+) -> tuple[Spline, ...]:
+    """Splines of an error motion with the given number of intervals per axis; period 360° on full-turn rotary axes.
+
+    `reach`: with as many intervals of the same width more as that takes, so that the travel ends at knots.
+    """
     degree = settings_for(machine, name).degree or 3
     splines = []
     for letter, n in zip(spline_axes(machine, name), segments, strict=True):
@@ -20,8 +30,22 @@ def make_splines(machine: Machine, name: str, segments: tuple[int, ...]) -> tupl
         low, high = axis.travel
         if axis.is_full_turn:
             low, high, n = -180.0, 180.0, max(n, degree + 1)
+        elif letter in (reach or {}):
+            low, high, n = _widened(low, high, n, *(reach or {})[letter])
         splines.append(Spline(machine.index(letter), low, high, n, degree, axis.is_full_turn))
     return tuple(splines)
+
+
+def _widened(low: float, high: float, n: int, start: float, end: float) -> tuple[float, float, int]:
+    """A range of n intervals with as many more on either side as reach `start` and `end`."""
+    width = (high - low) / n
+    before, after = (max(0, int(np.ceil(d / width - 1e-9))) for d in (low - start, end - high))
+    return low - before * width, high + after * width, n + before + after
+
+
+def range_of(machine: Machine, spline: Spline) -> tuple[float, float]:
+    """The range that the datum refers to: the travel of the spline's axis, or its period."""
+    return (spline.low, spline.high) if spline.periodic else machine.axes[spline.axis].travel
 
 
 def linear_constraints(machine: Machine, datum: Datum, name: str, splines: tuple[Spline, ...]) -> np.ndarray:
@@ -29,7 +53,7 @@ def linear_constraints(machine: Machine, datum: Datum, name: str, splines: tuple
     error = parse(name)
     spline = splines[0]
     at_reference = value_row(spline, reference_of(machine, datum, error.axis))
-    slope = slope_row(spline) if datum.line == "least_squares" else end_slope_row(spline)
+    slope = (slope_row if datum.line == "least_squares" else end_slope_row)(spline, *range_of(machine, spline))
     across, every = _across(machine, datum, splines)
     rows = [np.kron(at_reference, row) for row in every]
     if not error.is_rotation and error.direction != error.axis:
@@ -59,7 +83,8 @@ def rotary_constraints(
     across = across_pair(along)
     components = [parse(n).component % 3 for n in group]
     zero = reference_of(machine, datum, axis.letter)
-    means = [mean_row(f[0]) for f in splines]
+    spans = [range_of(machine, f[0]) for f in splines]
+    means = [mean_row(f[0], *span) for f, span in zip(splines, spans, strict=True)]
     at_zero = [value_row(f[0], zero) for f in splines] if parse(group[0]).is_rotation else means
 
     rows = []
@@ -68,7 +93,8 @@ def rotary_constraints(
         rows += [_row(v, components, means, others) for v in across]
     if len(group) > 1:
         lines = [_across(machine, datum, f)[0] for f in splines]
-        cosine, sine = [harmonic_rows(f[0])[1] for f in splines], [harmonic_rows(f[0])[2] for f in splines]
+        harmonics = [harmonic_rows(f[0], *span) for f, span in zip(splines, spans, strict=True)]
+        cosine, sine = [h[1] for h in harmonics], [h[2] for h in harmonics]
         sense = -1.0 if axis.primed else 1.0
         for v in across:
             turned = sense * np.cross(along, v)

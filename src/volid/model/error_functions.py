@@ -52,8 +52,9 @@ def settings_for(machine: Machine, name: str) -> FunctionSettings:
 
 
 def reference_of(machine: Machine, datum: Datum, letter: str) -> float:
-    """Position of `letter` where its functions are zero."""
-    return dict(datum.reference).get(letter, machine.axis(letter).reference)
+    """Position of `letter` where its functions are zero; one outside the travel stands for the nearest end."""
+    axis = machine.axis(letter)
+    return float(np.clip(dict(datum.reference).get(letter, axis.reference), *axis.travel))
 
 
 def describe_datum(machine: Machine, datum: Datum) -> str:

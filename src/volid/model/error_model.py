@@ -16,10 +16,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.linalg import block_diag, null_space
 
-from volid.model.datum_constraints import linear_constraints, make_splines, refine_all, rotary_constraints
+from volid.model.datum_constraints import (
+    Reach,
+    linear_constraints,
+    make_splines,
+    range_of,
+    refine_all,
+    rotary_constraints,
+)
 from volid.model.error_functions import (
     location_names,
     motion_groups,
+    motion_names,
     reference_of,
     settings_for,
     spindle_names,
@@ -28,10 +36,12 @@ from volid.model.error_functions import (
 )
 from volid.model.iso230 import SPINDLE, parse
 from volid.model.machine import Datum, Machine
-from volid.model.splines import Basis, Spline
+from volid.model.splines import Basis, Spline, mean_row, segments_within
 
 ROWS = 6
-MEAN, REVERSAL, LOCATION = "mean", "reversal", "location"
+BEYOND = 0.01  # of the travel, to which the end polynomials go on
+MEAN, REVERSAL, LOCATION, WAVES = "mean", "reversal", "location", "waves"
+WAVE_SEGMENTS, WAVE_DEGREE = 8, 3  # of one period: three harmonics and more
 
 
 class Term(NamedTuple):
@@ -78,7 +88,7 @@ class Layout:
 class Function:
     """One error motion or location error of a model, with where its numbers stand.
 
-    `splines`: of the chosen resolution; empty for a constant. `coefficients`: columns in c; `parameters`: in θ, shared by
+    `splines`: empty for a constant. `coefficients`: columns in c; `parameters`: in θ, shared by
     the members of a group whose datum constraints are coupled.
     """
 
@@ -109,8 +119,14 @@ class ErrorModel:
         return self.parametrisation.shape[1]
 
     @cached_property
+    def projection(self) -> np.ndarray:
+        """(PᵀP)⁻¹Pᵀ, (n_parameters, n_coefficients): θ of coefficients c = P θ."""
+        p = self.parametrisation
+        return np.asarray(np.linalg.solve(p.T @ p, p.T)) if p.shape[1] else np.zeros(p.T.shape)
+
+    @cached_property
     def by_name(self) -> dict[tuple[str, str], Function]:
-        """Functions by (ISO 230-1 symbol, part), part one of "mean", "reversal", "location"."""
+        """Functions by (ISO 230-1 symbol, part), part one of "mean", "reversal", "waves", "location"."""
         return {(f.name, f.part): f for f in self.functions}
 
     @property
@@ -125,13 +141,25 @@ class ErrorModel:
 
     @property
     def segments(self) -> dict[str, tuple[int, ...]]:
-        """Number of spline intervals of every error motion."""
-        return {f.name: tuple(s.segments for s in f.splines) for f in self.functions if f.part == MEAN}
+        """Number of spline intervals of every error motion within the travels."""
+        return {f.name: self._within(f.splines) for f in self.functions if f.part == MEAN}
 
     @property
     def carrier(self) -> dict[str, tuple[int, ...]]:
-        """Number of spline intervals in which the coefficients of every error motion are stored."""
-        return {t.name: tuple(s.segments for s in t.basis.factors) for t in self.layout.terms if t.part == MEAN}
+        """Number of spline intervals within the travels in which the coefficients of every error motion are stored."""
+        return {t.name: self._within(t.basis.factors) for t in self.layout.terms if t.part == MEAN}
+
+    def _within(self, splines: tuple[Spline, ...]) -> tuple[int, ...]:
+        return tuple(segments_within(s, *range_of(self.machine, s)) for s in splines)
+
+    def holds(self, positions: np.ndarray) -> np.ndarray:
+        """Whether the splines reach positions (m, n_axes), to 1 % of the travel, shape (m,)."""
+        inside = np.ones(len(positions), dtype=bool)
+        for spline in {s for f in self.functions for s in f.splines if not s.periodic}:
+            slack = BEYOND * self.machine.axes[spline.axis].length
+            column = positions[:, spline.axis]
+            inside &= (column >= spline.low - slack) & (column <= spline.high + slack)
+        return inside
 
     def __repr__(self) -> str:
         return f"ErrorModel({self.machine.name!r}, {len(self.names)} functions, {self.n_parameters} parameters)"
@@ -140,7 +168,7 @@ class ErrorModel:
         """A name for each free parameter: "EXX[3]", "EXX reversal[0]", "EC0Y"."""
         labels: list[str] = []
         for names, part, parameters in self.groups:
-            name = "+".join(names) + (" reversal" if part == REVERSAL else "")
+            name = "+".join(names) + (f" {part}" if part in (REVERSAL, WAVES) else "")
             size = parameters.stop - parameters.start
             labels += [name] if part == LOCATION else [f"{name}[{i}]" for i in range(size)]
         return labels
@@ -206,11 +234,12 @@ def motion_blocks(
     group: tuple[str, ...],
     chosen: Mapping[str, tuple[int, ...]],
     carrier: Mapping[str, tuple[int, ...]],
+    reach: Reach | None = None,
 ) -> list[MotionBlock]:
     """Mean and, if modelled, reversal parts of a group of error motions, `chosen` segments stored in `carrier` ones."""
     axis = machine.index(parse(group[0]).axis)
-    coarse = [make_splines(machine, n, chosen[n]) for n in group]
-    fine = [make_splines(machine, n, carrier[n]) for n in group]
+    coarse = [make_splines(machine, n, chosen[n], reach) for n in group]
+    fine = [make_splines(machine, n, carrier[n], reach) for n in group]
     refine = block_diag(*(refine_all(c, f) for c, f in zip(coarse, fine, strict=True)))
     if machine.axes[axis].is_linear:
         constraints = linear_constraints(machine, datum, group[0], coarse[0])
@@ -228,14 +257,28 @@ def motion_blocks(
     return blocks
 
 
+def _wave_blocks(machine: Machine) -> list[MotionBlock]:
+    """Short waves in the translations of the linear axes that have a pitch: periodic, with zero mean."""
+    blocks = []
+    for i, axis in enumerate(machine.axes):
+        names = [n for n in motion_names(machine) if n[2] == axis.letter and not parse(n).is_rotation]
+        spline = Spline(i, 0.0, axis.pitch, WAVE_SEGMENTS, WAVE_DEGREE, True)
+        for name in names if axis.pitch else []:
+            zero_mean = mean_row(spline, 0.0, axis.pitch)[None]
+            free = _null_space(zero_mean.tobytes(), zero_mean.shape)
+            blocks.append(MotionBlock((name,), WAVES, (Basis((spline,)),), free, ((spline,),)))
+    return blocks
+
+
 def build_model(
     machine: Machine,
     segments: Mapping[str, tuple[int, ...]],
     *,
     carrier: Mapping[str, tuple[int, ...]] | None = None,
     datum: Datum | None = None,
+    reach: Reach | None = None,
 ) -> ErrorModel:
-    """Error model of a machine with stated spline resolution.
+    """Error model of a machine with stated spline resolution over the travels, or beyond them up to `reach`.
 
     `segments`: intervals of every error motion, one number per axis it depends on. `carrier`: a multiple of `segments` in
     which the coefficients are stored (default: `segments`); models with one carrier share one compiled program.
@@ -244,8 +287,10 @@ def build_model(
     datum = machine.datum if datum is None else datum
     builder = _Builder(machine)
     for group in motion_groups(machine):
-        for block in motion_blocks(machine, datum, group, segments, segments if carrier is None else carrier):
+        for block in motion_blocks(machine, datum, group, segments, segments if carrier is None else carrier, reach):
             builder.add(block)
+    for block in _wave_blocks(machine):
+        builder.add(block)
     for name in squareness_names(machine, datum):
         if settings_for(machine, name).use:
             target, sign = squareness_effect(name)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -32,7 +32,8 @@ class Axis:
     about; by default the machine origin, for a rotary axis `point`.
     `point`: shape (3,) [mm], on the nominal axis line of a rotary axis. `direction`: shape (3,), unit vector, (0, 0, 0)
     for the letter's own. `axis_frame`: True when the six error components of a rotary axis refer to a frame turned so that
-    the letter's own direction lies along `direction`, False for the machine frame.
+    the letter's own direction lies along `direction`, False for the machine frame. `pitch`: period of short waves in the
+    translations of a linear axis, such as the pitch of its screw [mm]; 0 for none.
     """
 
     letter: str = field(metadata=STATIC)
@@ -43,6 +44,7 @@ class Axis:
     point: tuple[float, float, float] = field(metadata=STATIC, default=(0.0, 0.0, 0.0))
     direction: tuple[float, float, float] = field(metadata=STATIC, default=(0.0, 0.0, 0.0))
     axis_frame: bool = field(metadata=STATIC, default=False)
+    pitch: float = field(metadata=STATIC, default=0.0)
 
     def __post_init__(self) -> None:
         if self.error_point is None:
@@ -121,9 +123,9 @@ class Datum:
 class FunctionSettings:
     """How one error function is modelled; None means the model's default.
 
-    `use`: True (a function of position), "constant" or False (left out). `segments`: spline intervals, "auto" (chosen by
-    held-out prediction) or one number per axis of `over`. `reversal`: False, "constant" or True (function of position).
-    `over`: (own axis, second axis) for a cross effect.
+    `use`: True (a function of position), "constant" or False (left out). `segments`: spline intervals, "auto" (many, with a
+    smoothness that the readings decide) or one number per axis of `over`. `reversal`: False, "constant" or True (function of
+    position). `over`: (own axis, second axis) for a cross effect.
     """
 
     use: bool | str = True
@@ -206,6 +208,26 @@ class Machine:
             return sum(axis.primed for axis in self.axes)
         i = self.index(body)
         return i if self.axes[i].primed else i + 1
+
+    def over(self, ranges: Mapping[str, tuple[float, float]]) -> Machine:
+        """The machine with the travels of some axes cut to, or widened to, stated ranges: where its error functions live.
+
+        Args:
+            ranges: Lowest and highest position by axis letter [mm or degrees]; other axes keep their travel. A reference outside
+                its range moves to the nearest end (CONVENTIONS 4).
+
+        >>> import volid
+        >>> machine = volid.load_machine("models/wYXbZt_vertical.toml").over({"X": (600.0, 900.0)})
+        >>> machine.axis("X").travel, machine.axis("X").reference
+        ((600.0, 900.0), 600.0)
+        """
+        axes = tuple(
+            replace(a, travel=ranges[a.letter], reference=float(np.clip(a.reference, *ranges[a.letter])))
+            if a.letter in ranges
+            else a
+            for a in self.axes
+        )
+        return replace(self, axes=axes)
 
     def order(self, **positions: Float[np.ndarray, ...] | float) -> Float[np.ndarray, "... axes"]:
         """Positions in the machine's axis order, shape (..., n_axes) [mm or degrees].

@@ -134,39 +134,46 @@ def quadrature(low: float, high: float, segments: int, order: int) -> tuple[np.n
     return (0.5 * (edges[:-1] + edges[1:])[:, None] + half * nodes).ravel(), np.tile(half * weights, segments)
 
 
+def segments_within(spline: Spline, low: float, high: float) -> int:
+    """Number of the spline's segments within [low, high], whose ends are knots."""
+    return round(spline.segments * (high - low) / (spline.high - spline.low))
+
+
 @lru_cache(maxsize=512)
-def slope_row(spline: Spline) -> np.ndarray:
-    """Row of the functional f -> least-squares slope over [low, high], shape (size,).
+def slope_row(spline: Spline, low: float, high: float) -> np.ndarray:
+    """Row of the functional f -> least-squares slope over [low, high], whose ends are knots, shape (size,).
 
     slope = ∫ (x - mid) f dx / ∫ (x - mid)² dx, uniform weight, by Gauss-Legendre quadrature that is exact for the spline.
     """
-    x, w = quadrature(spline.low, spline.high, spline.segments, spline.degree // 2 + 2)
-    arm = x - 0.5 * (spline.low + spline.high)
+    x, w = quadrature(low, high, segments_within(spline, low, high), spline.degree // 2 + 2)
+    arm = x - 0.5 * (low + high)
     return (w * arm) @ design_matrix(spline, x) / np.sum(w * arm**2)
 
 
-def mean_row(spline: Spline) -> np.ndarray:
-    """Row of the functional f -> mean over [low, high], shape (size,). Exact quadrature."""
-    return harmonic_rows(spline)[0]
+def mean_row(spline: Spline, low: float, high: float) -> np.ndarray:
+    """Row of the functional f -> mean over [low, high], whose ends are knots, shape (size,). Exact quadrature."""
+    return harmonic_rows(spline, low, high)[0]
 
 
 @lru_cache(maxsize=512)
-def harmonic_rows(spline: Spline) -> np.ndarray:
+def harmonic_rows(spline: Spline, low: float, high: float) -> np.ndarray:
     """Rows of f -> mean of f, of f cos x and of f sin x over [low, high] with x in degrees, shape (3, size).
 
-    Gauss-Legendre quadrature: exact for the mean, better than 1e-12 of the largest value for the others.
+    Gauss-Legendre quadrature, [low, high] ending at knots: exact for the mean, better than 1e-12 of the largest value for the
+    others.
     """
-    segments = spline.segments * max(1, int(np.ceil((spline.high - spline.low) / spline.segments / 15.0)))
-    x, w = quadrature(spline.low, spline.high, segments, spline.degree // 2 + 6)
+    within = segments_within(spline, low, high)
+    segments = within * max(1, int(np.ceil((high - low) / within / 15.0)))
+    x, w = quadrature(low, high, segments, spline.degree // 2 + 6)
     values = design_matrix(spline, x)
     angle = np.deg2rad(x)
     return np.stack([(w * f) @ values for f in (np.ones_like(x), np.cos(angle), np.sin(angle))]) / np.sum(w)
 
 
 @lru_cache(maxsize=512)
-def end_slope_row(spline: Spline) -> np.ndarray:
-    """Row of the functional f -> slope of the line through both end points, shape (size,)."""
-    return (value_row(spline, spline.high) - value_row(spline, spline.low)) / (spline.high - spline.low)
+def end_slope_row(spline: Spline, low: float, high: float) -> np.ndarray:
+    """Row of the functional f -> slope of the line through the points at both ends of [low, high], shape (size,)."""
+    return (value_row(spline, high) - value_row(spline, low)) / (high - low)
 
 
 @lru_cache(maxsize=512)
