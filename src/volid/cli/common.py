@@ -176,6 +176,7 @@ def attention(solution: Solution, named: bool = False) -> list[str]:
         )
     if not solution.statistics.converged:
         messages.append("the fit has not converged: do not use its numbers")
+    messages += solution.unseen
     if not named and not solution.fully_determined:
         directions = solution.null_space.shape[1]
         messages.append(

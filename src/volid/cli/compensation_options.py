@@ -127,7 +127,7 @@ def sampling_of(args: argparse.Namespace, spacing: str = "equal") -> Sampling:
 def prepared(
     solution: Solution, args: argparse.Namespace, tools: Sequence[Sequence[float]]
 ) -> tuple[Solution, list[str]]:
-    """The solution in the datum asked for, and rigid when asked for; notes about what that does."""
+    """The solution in the datum asked for, rigid, and beyond what was measured when asked for; notes about what that does."""
     notes: list[str] = []
     if args.datum:
         from volid.fitting.datum import parse_datum
@@ -144,7 +144,7 @@ def prepared(
             f"best rigid functions: RMS {1e3 * left.rms_before:.2f} µm before, {1e3 * left.rms:.2f} µm after, largest "
             f"{1e3 * left.maximum:.2f} µm, if the control knew them exactly"
         )
-    return solution, notes
+    return (solution.extrapolated() if args.extrapolate else solution), notes
 
 
 def base_from(solution: Solution, args: argparse.Namespace, tool: Sequence[float]) -> Base:

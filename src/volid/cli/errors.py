@@ -21,13 +21,14 @@ POINTS.csv has the machine's axis letters (mm or degrees), tool_x,tool_y,tool_z 
 X_dir, … (approach direction, +1, -1 or 0). The result repeats it and adds ex,ey,ez (mm), ea,eb,ec
 (rad), actual - nominal in the machine frame, their standard uncertainties u_…, and outside = 1
 where a position lies outside what was measured. A cell is empty where the data do not determine
-the value. From a solution with Monte Carlo samples (volid uncertainty): also U_… = 2 u and the 95 %
+the value, and outside the measured range, where --extrapolate gives values with the u that the
+smoothness of the functions leaves. From a solution with Monte Carlo samples (volid uncertainty): also U_… = 2 u and the 95 %
 coverage intervals low_… to high_… (symmetric in probability) and shortest_low_… to shortest_high_….
 
 example:
   volid errors solution.h5 --at points.csv -o deviations.csv
 
-exit status: 0 good; 1 written, but values are not determined or extrapolated, or the model is
+exit status: 0 good; 1 written, but values are not determined or outside, or the model is
 rejected; 2 bad input
 """
 
@@ -37,6 +38,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     explain(parser, _EPILOG)
     add_solution(parser)
     parser.add_argument("--at", metavar="POINTS.csv", required=True, help="where: axis positions and tool vectors")
+    parser.add_argument(
+        "--extrapolate", action="store_true", help="values outside the measured range, as smooth as the functions are"
+    )
     add_output(parser, "OUT.csv", "table of deviations; default: standard output")
 
 
@@ -51,6 +55,8 @@ def run(args: argparse.Namespace) -> int:
         solution = read_solution(args.solution)
         points = read_points(args.at, solution.machine)
         progress(f"evaluating {len(points.positions)} points")
+        if args.extrapolate:
+            solution = solution.extrapolated()
         found = solution.evaluate(points.positions, points.tool, points.directions)
         intervals = _intervals(solution, points, found, progress)
     write_sheet(deviations_sheet(points, found, solution, args.solution, intervals), args)
@@ -77,5 +83,5 @@ def _messages(solution: Solution, found: Deviations) -> list[str]:
         reason = " ".join(solution.statements)
         messages.append(f"{unknown} of {n} points have components that the data do not determine, left blank. {reason}")
     if outside:
-        messages.append(f"{outside} of {n} points lie outside the measured positions: extrapolated (outside = 1)")
+        messages.append(f"{outside} of {n} points lie outside the measured positions (outside = 1)")
     return messages

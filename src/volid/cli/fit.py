@@ -33,8 +33,12 @@ in the summary that is printed.
 example:
   volid fit campaign.toml ballbar.h5 --robust --datum primary=Z,secondary=X -o solution.h5
 
+Functions refer to the measured range of their axes. How smooth they are follows from the readings,
+where the machine file states no segments; what lies between the positions is part of every u.
+
 exit status: 0 good; 1 written, but the model is rejected by the data, not everything is
-determined, or the iteration has not converged; 2 bad input
+determined, an axis was measured at positions too far apart for its functions, or the iteration has
+not converged; 2 bad input
 """
 
 
@@ -63,7 +67,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--stream",
         action="store_true",
-        help="read one HDF5 campaign part by part, for more readings than fit into memory; stations, resolution and rank are "
+        help="read one HDF5 campaign part by part, for more readings than fit into memory; stations, smoothness and rank are "
         "decided on a sample",
     )
     add_output(parser, "SOLUTION.h5", "solution, with its campaign and machine", required=True)

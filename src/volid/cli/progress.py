@@ -12,7 +12,7 @@ PATIENCE = 1.0  # s
 
 
 class Progress:
-    """Reports the current stage, `volid: choosing the spline resolution`; silent while everything is quick.
+    """Reports the current stage, `volid: locating stations`; silent while everything is quick.
 
     >>> with Progress() as progress:
     ...     progress("reading")

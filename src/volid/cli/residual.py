@@ -118,7 +118,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _messages(solution: Solution) -> list[str]:
     """Which axes were not measured over their entire travel."""
-    measured = zip(solution.machine.axes, solution.measured_range(), strict=True)
+    measured = zip(solution.campaign.machine.axes, solution.measured_range(), strict=True)
     outside = [
         axis.letter
         for axis, (low, high) in measured
@@ -126,7 +126,7 @@ def _messages(solution: Solution) -> list[str]:
     ]
     if not outside:
         return []
-    return [f"the travel of {', '.join(outside)} was not measured to its ends; the prediction extrapolates there"]
+    return [f"the travel of {', '.join(outside)} was not measured to its ends; the prediction is for the measured part"]
 
 
 def _forecast(solution: Solution, args: argparse.Namespace) -> tuple[Forecast, list[str]]:

@@ -66,7 +66,7 @@ def base_of(
     machine, origin = solution.machine, dict(solution.datum.reference)
     full = np.array([origin.get(a.letter, a.reference) if a.is_linear else 0.0 for a in machine.axes])
     for letter, value in (at or {}).items():
-        low, high = machine.axis(letter).travel
+        low, high = solution.campaign.machine.axis(letter).travel
         if not low <= value <= high:
             raise InputError(f"`at={letter}={value:g}` lies outside the travel; expected {low:g} … {high:g}")
         full[machine.index(letter)] = value

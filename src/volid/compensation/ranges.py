@@ -19,6 +19,7 @@ from volid.fitting.solution import Solution
 from volid.model.iso230 import LINEAR_AXES, SPINDLE
 from volid.model.machine import Axis
 
+CONSENT = "Measure there, or write extrapolated values, flagged outside = 1, with `extrapolate`"
 Ranges = Mapping[str, tuple[float, float]]
 
 
@@ -30,17 +31,22 @@ def chosen_ranges(
     A range in `asked` is taken as it is. Otherwise the range is the part of the travel that was measured, or all of it with
     `extrapolate`. An end of travel that was measured to within 1 % of the travel is kept, as in `Solution.outside`, and full
     turns stay closed. An axis measured at one position has no measured part; it keeps its travel, and `refuse_extrapolation`
-    names it. Raises `InputError` for a range that does not rise or that leaves the travel.
+    names it. Raises `InputError` for a range that does not rise, that leaves the travel, or, without `extrapolate`, the
+    measured part.
     """
-    found = {a.letter: a.travel if extrapolate else measured_part(solution, a) for a in solution.machine.axes}
+    axes = solution.campaign.machine.axes
+    found = {a.letter: a.travel if extrapolate else measured_part(solution, a) for a in axes}
     for letter, (low, high) in (asked or {}).items():
-        axis = solution.machine.axis(letter)
+        axis = solution.campaign.machine.axis(letter)
         if not axis.travel[0] <= low < high <= axis.travel[1]:
             raise InputError(
                 f"`ranges={letter}={low:g}:{high:g}`; expected a range that rises within the travel "
                 f"{axis.travel[0]:g} … {axis.travel[1]:g} {axis.unit}"
             )
         found[letter] = (low, high)
+        beyond = "" if extrapolate else _beyond(solution, letter, (low, high))
+        if beyond:
+            raise InputError(f"{beyond}. {CONSENT}")
     return found
 
 
@@ -48,7 +54,7 @@ def measured_part(solution: Solution, axis: Axis) -> tuple[float, float]:
     """The part of the travel that was measured [mm or °]; see `chosen_ranges`."""
     slack = 0.01 * axis.length
     low, high = (float(v) for v in solution.measured_range()[solution.machine.index(axis.letter)])
-    if axis.is_full_turn or high - low <= slack:
+    if solution.machine.axis(axis.letter).is_full_turn or high - low <= slack:
         return axis.travel
     start, end = axis.travel
     return (start if low <= start + slack else low, end if high >= end - slack else high)
@@ -57,7 +63,7 @@ def measured_part(solution: Solution, axis: Axis) -> tuple[float, float]:
 def cut_notes(solution: Solution, ranges: Ranges, letters: Iterable[str]) -> list[str]:
     """One sentence for each of the axes whose range is not its travel, in the order X … C."""
     notes = []
-    for axis in (solution.machine.axis(a) for a in sorted(set(letters) - {SPINDLE}, key="XYZABC".index)):
+    for axis in (solution.campaign.machine.axis(a) for a in sorted(set(letters) - {SPINDLE}, key="XYZABC".index)):
         low, high = ranges[axis.letter]
         if (low, high) != axis.travel:
             notes.append(
@@ -81,14 +87,11 @@ def refuse_extrapolation(solution: Solution, made: Iterable[ErrorTable | AnyGrid
             wrong += [_crossing(solution, a.letter, base) for a in solution.machine.linear]
         reasons = "; ".join(text for text in wrong if text)
         if reasons or one.outside.any():
-            raise InputError(
-                f"{name}: {reasons or 'positions lie outside what was measured'}. Measure there, or write extrapolated values, "
-                "flagged outside = 1, with `extrapolate`"
-            )
+            raise InputError(f"{name}: {reasons or 'positions lie outside what was measured'}. {CONSENT}")
 
 
 def _beyond(solution: Solution, letter: str, wanted: tuple[float, float]) -> str:
-    axis, (low, high) = solution.machine.axis(letter), wanted
+    axis, (low, high) = solution.campaign.machine.axis(letter), wanted
     if not _outside(solution, letter, np.array([low, high])).any():
         return ""
     index = solution.machine.index(letter)

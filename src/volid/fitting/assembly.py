@@ -12,19 +12,18 @@ from volid.backend.rms import rms
 from volid.campaign import Campaign
 from volid.fitting.change_of_datum import held_constants
 from volid.fitting.diagnosis.adequacy import Adequacy, SuspectReading, assess, suspect
-from volid.fitting.diagnosis.resolution import Resolution
 from volid.fitting.equations.problem import Problem
 from volid.fitting.equations.solver import Optimum
-from volid.fitting.fitter import Fitter
 from volid.fitting.results import Residuals, Statistics, read_only
+from volid.fitting.smooth_fit import SmoothFit
 from volid.fitting.solution import Solution
 
 
 class Assembly:
     """A fitter at its optimum, and what a solution takes from it. `outliers`: (m, k) bool per set, not used in the fit."""
 
-    def __init__(self, fitter: Fitter, resolution: Resolution, outliers: list[np.ndarray]) -> None:
-        self.fitter, self.resolution, self.outliers = fitter, resolution, outliers
+    def __init__(self, fitter: SmoothFit, outliers: list[np.ndarray]) -> None:
+        self.fitter, self.outliers = fitter, outliers
         self.problem: Problem = fitter.problem
         self.campaign: Campaign = fitter.campaign
         assert fitter.optimum is not None
@@ -35,10 +34,14 @@ class Assembly:
     def solution(self, warnings: tuple[str, ...], options: dict[str, Any]) -> Solution:
         """The solution. `warnings`: of the checks before the fit; `options`: what was asked of it."""
         theta, root = self._parameters()
+        smooth = self.fitter.smooth_prior(theta, root)
+        covariance = root @ root.T
+        if smooth is not None:
+            covariance += smooth.spread @ smooth.spread.T
         return Solution(
             parameters=read_only(theta),
             nuisance=read_only(self.optimum.z[self.problem.model.layout.n_coefficients :]),
-            covariance=read_only(root @ root.T),
+            covariance=read_only(covariance),
             null_space=read_only(self.fitter.found.null_space),
             held_directions=read_only(self.fitter.found.tool_rotation),
             model=self.problem.model,
@@ -51,7 +54,8 @@ class Assembly:
             undetermined=self.fitter.found.undetermined,
             notes=(*self.campaign.warnings, *warnings, *self._notes()),
             options=options,
-            prior_root=read_only(self._prior_rows()) if options["prior"] else None,
+            prior_root=read_only(self.fitter.known.root) if options["prior"] else None,
+            smooth=smooth,
         )
 
     @cached_property
@@ -86,7 +90,7 @@ class Assembly:
     def _adequacy(self) -> Adequacy:
         """The verdict; what is known beforehand counts as readings."""
         system = self.problem.system
-        pseudo = np.asarray(system.prior_root) @ (self.optimum.z - np.asarray(system.prior_mean))
+        pseudo = np.asarray(system.prior_residual(self.optimum.z))
         freedom = self.n_used + len(pseudo) - self.fitter.free.shape[1]
         return assess(self.campaign, self._whitened, self._leverages, self.active, freedom, float(pseudo @ pseudo))
 
@@ -99,7 +103,6 @@ class Assembly:
             residual_rms=by_set,
             iterations=self.optimum.iterations,
             converged=self.optimum.converged,
-            held_out_weight=self.resolution.weight,
         )
 
     def _readings(self) -> Residuals:
@@ -130,14 +133,12 @@ class Assembly:
             notes.append(
                 f"constant tool rotation {', '.join(fixed)}: not determined by these stations and tool vectors, held at 0"
             )
-        if limited := self.resolution.at_limit:
-            notes.append(f"finest resolution on offer taken for {', '.join(limited)}: shorter waves may remain")
+        if scatter := self.fitter.scatter:
+            sizes = " and ".join(f"{1e3 * u:.2f} µm in {direction} direction" for direction, u in scatter.items())
+            notes.append(
+                f"waves too short for the functions: {sizes} (standard deviation), independent from position to position and "
+                "part of every u; where it is the pitch of a screw, state it as `pitch` of the axis"
+            )
         if found.nuisance_defect:
             notes.append(f"{found.nuisance_defect} combinations of station or instrument parameters not determined")
         return notes
-
-    def _prior_rows(self) -> np.ndarray:
-        """Pseudo-readings of an earlier solution as rows on θ."""
-        known = sum(bool(np.isfinite(e.prior_u) and e.prior_u > 0) for e in self.problem.nuisance)
-        n = self.problem.model.layout.n_coefficients
-        return np.asarray(self.problem.system.prior_root)[known:, :n] @ self.problem.model.parametrisation

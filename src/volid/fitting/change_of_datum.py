@@ -7,13 +7,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from volid.exceptions import InputError
 from volid.fitting.datum import s_transformation
 from volid.fitting.diagnosis.identifiability import parameter_units
 from volid.fitting.diagnosis.statements import NAMED
 from volid.fitting.frames import check_exact, frames, unknown_rows
 from volid.fitting.results import read_only
 from volid.model.error_model import ErrorModel, build_model
-from volid.model.machine import Datum
+from volid.model.machine import Datum, Machine
+
+EXTRAPOLATED = "extrapolated"  # option of a solution: how far by axis
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -30,6 +33,9 @@ def held_constants(model: ErrorModel, directions: Float[np.ndarray, "s r"]) -> t
 def in_datum(solution: Solution, datum: Datum) -> Solution:
     """`Solution.in_datum`, which describes it."""
     machine = solution.machine
+    if EXTRAPOLATED in solution.options:
+        raise InputError("datum: this solution is extrapolated; change the datum first, then extrapolate")
+    datum, moved = _within(machine, datum)
     model = build_model(machine, solution.model.segments, carrier=solution.model.carrier, datum=datum)
     s, motion = s_transformation(solution.model, model, _hold_tool_rotation(solution, model))
     moved_frames = frames(solution.model, model, s, motion)
@@ -37,8 +43,23 @@ def in_datum(solution: Solution, datum: Datum) -> Solution:
         machine, solution.nuisance_table, moved_frames, np.asarray(solution.parameters), solution.parameter_covariance
     )
     answer = -unknown_rows(machine, solution.nuisance_table, np.asarray(solution.nuisance), moved_frames)
-    prior_root = None if solution.prior_root is None else solution.prior_rows @ np.linalg.pinv(s)
-    return mapped(solution, model, s, answer, prior_root)
+    found = mapped(solution, model, s, answer, np.linalg.pinv(s))
+    return replace(found, notes=(*found.notes, *moved))
+
+
+def _within(machine: Machine, datum: Datum) -> tuple[Datum, list[str]]:
+    """The datum with references within the measured ranges, and a note for each that was moved."""
+    reference, notes = [], []
+    for letter, value in datum.reference:
+        low, high = machine.axis(letter).travel
+        inside = float(np.clip(value, low, high))
+        reference.append((letter, inside))
+        if inside != value:
+            notes.append(
+                f"datum: the reference of {letter} at {value:g} lies outside the measured range {low:g} … {high:g}; functions "
+                f"are zero at {inside:g}"
+            )
+    return replace(datum, reference=tuple(reference)), notes
 
 
 def mapped(
@@ -46,7 +67,7 @@ def mapped(
     model: ErrorModel,
     mapping: Float[np.ndarray, "m n"],
     answer: Float[np.ndarray, "k n"] | None,
-    prior_root: Float[np.ndarray, "r m"] | None,
+    inverse: Float[np.ndarray, "n m"] | None,
 ) -> Solution:
     """`Solution.mapped`, which describes it."""
     m, n, k = len(mapping), solution.model.n_parameters, len(solution.nuisance_table)
@@ -54,6 +75,7 @@ def mapped(
     full = np.zeros((m + k, n + k))
     full[:m, :n], full[m:, n:] = mapping, np.eye(k)
     full[m:, :n] = 0.0 if answer is None else answer
+    earlier, smooth = solution.prior_root, solution.smooth
     return replace(
         solution,
         parameters=read_only(mapping @ theta),
@@ -62,7 +84,8 @@ def mapped(
         null_space=read_only(mapping @ np.asarray(solution.null_space)),
         model=model,
         samples=None if solution.samples is None else solution.samples.mapped(full),
-        prior_root=None if prior_root is None else read_only(prior_root),
+        prior_root=None if inverse is None or earlier is None else read_only(earlier @ inverse),
+        smooth=None if smooth is None else smooth.mapped(inverse, full, m),
     )
 
 

@@ -81,15 +81,18 @@ def _nominal_gradient(model: ErrorModel, positions: np.ndarray, tool: np.ndarray
     return gradient_matrix(model, np.zeros(model.n_parameters), positions, tool, direction)
 
 
-def s_transformation(old: ErrorModel, new: ErrorModel, hold: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+def s_transformation(
+    old: ErrorModel, new: ErrorModel, hold: np.ndarray | None = None, exact: bool = True
+) -> tuple[np.ndarray, np.ndarray]:
     """S with θ' = S θ, shape (n', n), and the rigid motion ρ = R θ of the workpiece frame, shape (6, n).
 
     `hold`: projector (n', n') that keeps at 0 those directions of the tool frame's constants that are held there. The rest of the
     model takes over their effect as far as it can; what remains is a motion of the tool vectors, which is left out of θ'.
+    `exact`: the new model expresses every field of the old one; without it, the nearest over the new model's ranges is taken.
 
     Raises `InputError` when the new datum needs a squareness that the old model leaves out.
     """
-    machine = old.machine
+    machine = new.machine
     n = max(old.n_parameters, new.n_parameters) + 16
     positions, tool, direction = sample_points(machine, n)
     weight = np.array([1.0, 1.0, 1.0, ARM, ARM, ARM])[None, :, None]
@@ -109,7 +112,7 @@ def s_transformation(old: ErrorModel, new: ErrorModel, hold: np.ndarray | None =
     mapping, *_ = np.linalg.lstsq(design * scale, before - field @ first, rcond=1e-12)
     mapping = scale[:, None] * mapping
     misfit = np.linalg.norm(design @ mapping + field @ first - before, axis=0)
-    if np.any(misfit > 1e-6 * np.maximum(np.linalg.norm(before, axis=0), 1.0)):
+    if exact and np.any(misfit > 1e-6 * np.maximum(np.linalg.norm(before, axis=0), 1.0)):
         raise InputError(
             "datum: the model cannot be expressed in this datum; it leaves out a squareness, straightness or location error that "
             "the new datum needs (see [model.functions])"

@@ -13,18 +13,21 @@ from volid.backend.threads import one_blas_thread
 from volid.campaign import Campaign
 from volid.exceptions import InputError
 from volid.fitting.assembly import Assembly
-from volid.fitting.diagnosis import resolution
-from volid.fitting.diagnosis.identifiability import analyse
 from volid.fitting.diagnosis.robust import down_weight, name_outliers, set_aside
 from volid.fitting.equations.choice import engine_for_compiled_solver, engine_for_fit, engine_named
 from volid.fitting.equations.engine import Engine
-from volid.fitting.equations.problem import Prior, Problem, build_problem, with_model, with_random_effects
+from volid.fitting.equations.problem import Problem, build_problem, nothing_known, with_random_effects
 from volid.fitting.equations.solver import solve
-from volid.fitting.fitter import Fitter, Method
-from volid.fitting.prior import check_prior, prior_notes, prior_of, shared_names
-from volid.fitting.solution import Solution
+from volid.fitting.fitter import Method
+from volid.fitting.open_frame import in_open_frame
+from volid.fitting.prior import check_prior, prior_notes, prior_of, stated_segments
+from volid.fitting.segments import segments_of
+from volid.fitting.shape_notes import shape_notes
+from volid.fitting.smooth_fit import SmoothFit
+from volid.fitting.smoothness.geometry import measured_machine, moved_references
+from volid.fitting.smoothness.processes import processes_of
+from volid.fitting.solution import EARLIER_LEVELS, EARLIER_RANGES, Solution
 from volid.fitting.starts import find_starts
-from volid.model.error_functions import motion_names
 from volid.model.error_model import build_model
 from volid.model.machine import Datum, Machine
 from volid.plausibility.checks import check_campaign
@@ -44,15 +47,11 @@ class How(NamedTuple):
     engine: Engine
 
 
-class _Resolved(NamedTuple):
-    fitter: Fitter
-    resolution: resolution.Resolution
-
-
 class _Task(NamedTuple):
-    """What stays the same over all stages of one fit."""
+    """What stays the same over all stages of one fit. `machine`: with travels cut to what was measured."""
 
     campaign: Campaign
+    machine: Machine
     starts: dict[Any, float]
     prior: Solution | None
     robust: bool
@@ -60,64 +59,28 @@ class _Task(NamedTuple):
     method: Method
     engine: Engine
 
-    def problem(
-        self, segments: resolution.Segments, carrier: resolution.Segments, like: Problem | None = None
-    ) -> Problem:
-        """The problem for stated segments; `like`: one with the same carrier, whose readings are taken as they are."""
-        model = build_model(self.campaign.machine, segments, carrier=carrier)
-        known = None if self.prior is None else prior_of(self.prior, model)
-        if like is not None and like.model.layout == model.layout:
-            return with_model(like, model, known)
-        return build_problem(self.campaign, model, self.starts, known, engine=self.engine)
 
-    def fitter(self, problem: Problem) -> Fitter:
-        """A fitter for what of a problem is determined."""
-        return Fitter(self.campaign, problem, analyse(problem, self.campaign), self.method)
-
-
-def _check_counts(campaign: Campaign, problem: Problem) -> None:
-    """Raises `InputError` when even the coarsest splines have more parameters than there are readings."""
+def _check_counts(campaign: Campaign, problem: Problem, n_smooth: int) -> None:
+    """Raises `InputError` when there are more parameters than readings, all that is known beforehand counted."""
     n_free, n_known, n = problem.free.shape[1], problem.system.prior_root.shape[0], problem.model.n_parameters
-    if campaign.n_readings + n_known < n_free:
+    if campaign.n_readings + n_known + n_smooth < n_free:
         raise InputError(
-            f"{campaign.source or 'campaign'}: {campaign.n_readings} readings for {n_free} parameters "
-            f"({n} of the error model, {n_free - n} of stations and "
+            f"{campaign.source or 'campaign'}: {campaign.n_readings} readings for {n_free - n_smooth} parameters "
+            f"({n - n_smooth} of the error model, {n_free - n} of stations and "
             "instruments); take more readings, or lower [model] segments or switch functions off"
         )
 
 
-def _given(prior: Solution | None, machine: Machine) -> tuple[resolution.Segments, resolution.Segments]:
-    """Segments and carriers that a prior fixes."""
-    if prior is None:
-        return {}, {}
-    names = shared_names(prior, machine) & set(motion_names(machine))
-    return (
-        {n: v for n, v in prior.model.segments.items() if n in names},
-        {n: v for n, v in prior.model.carrier.items() if n in names},
-    )
-
-
-def _resolve(task: _Task) -> _Resolved:
-    """Choose the spline resolution on a preliminary fit, and set up the final one."""
-    campaign, machine = task.campaign, task.campaign.machine
-    known, known_carrier = _given(task.prior, machine)
-    carrier, automatic = resolution.limits(campaign, known_carrier)
-    coarsest = {n: resolution.candidates(c)[0] if n in automatic else known.get(n, c) for n, c in carrier.items()}
-    guess = {**resolution.first_guess(carrier, automatic), **known}
-    first = task.problem(guess, carrier)
-    _check_counts(campaign, task.problem(coarsest, carrier, like=first))
-    if not automatic:
-        return _Resolved(task.fitter(first), resolution.Resolution(guess, carrier))
-    task.progress("preliminary fit")
-    preliminary = task.fitter(first)
-    optimum = preliminary.solve(preliminary.factors)
-    factors = preliminary.factors
-    if task.robust:
-        factors = down_weight(preliminary.residuals_only, factors)
-        optimum = preliminary.solve(factors)
-    task.progress("choosing the spline resolution by held-out prediction")
-    chosen = resolution.choose(preliminary.problem, campaign, optimum.z, factors, carrier, guess, automatic)
-    return _Resolved(task.fitter(task.problem(chosen.segments, carrier, like=first)), chosen)
+def _prepared(task: _Task) -> SmoothFit:
+    """The problem, what of it is determined, and whose smoothness is to be estimated."""
+    given = {} if task.prior is None else stated_segments(task.prior, task.machine)
+    segments = segments_of(task.machine, given)
+    model = build_model(task.machine, segments.numbers)
+    known = nothing_known(model) if task.prior is None else prior_of(task.prior, model)
+    problem = build_problem(task.campaign, model, task.starts, known, engine=task.engine)
+    found = SmoothFit(task.campaign, problem, known, processes_of(model, segments.smooth), task.method)
+    _check_counts(task.campaign, problem, found.n_smooth)
+    return found
 
 
 @contextmanager
@@ -149,6 +112,10 @@ def fit(
     Minimises Σ ((reading - predicted)/u)² over the error functions, stations, dead paths and all other unknowns at once. What the
     readings do not determine is found first, is named in the solution, and stays at zero. Not modelled: thermal behaviour,
     dynamics and load.
+
+    Where the machine file does not state segments, every function may have any shape, and how smooth it is follows from the
+    readings by maximum of their marginal likelihood; what that leaves open between the positions is part of every u. Functions,
+    reference lines and means refer to the measured range of each axis.
 
     Args:
         campaign: the readings, with their machine.
@@ -192,12 +159,19 @@ def _how(campaign: Campaign, robust: bool, solver: str, engine: str | None) -> H
     return How(solve_by_optimistix, engine_for_compiled_solver(engine))
 
 
+def _measured_by(prior: Solution) -> dict[str, tuple[float, float]]:
+    """Measured ranges by axis letter."""
+    return {
+        axis.letter: (float(low), float(high))
+        for axis, (low, high) in zip(prior.machine.axes, prior.measured_range(), strict=True)
+    }
+
+
 class Stages:
-    """The stages of one fit, in their order: `begin` (checks, stations), `solved` (resolution, solve), `solution`."""
+    """The stages of one fit, in their order: `begin` (checks, stations), `solved` (smoothness, solve), `solution`."""
 
     def __init__(self, measured: Campaign, task: _Task, warnings: tuple[str, ...]) -> None:
         self.measured, self.task, self.warnings = measured, task, warnings
-        self._chosen: resolution.Resolution | None = None
 
     @classmethod
     def begin(
@@ -218,28 +192,33 @@ class Stages:
             warnings = (*warnings, *prior_notes(prior))
             prior = prior if prior.datum == campaign.machine.datum else prior.in_datum(campaign.machine.datum)
         noisy = with_random_effects(campaign, starts, how.engine)
-        return cls(campaign, _Task(noisy, starts, prior, robust, progress, how.method, how.engine), warnings)
+        machine = measured_machine(campaign, {} if prior is None else _measured_by(prior))
+        task = _Task(noisy, machine, starts, prior, robust, progress, how.method, how.engine)
+        return cls(campaign, task, (*warnings, *moved_references(campaign.machine, machine)))
 
-    def solved(self) -> Fitter:
-        """Choose the resolution and solve."""
-        resolved = _resolve(self.task)
-        self._chosen = resolved.resolution
+    def solved(self) -> SmoothFit:
+        """Solve, with the smoothness of the functions estimated."""
+        self.task.progress("preparing")
+        fitter = _prepared(self.task)
         self.task.progress("solving")
-        resolved.fitter.solve(resolved.fitter.factors)
-        return resolved.fitter
+        fitter.solve_with_smoothness(fitter.factors, self.task.robust)
+        return fitter
 
-    def prior_of(self, fitter: Fitter) -> Prior | None:
-        """The prior knowledge that an earlier solution gives about the parameters of the fitter's model."""
-        return None if self.task.prior is None else prior_of(self.task.prior, fitter.problem.model)
-
-    def solution(self, fitter: Fitter, outliers: list[np.ndarray] | None = None) -> Solution:
+    def solution(self, fitter: SmoothFit, outliers: list[np.ndarray] | None = None) -> Solution:
         """The solution at the fitter's optimum."""
-        assert self._chosen is not None
         if outliers is None:
             outliers = [np.zeros(s.readings.shape, dtype=bool) for s in self.measured.sets]
-        options = {"robust": self.task.robust, "prior": self.task.prior is not None}
-        found = Assembly(fitter, self._chosen, outliers).solution(self.warnings, options)
-        return replace(found, campaign=self.measured)
+        options: dict[str, Any] = {"robust": self.task.robust, "prior": self.task.prior is not None}
+        if self.task.prior is not None:
+            options[EARLIER_RANGES] = {a: list(r) for a, r in _measured_by(self.task.prior).items()}
+            options[EARLIER_LEVELS] = {a: list(v) for a, v in self.task.prior.levels().items()}
+        if self.task.prior is not None and fitter.processes:
+            known = self.task.prior.scatter
+            fitter.scatter = {
+                n: max(known.get(n, 0.0), fitter.scatter.get(n, 0.0)) for n in {**known, **fitter.scatter}
+            }
+        found = in_open_frame(Assembly(fitter, outliers).solution(self.warnings, options))
+        return replace(found, campaign=self.measured, notes=(*found.notes, *shape_notes(found, fitter.found.weak)))
 
 
 def _fit(

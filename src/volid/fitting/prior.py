@@ -1,8 +1,9 @@
 """An earlier solution as prior knowledge: linear axes measured before the rotary ones (ISO/TR 16907 10.3).
 
-Functions that both models hold get the earlier values as pseudo-readings W (θ - θ0) with WᵀW = C⁻¹, the inverse of the
-earlier covariance on what the earlier data determined. The prior contains no information about what they did not determine. To
-first order this equals a joint fit of both campaigns (recursive least squares; Koch, Parameter Estimation, 3.3).
+Functions that both models hold get what the earlier readings say of them as pseudo-readings W θ = t: with C the earlier
+covariance on what the earlier data determined and Q what was assumed of the smoothness, WᵀW = C⁻¹ - Q and Wᵀt = C⁻¹ θ0. The
+smoothness is not counted twice: it is estimated anew from both. To first order this equals a joint fit of both campaigns
+(recursive least squares; Koch, Parameter Estimation, 3.3).
 """
 
 from __future__ import annotations
@@ -10,15 +11,20 @@ from __future__ import annotations
 import numpy as np
 
 from volid.exceptions import InputError
+from volid.fitting.datum import s_transformation
 from volid.fitting.diagnosis.identifiability import parameter_units
 from volid.fitting.equations.problem import Prior
 from volid.fitting.solution import Solution
 from volid.model.error_functions import motion_names, settings_for
-from volid.model.error_model import ErrorModel
+from volid.model.error_model import ErrorModel, build_model
 from volid.model.iso230 import SPINDLE, parse
+from volid.model.linear_maps import function_rows
 from volid.model.machine import Machine
 
 EXACT = 1e-12  # eigenvalues of the scaled covariance below this share of the largest carry no information
+ROUNDING = (
+    1e-12  # of the largest information: what is left of smaller ones after the smoothness is taken out is rounding
+)
 
 
 def check_prior(prior: Solution, machine: Machine) -> None:
@@ -27,8 +33,8 @@ def check_prior(prior: Solution, machine: Machine) -> None:
     if not common:
         raise InputError(f"prior: its machine '{prior.machine.name}' has no axis of machine '{machine.name}'")
     for letter in common:
-        old, new = prior.machine.axis(letter), machine.axis(letter)
-        for what in ("primed", "travel", "reference", "error_point", "point", "unit_vector"):
+        old, new = prior.campaign.machine.axis(letter), machine.axis(letter)
+        for what in ("primed", "travel", "reference", "error_point", "point", "unit_vector", "pitch"):
             if getattr(old, what) != getattr(new, what):
                 raise InputError(
                     f"prior: {what} of axis {letter} is {getattr(old, what)} in its machine '{prior.machine.name}', but "
@@ -45,50 +51,90 @@ def check_prior(prior: Solution, machine: Machine) -> None:
 
 
 def shared_names(prior: Solution, machine: Machine) -> set[str]:
-    """Functions about which a prior has information: of axes that both machines have; the tool frame only without a head."""
-    head = any(not a.is_linear and not a.primed for m in (machine, prior.machine) for a in m.axes)
+    """Functions about which a prior has information: of axes that both machines have; the tool frame where both heads are the
+    same.
+    """
+    same = _head(prior.machine) == _head(machine)
     names = set()
     for name in prior.model.names:
         axis = parse(name).axis
-        if axis in machine.letters or (axis == SPINDLE and not head):
+        if axis in machine.letters or (axis == SPINDLE and same):
             names.add(name)
     return names
+
+
+def _head(machine: Machine) -> tuple[str, ...]:
+    """Letters of the rotary axes that carry the tool."""
+    return tuple(a.letter for a in machine.axes if not a.is_linear and not a.primed)
+
+
+def stated_segments(prior: Solution, machine: Machine) -> dict[str, tuple[int, ...]]:
+    """Segments of functions that both have, where the earlier fit did not estimate their smoothness."""
+    names = (shared_names(prior, machine) & set(motion_names(machine))) - prior.smooth_functions
+    return {n: v for n, v in prior.model.segments.items() if n in names}
 
 
 def prior_of(prior: Solution, model: ErrorModel) -> Prior:
     """Pseudo-readings on the parameters of `model` that `prior` knows."""
     names = shared_names(prior, model.machine)
-    here, there = [], []
+    like, mapping = _in_ranges_of(prior, model)
+    onto = np.zeros((like.n_parameters, model.n_parameters))
     for f in model.functions:
-        old = prior.model.by_name.get((f.name, f.part))
+        old = like.by_name.get((f.name, f.part))
         if f.name in names and old is not None and old.splines == _as_in(prior, model, f.splines):
-            new_numbers = range(f.parameters.start, f.parameters.stop)
-            pairs = zip(new_numbers, range(old.parameters.start, old.parameters.stop), strict=True)
-            for a, b in pairs:
-                if a not in here:
-                    here.append(a)
-                    there.append(b)
-    mean = np.zeros(model.n_parameters)
-    mean[here] = np.asarray(prior.parameters)[there]
-    units = parameter_units(model)[here]
-    rows = _information_root(prior, np.array(there, dtype=int), units)
-    root = np.zeros((len(rows), model.n_parameters))
-    root[:, here] = rows / units
-    return Prior(mean, root)
+            onto[old.parameters, f.parameters] = np.eye(f.parameters.stop - f.parameters.start)
+    if not _head(prior.machine) and _head(model.machine):
+        for old in like.tool_frame:
+            onto[old.parameters] = _orientation_at_zero(model, old.name)
+    concerned = np.flatnonzero(np.any(mapping[:, np.any(onto != 0.0, axis=1)] != 0.0, axis=1))
+    rows, value = _information_root(prior, concerned)
+    return Prior(value, rows @ mapping[concerned] @ onto)
 
 
-def _information_root(prior: Solution, there: np.ndarray, units: np.ndarray) -> np.ndarray:
-    """W with WᵀW = information on the parameters `there` in physical units, (r, n).
+def _orientation_at_zero(model: ErrorModel, name: str) -> np.ndarray:
+    """Rows (1, n) of the rotation that a head and its tool frame have together with the head at 0: what a machine without the
+    head
+    calls the orientation of its tool frame (its translations are those of the workpiece)."""
+    row = np.zeros((1, model.n_parameters))
+    zero = np.zeros((len(model.machine.axes), 1))
+    if parse(name).is_rotation:
+        for letter in (*_head(model.machine), SPINDLE):
+            for symbol in (f"{name[:2]}{letter}", f"{name[:2]}0{letter}"):
+                row += function_rows(model, symbol, zero, zero)
+    return row
 
-    Only combinations that the prior's data determine whatever its other parameters are: those across its null space.
+
+def _in_ranges_of(prior: Solution, model: ErrorModel) -> tuple[ErrorModel, np.ndarray]:
+    """The prior's model over the ranges of `model`, and S with θ_prior = S θ of it, by the fields over the prior's ranges."""
+    machine, ranges = prior.machine, {a.letter: a.travel for a in model.machine.axes}
+    wider = machine.over({a: r for a, r in ranges.items() if a in machine.letters})
+    if wider.axes == machine.axes:
+        return prior.model, np.eye(prior.model.n_parameters)
+    like = build_model(wider, prior.model.segments, carrier=prior.model.carrier, datum=prior.datum)
+    return like, s_transformation(like, prior.model, exact=False)[0]
+
+
+def _information_root(prior: Solution, there: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """W (r, n) and t (r,): what the prior's readings say of its parameters numbers `there`.
+
+    Only combinations that they determine whatever the prior's other parameters are: those across its null space.
     """
+    units = parameter_units(prior.model)[there]
     null = np.asarray(prior.null_space)[there] / units[:, None]
     vectors, values, _ = np.linalg.svd(null, full_matrices=True)
     across = vectors[:, int(np.sum(values > 1e-9)) :]
-    covariance = across.T @ (prior.parameter_covariance[np.ix_(there, there)] / np.outer(units, units)) @ across
-    variances, axes = np.linalg.eigh(covariance)
-    known = variances > EXACT * max(float(variances[-1]), 1e-300) if len(variances) else np.zeros(0, dtype=bool)
-    return np.asarray((across @ axes[:, known] / np.sqrt(variances[known])).T)
+    smooth = prior.smooth_rows[:, there] * units @ across
+    spread = prior.smooth_spread[there]
+    known = prior.parameter_covariance[np.ix_(there, there)] - spread @ spread.T
+    variances, axes = np.linalg.eigh(across.T @ (known / np.outer(units, units)) @ across)
+    seen = variances > EXACT * max(float(variances[-1]), 1e-300) if len(variances) else np.zeros(0, dtype=bool)
+    inverse = (axes[:, seen] / variances[seen]) @ axes[:, seen].T
+    vector = inverse @ (across.T @ (np.asarray(prior.parameters)[there] / units))
+    weights, axes = np.linalg.eigh(inverse - smooth.T @ smooth)
+    seen = weights > ROUNDING * max(float(np.diagonal(inverse).max(initial=0.0)), 1e-300)
+    root = np.sqrt(weights[seen])
+    rows = root[:, None] * (across @ axes[:, seen]).T / units
+    return np.asarray(rows), np.asarray((axes[:, seen].T @ vector) / root)
 
 
 def prior_notes(prior: Solution) -> tuple[str, ...]:

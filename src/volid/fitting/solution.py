@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,22 +17,36 @@ from volid.fitting import tabulation
 from volid.fitting.change_of_datum import held_constants, in_datum, mapped
 from volid.fitting.diagnosis.adequacy import Adequacy
 from volid.fitting.diagnosis.identifiability import parameter_units, undetermined_directions
+from volid.fitting.diagnosis.levels import SeenLength, levels_of, seen_lengths, unseen, unseen_phases
+from volid.fitting.extrapolation import extrapolated
 from volid.fitting.prediction.determination import known_deviations
 from volid.fitting.prediction.deviations import determined
-from volid.fitting.results import Deviations, FunctionValue, Residuals, Statistics
+from volid.fitting.results import Deviations, FunctionValue, Residuals, SmoothPrior, Statistics
 from volid.model.error_functions import reference_of
-from volid.model.error_model import ErrorModel
+from volid.model.error_model import MEAN, WAVES, ErrorModel
 from volid.model.error_values import error_values, evaluate_bases
-from volid.model.iso230 import parse
+from volid.model.iso230 import LINEAR_AXES, parse
 from volid.model.kinematics import chain_of, deviation
 from volid.model.linear_maps import function_rows
 from volid.model.machine import Datum, Machine
+from volid.model.splines import design_matrix
 from volid.observations.base import Nuisance
 from volid.observations.used_tool import most_used_tool
 
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float
     from numpy.typing import ArrayLike
+
+
+EARLIER_RANGES = "earlier_ranges"  # option of a solution: what its earlier solution had measured, by axis letter
+EARLIER_LEVELS = "earlier_levels"  # the same: at which distance and how many positions
+
+
+def carries(name: str, key: str) -> bool:
+    """Whether an error motion may have scatter that is stated for a direction, or for one function."""
+    error = parse(name)
+    translation = not error.location and not error.is_rotation and error.axis in LINEAR_AXES
+    return translation and key in (name, name[1])
 
 
 @register_dataclass
@@ -61,6 +75,7 @@ class Solution:
         options: What was asked of the fit.
         provenance: Date, versions, command and inputs, by name.
         prior_root: Pseudo-readings of an earlier solution as rows on θ, shape (r, n); None without one.
+        smooth: What was assumed of the smoothness of the functions; None where all segments are stated.
         samples: Samples of the parameters from Monte Carlo refits; None before `monte_carlo`.
 
     Source: CONVENTIONS 3 to 5; ISO 230-1 for the symbols.
@@ -95,6 +110,7 @@ class Solution:
     options: Mapping[str, Any] = field(metadata=STATIC, default_factory=dict)
     provenance: Mapping[str, str] = field(metadata=STATIC, default_factory=dict)
     prior_root: Float[Any, "r n"] | None = None
+    smooth: SmoothPrior | None = field(metadata=STATIC, default=None)
     samples: Any = field(metadata=STATIC, default=None)
 
     def __post_init__(self) -> None:
@@ -102,8 +118,11 @@ class Solution:
 
     @property
     def machine(self) -> Machine:
-        """The machine that was measured."""
-        return self.campaign.machine
+        """The machine that was measured, every travel cut to the measured range: what all outputs refer to.
+
+        `campaign.machine` has the travels of the machine file.
+        """
+        return self.model.machine
 
     @property
     def datum(self) -> Datum:
@@ -122,8 +141,91 @@ class Solution:
 
     @property
     def prior_rows(self) -> Float[np.ndarray, "r n"]:
-        """`prior_root`, with no rows when no earlier solution was used."""
-        return np.zeros((0, self.model.n_parameters)) if self.prior_root is None else np.asarray(self.prior_root)
+        """All pseudo-readings as rows on θ: `prior_root` and those of the smoothness."""
+        earlier = np.zeros((0, self.model.n_parameters)) if self.prior_root is None else np.asarray(self.prior_root)
+        return np.vstack([earlier, self.smooth_rows])
+
+    @property
+    def smooth_rows(self) -> Float[np.ndarray, "r n"]:
+        """Pseudo-readings of the smoothness as rows on θ."""
+        return np.zeros((0, self.model.n_parameters)) if self.smooth is None else self.smooth.root
+
+    @property
+    def smooth_spread(self) -> Float[np.ndarray, "n+k h"]:
+        """What the uncertainty of the estimated smoothness brings to the unknowns: its square is part of `covariance`."""
+        return np.zeros((len(self.covariance), 0)) if self.smooth is None else self.smooth.spread
+
+    @property
+    def smooth_functions(self) -> frozenset[str]:
+        """The error motions whose smoothness was estimated."""
+        return frozenset() if self.smooth is None else self.smooth.functions
+
+    @property
+    def scatter(self) -> Mapping[str, float]:
+        """Standard deviation of what is independent from position to position [mm]; part of every u.
+
+        By direction ("X"), since nothing tells which axis it comes from, or, of waves left out of the values, by error motion.
+        """
+        return {} if self.smooth is None else self.smooth.scatter
+
+    def scatter_u(self, model: ErrorModel | None = None) -> Float[np.ndarray, " 6"]:
+        """Standard deviation of what is independent from position to position, by component of a deviation [mm, rad].
+
+        Args:
+            model: The model with the errors of some axes alone; None: the solution's.
+        """
+        u, model = np.zeros(6), self.model if model is None else model
+        for key, size in self.scatter.items():
+            own = [f for f in model.functions if carries(f.name, key) and f.part == MEAN]
+            if any(np.any(model.parametrisation[:, f.parameters] != 0.0) for f in own):
+                k = "XYZ".index(key[-1] if len(key) == 1 else key[1])
+                u[k] = np.hypot(u[k], size)
+        return u
+
+    def scatter_of(self, name: str) -> float:
+        """The same for one error motion: it may all be of that one [mm]."""
+        return float(np.sqrt(sum(size**2 for key, size in self.scatter.items() if carries(name, key))))
+
+    def without_waves(self) -> Solution:
+        """The solution whose short waves of a stated pitch are no part of the values, but of every u: for tables and grids.
+
+        Nodes farther apart than the waves would take them at some phase or other.
+        """
+        waves = [f for f in self.model.functions if f.part == WAVES]
+        if not waves:
+            return self
+        kept, scatter = np.ones(self.model.n_parameters), dict(self.scatter)
+        for f in waves:
+            own = self.model.parametrisation[f.coefficients, f.parameters]
+            x = np.linspace(f.splines[0].low, f.splines[0].high, 64, endpoint=False)
+            rows = design_matrix(f.splines[0], x) @ own
+            known = self.parameter_covariance[f.parameters, f.parameters]
+            square = np.mean((rows @ np.asarray(self.parameters)[f.parameters]) ** 2) + np.mean(
+                np.sum((rows @ known) * rows, axis=1)
+            )
+            scatter[f.name] = float(np.sqrt(scatter.get(f.name, 0.0) ** 2 + square))
+            kept[f.parameters] = 0.0
+        model = replace(self.model, parametrisation=self.model.parametrisation * kept)
+        assert self.smooth is not None
+        return replace(self, model=model, smooth=replace(self.smooth, scatter=scatter))
+
+    @property
+    def seen_lengths(self) -> tuple[SeenLength, ...]:
+        """How closely the positions of every axis follow one another, against the length of its functions."""
+        if self.smooth is None:
+            return ()
+        return tuple(seen_lengths(self.levels(), self.model, self.smooth.names, self.smooth.values.tolist()))
+
+    def levels(self) -> dict[str, tuple[float, int]]:
+        """By axis letter, largest distance of neighbouring positions [mm or degrees] and their number, an earlier solution's
+        included.
+        """
+        return levels_of(self.campaign, self.machine, self.options.get(EARLIER_LEVELS, {}))
+
+    @property
+    def unseen(self) -> tuple[str, ...]:
+        """Axes whose positions stand too far apart to tell what some function does between them, in words."""
+        return (*unseen(self.seen_lengths), *unseen_phases(self.campaign, self.machine))
 
     @property
     def parameter_covariance(self) -> Float[np.ndarray, "n n"]:
@@ -162,6 +264,8 @@ class Solution:
     ) -> Deviations:
         """Deviations with standard uncertainties, machine frame, as NumPy arrays; NaN where they are not determined.
 
+        They are not determined outside the measured range of an axis whose errors are modelled: `extrapolated` goes on there.
+
         Args:
             positions: Axis positions, shape (m, n_axes), machine axis order [mm or degrees].
             tool: Tool vectors, shape (m, 3) or (3,) [mm].
@@ -182,11 +286,18 @@ class Solution:
             tool,
             direction,
         )
-        return Deviations(values, u, found.known, self.outside(positions), found.rigid)
+        inside = self.model.holds(positions)[:, None]
+        values, u = np.where(inside, values, np.nan), np.where(inside, np.hypot(u, self.scatter_u()), np.nan)
+        return Deviations(values, u, found.known & inside, self.outside(positions), found.rigid)
 
     def measured_range(self) -> Float[np.ndarray, "axes 2"]:
-        """Lowest and highest measured position of every axis [mm or degrees]."""
-        return self.campaign.measured_range()
+        """Lowest and highest measured position of every axis, those of an earlier solution included [mm or degrees]."""
+        found = self.campaign.measured_range()
+        for letter, (low, high) in self.options.get(EARLIER_RANGES, {}).items():
+            if letter in self.machine.letters:
+                own = found[self.machine.index(letter)]
+                own[:] = min(own[0], low), max(own[1], high)
+        return found
 
     def most_used_tool(self) -> tuple[float, float, float]:
         """The tool vector of most rows that see the tool [mm]; of equally frequent ones the first."""
@@ -299,7 +410,7 @@ class Solution:
         model: ErrorModel,
         mapping: Float[np.ndarray, "m n"],
         answer: Float[np.ndarray, "k n"] | None = None,
-        prior_root: Float[np.ndarray, "r m"] | None = None,
+        inverse: Float[np.ndarray, "n m"] | None = None,
     ) -> Solution:
         """The solution with θ' = M θ and ν' = ν + A θ; covariance, null space and samples follow.
 
@@ -307,9 +418,31 @@ class Solution:
             model: The error model that θ' belongs to.
             mapping: M, shape (m, n).
             answer: A, shape (k, n), change of the other unknowns; None: they stay.
-            prior_root: Pseudo-readings of an earlier solution as rows on θ', shape (r, m); None without one.
+            inverse: θ = `inverse` · θ', shape (n, m), for the pseudo-readings of an earlier solution and of the smoothness; None:
+                the solution is left without them.
         """
-        return mapped(self, model, mapping, answer, prior_root)
+        return mapped(self, model, mapping, answer, inverse)
+
+    def extrapolated(self, ranges: Mapping[str, tuple[float, float]] | None = None) -> Solution:
+        """The solution with functions that go on beyond the measured range, as smooth as they are, with the u that this leaves.
+
+        Datum, values and u within the measured range stay as they are; `outside` still tells what was not measured. Monte Carlo,
+        budgets and files are for the solution as it was fitted.
+
+        Args:
+            ranges: Lowest and highest position by axis letter [mm or degrees]; None: the travels of the machine.
+
+        Raises:
+            InputError: the machine does not have the axis, or a range does not rise.
+
+        >>> import volid
+        >>> solution = volid.fit(volid.load_campaign("datasets/vertical_multilateration/campaign.toml"))
+        >>> further = solution.extrapolated({"X": (0.0, 1100.0)})
+        >>> here, there = further.evaluate([[300.0, 1000.0, -250.0], [300.0, 1080.0, -250.0]], [0.0, 0.0, -150.0]).u[:, 0]
+        >>> bool(there > 2 * here)
+        True
+        """
+        return extrapolated(self, ranges)
 
     def summary_functions(self) -> list[tuple[str, str, float, float]]:
         """For every function: symbol, words, range over the travel and largest u [mm or rad]; NaN if not determined."""

@@ -1,9 +1,9 @@
 """`fit_streamed`: campaigns larger than memory, one part of the readings after the other.
 
-First a sample of the campaign is fitted completely by `fit`. It places the stations, decides what is determined, chooses the
-spline resolution and gives a solution to begin with. Then all readings are used, part by part: for normal equations at the start
-(in single precision), for gradients until the minimum is reached, for normal equations there, which give the covariance, and for
-residuals, which give the verdict.
+First a sample of the campaign is fitted completely by `fit`. It places the stations, decides what is determined, estimates the
+smoothness of the functions and gives a solution to begin with. Then all readings are used, part by part: for normal equations
+at the start (in single precision), for gradients until the minimum is reached, for normal equations there, which give the
+covariance, and for residuals, which give the verdict.
 """
 
 from __future__ import annotations
@@ -18,19 +18,22 @@ from volid.backend.threads import one_blas_thread
 from volid.campaign import Campaign
 from volid.effects import TYPES
 from volid.exceptions import InputError
+from volid.fitting.change_of_datum import EXTRAPOLATED
 from volid.fitting.diagnosis.adequacy import Tally
 from volid.fitting.equations.choice import engine_for_fit, engine_for_stream
 from volid.fitting.equations.engine import Engine, Equations
 from volid.fitting.equations.free_directions import FreeDirections
-from volid.fitting.equations.problem import Problem, build_problem, scatter, with_random_effects
+from volid.fitting.equations.problem import Problem, build_problem, reweight, scatter, with_random_effects
 from volid.fitting.equations.solver import Objective, solve
 from volid.fitting.equations.system import Normal
 from volid.fitting.fit import How, Progress, Stages, breakdown_named
+from volid.fitting.smooth_fit import SmoothFit
+from volid.fitting.smoothness.scatter import enlarged, squared_sensitivities
 from volid.fitting.solution import Solution
 from volid.model.machine import Datum
 from volid.observations.base import NuisanceTable
 
-SAMPLE = 10_000  # rows that stations, rank and resolution are decided on
+SAMPLE = 10_000  # rows that stations, rank and smoothness are decided on
 STREAMED = "streamed"  # option of a solution: number of readings that it was made of
 
 
@@ -58,16 +61,23 @@ class _Parts:
     """The parts of a stream as problems that share the unknowns of one complete problem."""
 
     def __init__(
-        self, stream: Stream, complete: Problem, table: NuisanceTable, engine: Engine, progress: Progress
+        self,
+        stream: Stream,
+        fitter: SmoothFit,
+        complete: Problem,
+        table: NuisanceTable,
+        engine: Engine,
+        progress: Progress,
     ) -> None:
         self.stream, self.complete, self.table, self.engine, self.progress = stream, complete, table, engine, progress
+        assert fitter.optimum is not None
+        self.scatter, self.z = fitter.scatter, fitter.optimum.z
         self.prior = engine.equations(
             replace(complete.system, blocks=())
         )  # what is known beforehand, without any reading
 
     def __call__(self, what: str) -> Iterator[_Part]:
         system, done = self.complete.system, 0
-        nothing = (np.zeros_like(system.prior_mean), np.zeros((0, system.size)))
         for raw in self.stream.parts():
             campaign = with_random_effects(raw, dict(self.table.starts), self.engine)
             known = len(self.table.entries)
@@ -77,7 +87,12 @@ class _Parts:
                 raise InputError(
                     f"{campaign.source}: the sample has no reading with '{name}'; expected some of every label"
                 )
-            bare = replace(problem.system, prior_mean=nothing[0], prior_root=nothing[1])
+            if self.scatter:
+                names = {d: f"E{d}{d}" for d in self.scatter}
+                squares = squared_sensitivities(problem, campaign, self.z, names)
+                campaign = enlarged(campaign, squares, names, self.scatter)
+                problem = reweight(problem, campaign, [np.ones(s.readings.shape) for s in campaign.sets])
+            bare = replace(problem.system, prior_value=np.zeros(0), prior_root=np.zeros((0, system.size)))
             yield _Part(campaign, problem._replace(equations=self.engine.equations(bare)))
             done += sum(len(s) for s in campaign.sets)
             self.progress(f"{what}: {done:,} of {self.stream.rows:,} rows ({100 * done // self.stream.rows} %)")
@@ -119,8 +134,8 @@ def fit_streamed(
     """Identify a machine's error model from a campaign that need not fit into memory.
 
     The minimum, its covariance, chi-square and all group tests are those of all readings. The start values, what is determined,
-    and the spline resolution are decided on a `sample` of that many rows. The solution contains the readings of the sample only;
-    therefore Monte Carlo and budgets, which repeat the fit, refuse it.
+    and the smoothness of the functions are decided on a `sample` of that many rows. The solution contains the readings of the
+    sample only; therefore Monte Carlo and budgets, which repeat the fit, refuse it.
 
     Args:
         stream: the readings, as `volid.CampaignStream` reads them part by part.
@@ -147,15 +162,15 @@ def fit_streamed(
     stages = Stages.begin(few, prior, progress, How(solve, engine_for_fit(few)))
     fitter = stages.solved()
     table = NuisanceTable(stages.task.starts)
-    complete = build_problem(stages.task.campaign, fitter.problem.model, prior=stages.prior_of(fitter), table=table)
+    complete = build_problem(stages.task.campaign, fitter.problem.model, prior=fitter.prior, table=table)
     assert [e.name for e in table.entries] == [e.name for e in fitter.problem.nuisance]
-    parts = _Parts(stream, complete, table, engine_for_stream(stream.n_readings), progress)
+    parts = _Parts(stream, fitter, complete, table, engine_for_stream(stream.n_readings), progress)
     assert fitter.optimum is not None
     objective = _StreamObjective(parts, fitter.free)
     fitter.optimum = solve(complete, fitter.optimum.z, fitter.free, objective)
     tally, squares = _residuals(parts, fitter, few, stream.n_readings)
     solution = stages.solution(fitter)
-    pseudo = np.asarray(complete.system.prior_root) @ (fitter.optimum.z - np.asarray(complete.system.prior_mean))
+    pseudo = np.asarray(complete.system.prior_residual(fitter.optimum.z))
     dof = stream.n_readings + len(pseudo) - fitter.free.shape[1]
     solution = replace(solution, adequacy=tally.adequacy(dof, float(pseudo @ pseudo)))
     solution = _of_all_readings(solution, stream.n_readings, few.n_readings, squares)
@@ -166,7 +181,7 @@ def _of_all_readings(solution: Solution, n: int, n_sample: int, squares: dict[st
     """The solution that says it is made of `n` readings, `n_sample` of which it holds; `squares` as in `_residuals`."""
     rms = {name: float(np.sqrt(total / count)) for name, (total, count) in squares.items()}
     note = (
-        f"{n:,} readings were read part by part; resolution and rank were decided on {n_sample:,} of them, which are "
+        f"{n:,} readings were read part by part; smoothness and rank were decided on {n_sample:,} of them, which are "
         "the readings this solution holds"
     )
     return replace(
@@ -207,8 +222,12 @@ def _residuals(
     return tally, squares
 
 
-def check_not_streamed(solution: Solution, what: str) -> None:
-    """Raises `InputError` when a solution does not hold all readings that it was made of."""
+def check_refittable(solution: Solution, what: str) -> None:
+    """Raises `InputError` when a solution does not hold all readings that it was made of, or was changed since."""
+    if EXTRAPOLATED in solution.options:
+        raise InputError(
+            f"{what} repeats the fit, but this solution is extrapolated; take the one that it was made from"
+        )
     if STREAMED in solution.options:
         raise InputError(
             f"{what} repeats the fit, but this solution holds {solution.campaign.n_readings:,} of its "

@@ -54,7 +54,8 @@ def motion(solution: Solution, name: str, positions: Float[np.ndarray, " m"]) ->
     for direction in (1, -1) if (name, "reversal") in solution.model.by_name else (0,):
         rows = solution.motion_rows(name, positions, direction)
         values = rows @ np.asarray(solution.parameters)
-        u = linear_uncertainty(rows, solution.parameter_covariance)
+        scatter = solution.scatter_of(name)
+        u = np.hypot(linear_uncertainty(rows, solution.parameter_covariance), scatter)
         unknown = solution.is_not_determined(rows)
         for x, v, s, not_determined in zip(positions, values, u, unknown, strict=True):
             v, s = (np.nan, np.nan) if not_determined else (float(v), float(s))

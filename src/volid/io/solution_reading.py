@@ -13,7 +13,7 @@ import numpy as np
 from volid.campaign import Campaign
 from volid.exceptions import InputError
 from volid.fitting.diagnosis.adequacy import Adequacy, GroupTest, SuspectReading, reading_label
-from volid.fitting.results import Residuals, Statistics, read_only
+from volid.fitting.results import Residuals, SmoothPrior, Statistics, read_only
 from volid.io.basics.hdf5_values import read_text, reading
 from volid.io.solution_writing import Row
 from volid.model.error_model import ErrorModel, build_model
@@ -64,7 +64,9 @@ def read_model(file: h5py.File, campaign: Campaign, path: str) -> ErrorModel:
         {name: tuple(numbers) for name, numbers in json.loads(file["model"].attrs[key]).items()}
         for key in ("segments", "carrier")
     )
-    model = build_model(campaign.machine, segments, carrier=carrier, datum=datum)
+    ranges = json.loads(file["model"].attrs.get("ranges", "{}"))
+    machine = campaign.machine.over({letter: (float(low), float(high)) for letter, (low, high) in ranges.items()})
+    model = build_model(machine, segments, carrier=carrier, datum=datum)
     stored = file["model/parametrisation"][()]
     if stored.shape != model.parametrisation.shape or not _same_space(model, stored):
         raise InputError(
@@ -114,6 +116,20 @@ def read_array(file: h5py.File, where: str, shape: tuple[int | None, ...], path:
         expected = tuple("any" if e is None else e for e in shape)
         raise InputError(f"{path}, {where}: shape is {values.shape}; expected {expected}")
     return np.asarray(values)
+
+
+def read_smoothness(file: h5py.File, numbers: Numbers, path: str) -> SmoothPrior | None:
+    """What was assumed of the smoothness of the functions. Raises `InputError` for a wrong shape."""
+    if "smoothness" not in file:
+        return None
+    n, p = len(numbers.parameters), len(numbers.covariance)
+    r, h = file["smoothness/noise"].shape
+    count = len(file["smoothness/name"])
+    shapes = {"value": (count,), "u": (count,), "root": (r, n), "noise": (r, h), "spread": (p, h)}
+    arrays = [read_only(read_array(file, f"smoothness/{name}", shape, path)) for name, shape in shapes.items()]
+    scatter = {name: float(u) for name, u in json.loads(file["smoothness"].attrs.get("scatter", "{}")).items()}
+    value, u, root, noise, spread = arrays
+    return SmoothPrior(tuple(read_text(file["smoothness/name"]).tolist()), value, u, root, noise, spread, scatter)
 
 
 def read_suspects(group: h5py.Group, campaign: Campaign) -> tuple[SuspectReading, ...]:

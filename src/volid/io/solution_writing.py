@@ -10,6 +10,7 @@ import h5py
 import numpy as np
 
 from volid.fitting.diagnosis.adequacy import Adequacy, GroupTest, SuspectReading
+from volid.fitting.results import SmoothPrior
 from volid.fitting.solution import Solution
 from volid.io.basics.hdf5_values import to_json, write_array, write_text
 from volid.io.nuisance import write_nuisance
@@ -37,6 +38,16 @@ def write_samples(group: h5py.Group, samples: Samples, width: int) -> None:
         start += len(batch)
 
 
+def write_smoothness(group: h5py.Group, smooth: SmoothPrior) -> None:
+    """What was assumed of the smoothness of the functions."""
+    write_text(group, "name", list(smooth.names))
+    for name, values in (("value", smooth.values), ("u", smooth.u), ("root", smooth.root)):
+        write_array(group, name, values)
+    for name, values in (("noise", smooth.noise), ("spread", smooth.spread)):
+        write_array(group, name, values)
+    group.attrs["scatter"] = to_json(smooth.scatter)
+
+
 def write_datum(group: h5py.Group, datum: Datum) -> None:
     """The datum that parameters and covariance refer to."""
     for name in ("primary", "secondary", "line"):
@@ -61,7 +72,8 @@ def write_functions(group: h5py.Group, solution: Solution) -> None:
     for term, f in zip(solution.model.layout.terms, solution.model.functions, strict=True):
         if f.part != LOCATION:
             _write_spline(group[f.name], solution, f.part, term.basis.factors, coefficients[f.coefficients])
-            group[f.name].attrs["segments"] = [s.segments for s in f.splines] or group[f.name].attrs["segments"]
+            if f.part == MEAN:
+                group[f.name].attrs["segments"] = [s.segments for s in f.splines]
 
 
 def _write_spline(group: h5py.Group, solution: Solution, part: str, splines: Any, values: np.ndarray) -> None:
@@ -88,6 +100,7 @@ def write_parameters(file: h5py.File, solution: Solution) -> None:
     write_array(group, "u", u[: model.n_parameters])
     group = file.create_group("model")
     group.attrs["segments"], group.attrs["carrier"] = to_json(model.segments), to_json(model.carrier)
+    group.attrs["ranges"] = to_json({a.letter: a.travel for a in model.machine.axes})
     write_array(group, "parametrisation", model.parametrisation)
     write_array(group, "coefficients", model.parametrisation @ np.asarray(solution.parameters))
     group = file.create_group("nuisance")

@@ -14,13 +14,18 @@ Root attributes: `format`; `machine_name`; `axes` (letters, machine axis order);
   `reversal_coefficients` likewise: B = E(+) - E(-); a single number when B is constant.
 - `parameters/`: `label`, `function` (several, joined by +, when their datum rules couple them), `part`, `unit`, `value`, `u`,
   each (n,): coordinates of the coefficients in a basis that keeps to the datum. `model/`: attributes `segments` and `carrier`
-  (JSON texts: symbol -> intervals that were chosen, and in which coefficients are stored), `parametrisation` P (c, n) and
-  `coefficients` P θ (c,).
+  (JSON texts: symbol -> intervals within the measured range, and in which coefficients are stored) and `ranges` (JSON text: axis
+  letter -> measured range, which functions and datum refer to), `parametrisation` P (c, n) and `coefficients` P θ (c,).
 - `nuisance/`: `name`, `unit`, `value`, `u`, each (k,), and what the fit began with: `start`, `prior_u` (inf: unknown, 0:
   exact), `spread`; `distribution`, `effect`; `key` (JSON list: what it is) and `response` (JSON object: how it answers a rigid
   motion of the frame it lives in, see `volid.observations.response`).
 - `covariance` (n + k, n + k): of (θ, ν), in the units of both; zero along what is not determined.
 - `prior_root` (r, n), only after a fit with an earlier solution: its pseudo-readings W θ with unit variance.
+- `smoothness/`, where the smoothness of functions was estimated: `name` of its parameters, such as "EXX size" and "EXX length",
+  `value` and `u` of their logarithms [of mm or rad; of the range]; `root` W (r, n), pseudo-readings W θ = 0 with unit variance;
+  `noise` G (r, h), their covariance is 1 + G Gᵀ because the parameters are uncertain; `spread` (n + k, h), what G brings to the
+  unknowns: `covariance` is the inverse of JᵀJ plus `spread` times its transpose; attribute `scatter` (JSON text: direction ->
+  standard deviation of what is independent from position to position [mm], which is part of every u of a deviation).
 - `identifiability/`: `statements` (text, what is not determined); `null_space` (n, d), combinations of θ that are not determined;
   `held_directions` (s, h), directions of the s tool-frame constants held at 0; `undetermined/function`, `/directions`.
 - `residuals/1`, `/2`, …, in the order of `campaign/sets`: attributes `set`, `rms`; `residual` (m, r) = reading - predicted,
@@ -46,6 +51,8 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from volid.exceptions import OutputError
+from volid.fitting.change_of_datum import EXTRAPOLATED
 from volid.fitting.diagnosis.adequacy import SuspectReading
 from volid.fitting.results import read_only
 from volid.fitting.solution import Solution
@@ -61,6 +68,7 @@ from volid.io.solution_reading import (
     read_numbers,
     read_residuals,
     read_samples,
+    read_smoothness,
     read_statistics,
     read_undetermined,
 )
@@ -73,6 +81,7 @@ from volid.io.solution_writing import (
     write_residuals,
     write_rows,
     write_samples,
+    write_smoothness,
 )
 
 
@@ -85,7 +94,7 @@ def write_solution(solution: Solution, path: str | Path, overwrite: bool = False
         overwrite: replace an existing file.
 
     Raises:
-        OutputError: `path` exists, or cannot be written; then nothing is written.
+        OutputError: `path` exists, or cannot be written, or the solution is an extrapolated one; then nothing is written.
 
     >>> import volid
     >>> from pathlib import Path
@@ -96,6 +105,8 @@ def write_solution(solution: Solution, path: str | Path, overwrite: bool = False
     >>> bool((volid.load_solution(path).parameters == solution.parameters).all())
     True
     """
+    if EXTRAPOLATED in solution.options:
+        raise OutputError(f"{path}: an extrapolated solution is not saved; save the solution that it was made from")
     with atomic_output(path, overwrite) as temporary, h5py.File(temporary, "w") as file:
         file.attrs["format"] = FORMAT
         file.attrs["machine_name"] = solution.machine.name
@@ -108,6 +119,8 @@ def write_solution(solution: Solution, path: str | Path, overwrite: bool = False
         write_parameters(file, solution)
         if solution.prior_root is not None:
             write_array(file, "prior_root", solution.prior_root)
+        if solution.smooth is not None:
+            write_smoothness(file.create_group("smoothness"), solution.smooth)
         write_identifiability(file.create_group("identifiability"), solution)
         write_residuals(file.create_group("residuals"), solution)
         write_rows(file.create_group("outliers"), SuspectReading, solution.readings.outlier_readings)
@@ -157,5 +170,6 @@ def read_solution(path: str | Path) -> Solution:
             prior_root=read_only(read_array(file, "prior_root", (None, model.n_parameters), str(path)))
             if "prior_root" in file
             else None,
+            smooth=read_smoothness(file, numbers, str(path)),
             provenance={key: str(value) for key, value in file["provenance"].attrs.items()},
         )

@@ -64,6 +64,14 @@ class NuisanceTable:
         self.keys: dict[Any, int] = {}
         self.entries: list[Nuisance] = []
 
+    @classmethod
+    def of(cls, entries: Iterable[Nuisance]) -> NuisanceTable:
+        """A table that holds these parameters already."""
+        table = cls()
+        table.entries = list(entries)
+        table.keys = {entry.key: i for i, entry in enumerate(table.entries)}
+        return table
+
     def index(self, key: Key, name: str, unit: str = "mm", start: float = 0.0, **known: Any) -> int:
         """Number of the parameter `key`, made on first use; a start value found from the data wins over `start`.
 

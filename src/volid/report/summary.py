@@ -119,7 +119,7 @@ def plain(value: Any) -> Any:
 
 
 def _axes(solution: Solution) -> list[dict[str, Any]]:
-    rows = zip(solution.machine.axes, solution.measured_range(), strict=True)
+    rows = zip(solution.campaign.machine.axes, solution.measured_range(), strict=True)
     found = [{"axis": a.letter, "unit": a.unit, "travel": a.travel, "measured": measured} for a, measured in rows]
     return sorted(found, key=lambda row: DIRECTIONS.index(row["axis"]))
 
@@ -215,7 +215,14 @@ def _function(solution: Solution, name: str, rows: list[FunctionValue]) -> dict[
         "largest_u": float(u.max()) if known else math.nan,
         "largest_reversal": float(np.abs(reversal).max()) if known and reversal.size else None,
         "segments": list(solution.model.segments[name]),
+        "smooth_over": _smooth_over(solution, name),
     }
+
+
+def _smooth_over(solution: Solution, name: str) -> float | None:
+    """Distance over which a function's values stay alike, as estimated [mm or degrees]; None where segments are stated."""
+    lengths = {e.function: e.length for e in solution.seen_lengths if e.axis == name[2]}
+    return lengths.get(name)
 
 
 def _weakest(rows: Iterable[FunctionValue]) -> dict[str, Any] | None:

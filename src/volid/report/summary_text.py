@@ -225,19 +225,25 @@ def _deviation_lines(before: dict[str, Any], volume: dict[str, Any]) -> list[str
     return lines + paragraph(f"{text}; {nodes} nodes", f"after {after['type']}, expected", indent)
 
 
+def _shape(function: dict[str, Any]) -> str:
+    """Over which distance a function's values stay alike, or the segments that were stated for it."""
+    segments = "×".join(str(n) for n in function["segments"])
+    unit = "mm" if function["name"][2] in "XYZ" else "°"
+    return f"{segments} segments" if function["smooth_over"] is None else f"{function['smooth_over']:.0f} {unit}"
+
+
 def _function_lines(data: dict[str, Any]) -> list[str]:
     known = [_in_micro(f["largest_u"], f["unit"]) for f in data["functions"] if f["largest_u"]]
     digits = decimals(min(known, default=0.1))
     reversal = any(f["largest_reversal"] is not None for f in data["functions"])
     rows = []
     for f in data["functions"]:
-        segments = "×".join(str(n) for n in f["segments"])
         row = [f["name"], f["description"], *(micro(f[key], f["unit"], digits) for key in ("range", "largest_u"))]
-        row += [unit_of(f["unit"]), segments]
+        row += [unit_of(f["unit"]), _shape(f)]
         if reversal:
             row.insert(4, "" if f["largest_reversal"] is None else micro(f["largest_reversal"], f["unit"], digits))
         rows.append(row)
-    columns = ["function".ljust(10), "", "range", "largest u", *(["reversal"] if reversal else []), "", "segments"]
+    columns = ["function".ljust(10), "", "range", "largest u", *(["reversal"] if reversal else []), "", "smooth over"]
     lines = table(columns, rows, left=2) if rows else []
     weakest = data["weakest"]
     if weakest:

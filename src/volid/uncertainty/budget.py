@@ -20,11 +20,13 @@ from volid.backend.rms import rms
 from volid.fitting.prediction.deviations import gradient_matrix
 from volid.fitting.prediction.spread import linear_uncertainty
 from volid.fitting.solution import Solution
-from volid.fitting.streamed import check_not_streamed
+from volid.fitting.streamed import check_refittable
 from volid.observations import KINDS
 from volid.uncertainty.outputs import Outputs
 from volid.uncertainty.trials.centre import Centre
 
+SMOOTHNESS = "between the positions (smoothness of the functions)"
+SCATTER = "independent from position to position (short waves)"
 COMPONENTS = ("ex", "ey", "ez", "ea", "eb", "ec")
 
 
@@ -72,12 +74,16 @@ class Line(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """Linear outputs of x = (θ, ν): `names`, `positions`, `units` (mm or rad) and `matrix` (q, p)."""
+    """Linear outputs of x = (θ, ν): `names`, `positions`, `units` (mm or rad) and `matrix` (q, p).
+
+    `scatter`: (q,), what is independent from position to position and no part of x.
+    """
 
     names: tuple[str, ...]
     positions: np.ndarray
     units: tuple[str, ...]
     matrix: np.ndarray
+    scatter: np.ndarray
 
 
 def headline_rows(solution: Solution, outputs: Outputs) -> Rows:
@@ -86,7 +92,7 @@ def headline_rows(solution: Solution, outputs: Outputs) -> Rows:
     The largest length |e| at its place has the gradient eᵀG/|e|, the RMS over P points Σ eᵀG/(P·RMS), a range G_max - G_min.
     """
     x = np.concatenate([np.asarray(solution.parameters), np.asarray(solution.nuisance)])
-    matrix = outputs.rows
+    matrix, scatter = outputs.rows, outputs.scatter
     if len(outputs.field):
         gradient = outputs.field.reshape(-1, 3, len(x))
         e = (outputs.offset + outputs.field @ x).reshape(-1, 3)
@@ -95,7 +101,10 @@ def headline_rows(solution: Solution, outputs: Outputs) -> Rows:
         worst = int(np.argmax(size))
         ends = [gradient[np.argmax(e[:, k]), k] - gradient[np.argmin(e[:, k]), k] for k in range(3)]
         matrix = np.vstack([matrix, along[worst] / size[worst], along.sum(axis=0) / (len(e) * rms(size)), *ends])
-    return Rows(outputs.names, outputs.positions, outputs.units, matrix)
+        own = np.linalg.norm(e * outputs.directions, axis=1)
+        mean = float(np.linalg.norm(own)) / (len(e) * rms(size))
+        scatter = np.concatenate([scatter, [own[worst] / size[worst], mean], np.sqrt(2.0) * outputs.directions])
+    return Rows(outputs.names, outputs.positions, outputs.units, matrix, scatter)
 
 
 def point_rows(solution: Solution, positions: np.ndarray, tool: np.ndarray, direction: np.ndarray) -> Rows:
@@ -106,32 +115,38 @@ def point_rows(solution: Solution, positions: np.ndarray, tool: np.ndarray, dire
     names = np.array([f"{c} point {i + 1}" for i in range(len(positions)) for c in COMPONENTS])
     units = np.tile(["mm"] * 3 + ["rad"] * 3, len(positions))
     matrix = np.pad(gradient, ((0, 0), (0, len(solution.nuisance_table))))[known]
-    return Rows(tuple(names[known].tolist()), np.full(int(known.sum()), np.nan), tuple(units[known].tolist()), matrix)
+    scatter = np.tile(solution.scatter_u(), len(positions))[known]
+    nowhere = np.full(int(known.sum()), np.nan)
+    return Rows(tuple(names[known].tolist()), nowhere, tuple(units[known].tolist()), matrix, scatter)
 
 
 def budget_lines(found: Budget, rows: Rows) -> Iterator[Line]:
     """Every source of every output, the largest contribution of each output first."""
     values = found.contributions(rows.matrix)
+    sources, stated_u, stated_units = list(found.sources), found.u, list(found.units)
+    if np.any(rows.scatter > 0.0):
+        values = np.vstack([values, rows.scatter])
+        sources, stated_u, stated_units = [*sources, SCATTER], np.append(stated_u, np.nan), [*stated_units, ""]
     total = np.sqrt(np.sum(values**2, axis=0))
     for q, (name, position, unit) in enumerate(zip(rows.names, rows.positions.tolist(), rows.units, strict=True)):
         for s in np.argsort(-values[:, q], kind="stable").tolist():
-            contribution, stated = float(values[s, q]), float(found.u[s])
+            contribution, stated = float(values[s, q]), float(stated_u[s])
             share = float((contribution / total[q]) ** 2) if total[q] > 0.0 else 0.0
             sensitivity = contribution / stated if stated > 0.0 else np.nan
-            source, source_unit = found.sources[s], found.units[s]
+            source, source_unit = sources[s], stated_units[s]
             yield Line(
                 name, position, unit, float(total[q]), source, stated, source_unit, sensitivity, contribution, share
             )
 
 
 def budget(solution: Solution) -> Budget:
-    """The budget of a solution: one source per set of readings, per effect, per calibrated length, and the earlier solution."""
-    check_not_streamed(solution, "the budget")
+    """The budget of a solution: one source per set, per effect, per calibrated length, the earlier solution, the smoothness."""
+    check_refittable(solution, "the budget")
     centre = Centre(solution)
-    basis, covariance = np.asarray(centre.frozen.basis), np.asarray(solution.covariance)
+    basis, covariance = np.asarray(centre.frozen.basis), np.asarray(centre.frozen.covariance)
     sources, parts, stated = [], [], []
     system_of_all = centre.problem.system
-    bare = replace(system_of_all, prior_root=np.zeros((0, system_of_all.size)))
+    bare = replace(system_of_all, prior_root=np.zeros((0, system_of_all.size)), prior_value=np.zeros(0))
     for i, s in enumerate(centre.campaign.sets):
         own = [number == i for number, _ in centre.problem.places]
         system = replace(bare, blocks=tuple(b for b, of_set in zip(system_of_all.blocks, own, strict=True) if of_set))
@@ -144,7 +159,9 @@ def budget(solution: Solution) -> Budget:
         reach = rows @ covariance
         sources.append(name)
         stated.append(u)
-        parts.append(reach.T @ reach)
+        parts.append(
+            reach.T @ reach + (solution.smooth_spread @ solution.smooth_spread.T if name == SMOOTHNESS else 0.0)
+        )
     return Budget(tuple(sources), np.array(parts), np.array([u for u, _ in stated]), tuple(unit for _, unit in stated))
 
 
@@ -164,6 +181,9 @@ def _prior_sources(solution: Solution, centre: Centre) -> list[tuple[str, np.nda
         rows_of_kind = [i for i, m in enumerate(names) if m == name]
         u = _one_u(np.array([entries[i].prior_u for i in rows_of_kind]), [entries[i].unit for i in rows_of_kind])
         result.append((name, rows[rows_of_kind], u))
-    if len(rows) > len(names):
-        result.append(("earlier solution", rows[len(names) :], (float("nan"), "")))
+    smooth = len(rows) - len(solution.smooth_rows)
+    if smooth > len(names):
+        result.append(("earlier solution", rows[len(names) : smooth], (float("nan"), "")))
+    if smooth < len(rows):
+        result.append((SMOOTHNESS, rows[smooth:], (float("nan"), "")))
     return result

@@ -12,6 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
+from scipy.stats import norm
 
 from volid.fitting.prediction.deviations import THREADS, gradient_matrix
 from volid.fitting.results import FunctionValue
@@ -52,8 +53,11 @@ def function_intervals(solution: Solution, rows: Sequence[FunctionValue], probab
     samples = _samples(solution)
     matrix = np.pad(function_rows(solution, rows), ((0, 0), (0, len(solution.nuisance_table))))
     parts = [coverage_intervals(values, probability) for _, values in samples.linear(matrix)]
+    own = np.array([0.0 if np.isnan(r.position) else solution.scatter_of(r.name) for r in rows])
+    centre = function_rows(solution, rows) @ np.asarray(solution.parameters)
+    columns = widened(np.array([np.concatenate(c) for c in zip(*parts, strict=True)]), centre, own, probability)
     not_determined = np.array([not np.isfinite(r.value) for r in rows])
-    return Intervals(*(np.where(not_determined, np.nan, np.concatenate(column)) for column in zip(*parts, strict=True)))
+    return Intervals(*(np.where(not_determined, np.nan, column) for column in columns))
 
 
 def deviation_intervals(
@@ -83,7 +87,16 @@ def deviation_intervals(
 
     with ThreadPoolExecutor(THREADS) as pool:
         list(pool.map(fill, range(0, len(positions), PIECE)))
-    return Bands(*result)
+    return Bands(*widened(result, values, solution.scatter_u(model), probability))
+
+
+def widened(ends: np.ndarray, centre: np.ndarray, u: np.ndarray, probability: float) -> np.ndarray:
+    """Intervals (4, …) around values `centre`, each side in quadrature longer by an independent normal part of u."""
+    if not np.any(u > 0.0):
+        return ends
+    more = norm.ppf(0.5 + 0.5 * probability) * u
+    sides = ends - centre
+    return np.asarray(centre + np.sign(sides) * np.hypot(sides, more))
 
 
 def _samples(solution: Solution) -> Samples:

@@ -2,8 +2,9 @@
 
 There are two measures. Without any lack of fit, the probability that a measure enlarges u is below 5 %:
   unit weight s = sqrt(Σ(v/u)² / ν), residuals at the readings: instrument, drift, non-rigid behaviour (chi-square test);
-  held-out weight h = sqrt(Q / E Q), Q the sum of squares of the prediction errors of readings that are held out (K-fold), E Q its
-  expectation from noise and the parameters' uncertainty: it also shows too few spline segments between the readings.
+  held-out weight h = sqrt(Q / E Q), Q the sum of squares of the prediction errors of readings that are held out (K-fold), E Q
+  its expectation from noise and the parameters' uncertainty: only solutions of earlier versions, which chose segments by it,
+  have one.
 
 The larger of the two enlarges every u by one factor; the part due to it, u_lack = u sqrt(factor² - 1), is stated beside u. This
 takes the lack of fit as random from reading to reading, and as large elsewhere as where there are readings. JCGM GUM-6:2020 11.7.
@@ -48,7 +49,7 @@ class LackOfFit(NamedTuple):
 
 
 def lack_of_fit(solution: Solution) -> LackOfFit:
-    """The unmodelled error that residuals and held-out readings show."""
+    """The unmodelled error that the residuals show."""
     adequacy, statistics = solution.adequacy, solution.statistics
     factors = [1.0]
     if adequacy.unit_weight > 1.0 and adequacy.probability < CHANCE:

@@ -21,6 +21,8 @@ class Outputs:
 
     `names`, `units` (mm or rad), `positions` (NaN for constants): one entry each. `rows`: (l, p) linear outputs. `field`:
     (3 P, p) gradient of the deviation at P points, `offset` (3 P,) with deviation = offset + field · x; empty without a field.
+    `scatter`: (l,), standard deviation of what is independent from position to position, beside x; `directions` (3,): the same of
+    the deviation [mm].
     """
 
     names: tuple[str, ...]
@@ -29,16 +31,20 @@ class Outputs:
     rows: np.ndarray
     field: np.ndarray
     offset: np.ndarray
+    scatter: np.ndarray
+    directions: np.ndarray
 
     def values(self, x: np.ndarray) -> np.ndarray:
         """Outputs of parameters x, (b, p) -> (b, q). The field's outputs: largest and RMS length, and three ranges."""
         return np.concatenate([x @ self.rows.T, self.field_values(x)], axis=1)
 
-    def field_values(self, x: np.ndarray) -> np.ndarray:
-        """The field's outputs of parameters x, (b, p) -> (b, 5), or (b, 0) without a field."""
+    def field_values(self, x: np.ndarray, rng: np.random.Generator | None = None) -> np.ndarray:
+        """The field's outputs of parameters x, (b, p) -> (b, 5), or (b, 0) without a field; `rng` draws the scatter."""
         if not len(self.field):
             return np.zeros((len(x), 0))
         vectors = (self.offset + x @ self.field.T).reshape(len(x), -1, 3)
+        if rng is not None and np.any(self.directions > 0.0):
+            vectors = vectors + self.directions * rng.standard_normal(vectors.shape)
         size = np.linalg.norm(vectors, axis=2)
         return np.column_stack([size.max(axis=1), rms(size, axis=1), np.ptp(vectors, axis=1)])
 
@@ -71,7 +77,10 @@ def headline_outputs(solution: Solution, tool: np.ndarray | None = None) -> Outp
     units = [parse(name).unit for name in names]
     if len(field):
         names, units, positions = names + list(FIELD), units + ["mm"] * len(FIELD), positions + [np.nan] * len(FIELD)
-    return Outputs(tuple(names), tuple(units), np.array(positions), matrix, field, offset)
+    sizes = [solution.scatter_of(n) if n not in FIELD else 0.0 for n in names]
+    scatter = np.where(np.isnan(positions), 0.0, sizes)[: len(matrix)]
+    directions = solution.scatter_u()[:3]
+    return Outputs(tuple(names), tuple(units), np.array(positions), matrix, field, offset, scatter, directions)
 
 
 def _field(solution: Solution, tool: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:

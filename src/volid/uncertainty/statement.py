@@ -59,7 +59,9 @@ def statement(solution: Solution, tool: np.ndarray | None = None, outputs: Outpu
     centre = np.concatenate([np.asarray(solution.parameters), np.asarray(solution.nuisance)])
     estimate = outputs.values(centre[None])[0]
     u = np.full(len(estimate), np.nan)
-    u[: len(outputs.rows)] = linear_uncertainty(outputs.rows, np.asarray(solution.covariance))
+    u[: len(outputs.rows)] = np.hypot(
+        linear_uncertainty(outputs.rows, np.asarray(solution.covariance)), outputs.scatter
+    )
     found, spread, converged = _sampled(samples, outputs)
     checked = gum_validity(estimate, np.where(np.isnan(u), spread, u), found, converged)
     rows = tuple(
@@ -86,9 +88,11 @@ def _sampled(samples: Samples, outputs: Outputs) -> tuple[Intervals, np.ndarray,
 
 def _groups(samples: Samples, outputs: Outputs) -> Iterator[np.ndarray]:
     """Samples (M', q) of the linear outputs, then of the others, one group in memory at a time."""
-    for _, values in samples.linear(outputs.rows):
-        yield values
-    yield samples.outputs(outputs.field_values)
+    rng = np.random.default_rng([samples.seed, 2])
+    for part, values in samples.linear(outputs.rows):
+        own = outputs.scatter[part]
+        yield values + own * rng.standard_normal(values.shape) if np.any(own > 0.0) else values
+    yield samples.outputs(lambda x: outputs.field_values(x, rng))
 
 
 def format_statement(found: Statement) -> str:

@@ -1,4 +1,9 @@
-"""A solution against the truth of a virtual machine: differences with their u, the gauge removed from both (CONVENTIONS 4)."""
+"""A solution against the truth of a virtual machine: differences with their u, the gauge removed from both (CONVENTIONS 4).
+
+The functions of a solution refer to the measured range of their axes, those of a truth to the whole travels. So the truth is
+expressed first in the solution's own model: the parameters whose deviations are nearest to the true ones over the measured
+ranges, for tool vectors all around, up to a rigid motion of the workpiece frame.
+"""
 
 from __future__ import annotations
 
@@ -6,11 +11,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from volid.backend.even_points import even_points
 from volid.fitting.prediction.deviations import deviation_values, gradient_matrix
 from volid.fitting.prediction.spread import covariance_root, linear_uncertainty
 from volid.fitting.prediction.working_volume import spread_positions
 from volid.fitting.solution import Solution
-from volid.model.error_functions import reference_of
+from volid.model.error_model import LOCATION
 from volid.model.iso230 import parse
 from volid.model.jacobian import rigid_motion_rows, tool_rotation_rows
 from volid.model.rigid_fields import column_space, without
@@ -19,6 +25,10 @@ from volid.virtual.truth import Truth
 POINTS = 64  # of the deviation field, over the travel (Halton)
 POSITIONS = 7  # of every error motion
 COVERAGE_FACTOR = 1.96  # 95 % of a normal distribution
+TIMES = 6  # equations per unknown by which a truth is expressed in a model
+ARM = 500.0  # mm: largest component of the tool vectors there; weighs rotations against translations
+RANK = 1e-9  # of the largest singular value
+STEPS = 2  # of Gauss-Newton: errors of second order are 1e-6 mm
 NOTHING = 1e-6  # of the largest u of a function: below, the datum fixes the value and u has no meaning
 
 
@@ -61,9 +71,9 @@ def compare(solution: Solution, truth: Truth) -> Comparison:
     if solution.datum != truth.machine.datum:
         solution = solution.in_datum(truth.machine.datum)
     field, field_u = _field(solution, truth)
-    functions, functions_u = {}, {}
+    true, functions, functions_u = true_parameters(solution, truth), {}, {}
     for name in solution.model.names:
-        functions[name], functions_u[name] = _function(solution, truth, name)
+        functions[name], functions_u[name] = _function(solution, true, name)
     return Comparison(field, field_u, functions, functions_u)
 
 
@@ -113,19 +123,39 @@ def _field(solution: Solution, truth: Truth) -> tuple[np.ndarray, np.ndarray]:
     return difference, u
 
 
-def _function(solution: Solution, truth: Truth, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Difference of one function and its u; NaN where the data do not determine it."""
+def true_parameters(solution: Solution, truth: Truth) -> np.ndarray:
+    """θ, shape (n,), of the solution's model that is nearest to the truth over the measured ranges, mean of both directions."""
+    model, machine = solution.model, solution.machine
+    n = int(np.ceil(TIMES * (model.n_parameters + 6) / 6))
+    unit = even_points(n, len(machine.axes) + 3)
+    low, length = np.array([a.travel[0] for a in machine.axes]), np.array([a.length for a in machine.axes])
+    positions, tool = low + unit[:, : len(low)] * length, (unit[:, len(low) :] - 0.5) * 2.0 * ARM
+    weight = np.array([1.0, 1.0, 1.0, ARM, ARM, ARM])[None, :, None]
+    gradient = gradient_matrix(model, np.zeros(model.n_parameters), positions, tool, np.zeros_like(positions))
+    rows = np.concatenate([gradient, rigid_motion_rows(machine, positions, tool)], axis=2) * weight
+    design = rows.reshape(-1, rows.shape[2])
+    scale = 1.0 / np.maximum(np.linalg.norm(design, axis=0), 1e-300)
+    left, sizes, right = np.linalg.svd(design * scale, full_matrices=False)
+    seen = sizes > RANK * sizes[0]
+    true, found = truth.deviation(positions, tool), np.zeros(design.shape[1])
+    for _ in range(STEPS):
+        own = deviation_values(model, found[: model.n_parameters], positions, tool, np.zeros_like(positions))
+        moved = np.einsum("mkr,r->mk", rigid_motion_rows(machine, positions, tool), found[model.n_parameters :])
+        rest = ((true - own - moved) * weight[0, :, 0]).ravel()
+        found = found + scale * (right[seen].T @ ((left[:, seen].T @ rest) / sizes[seen]))
+    return np.asarray(found[: model.n_parameters])
+
+
+def _function(solution: Solution, true: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Difference of one function from that of the true parameters, and its u; NaN where the data do not determine it."""
     error = parse(name)
     if error.location:
         found = solution.location(name)
-        return np.array([found.value - truth.constants.get(name, 0.0)]), np.array([found.u])
+        place = solution.model.by_name[name, LOCATION].parameters.start
+        return np.array([found.value - true[place]]), np.array([found.u])
     at = np.linspace(*solution.machine.axis(error.axis).travel, POSITIONS)
     rows = solution.motion_rows(name, at, 0)
     u = linear_uncertainty(rows, solution.parameter_covariance)
-    true = truth.functions[name](at) if name in truth.functions else np.zeros(POSITIONS)
-    if name in truth.cross:
-        other, function = truth.cross[name]
-        true = true + function(at, np.full(POSITIONS, reference_of(solution.machine, solution.datum, other)))
     open_rows = solution.is_not_determined(rows)
-    difference = rows @ np.asarray(solution.parameters) - true
+    difference = rows @ (np.asarray(solution.parameters) - true)
     return np.where(open_rows, np.nan, difference), np.where(open_rows, np.nan, u)

@@ -42,7 +42,8 @@ def build_grids(solution: Solution, request: GridRequest) -> tuple[AnyGrid, ...]
 
 
 def build_grid(solution: Solution, request: GridRequest, side: str) -> AnyGrid:
-    """The grid of one side; see `build_grids` for what it raises."""
+    """The grid of one side, without short waves; see `build_grids` for what it raises."""
+    solution = solution.without_waves()
     machine, reference = solution.machine, request.reference(solution.machine, side)
     lines = grid_nodes(solution, request, side)
     place = place_at(machine, side, grid_positions(lines), reference)

@@ -20,7 +20,8 @@ from volid.compensation.grids.request import EXACT, GridRequest, Rule
 from volid.compensation.types import ORIENTATION
 from volid.exceptions import InputError
 from volid.fitting.prediction.spread import linear_uncertainty
-from volid.fitting.solution import Solution
+from volid.fitting.solution import Solution, carries
+from volid.model.error_model import MEAN
 from volid.model.iso230 import SPINDLE
 from volid.model.jacobian import influence
 from volid.model.kinematics import ROWS
@@ -66,8 +67,21 @@ def _linearised(solution: Solution, request: GridRequest, place: Place, zero: Pl
         flat = gradient.reshape(-1, gradient.shape[2])
         known[rows] = ~solution.is_not_determined(flat).reshape(gradient.shape[:2])
         if request.uncertainty:
-            u[rows] = linear_uncertainty(gradient, solution.parameter_covariance)
+            own = np.sqrt(1.0 if zero is None else 2.0) * _scatter(solution, gradient)
+            u[rows] = np.hypot(linear_uncertainty(gradient, solution.parameter_covariance), own)
     return Evaluated(np.where(known, values, np.nan), np.where(known, u, np.nan), known)
+
+
+def _scatter(solution: Solution, gradient: np.ndarray) -> np.ndarray:
+    """What of the positions' independent part a type holds, (6,): of the functions that `gradient` (m, 6, n) depends on."""
+    seen = np.any(gradient[:, :3] != 0.0, axis=(0, 1))
+    u = np.zeros(6)
+    for key, size in solution.scatter.items():
+        own = [f for f in solution.model.functions if f.part == MEAN and carries(f.name, key)]
+        if any(np.any(seen[f.parameters]) for f in own):
+            k = "XYZ".index(own[0].name[1])
+            u[k] = np.hypot(u[k], size)
+    return u
 
 
 def field_gradient(solution: Solution, request: GridRequest, place: Place) -> np.ndarray:

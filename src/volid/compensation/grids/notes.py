@@ -95,8 +95,8 @@ def _determination_notes(solution: Solution, request: GridRequest, side: str, fo
         notes.append(f"{', '.join(blank)} are not determined by the data and left blank; {use}")
     if found.rigid:
         notes.append(
-            "known for this tool vector up to a rigid motion of the workpiece frame; given with its own least-squares "
-            "rigid motion over the travel taken out"
+            "known for this tool vector up to a rigid motion of the workpiece frame; what is not determined is held at 0, "
+            "the same for all tool vectors and positions"
         )
     if side == LINEAR and request.evaluation == EXACT and solution.held_tool_rotation:
         notes.append(

@@ -55,17 +55,18 @@ def evaluate_part(
     part = part_model(model, letters)
     theta, still = np.asarray(solution.parameters), np.zeros_like(positions)
     null, covariance = np.asarray(solution.null_space), solution.parameter_covariance if uncertainty else None
-    outside = solution.outside(positions, judged)
+    outside, held = solution.outside(positions, judged), model.holds(positions)[:, None]
     if part is model:
         values, u, found = known_deviations(model, theta, covariance, null, positions, tool, still)
-        return Deviations(values, u, found.known, outside, found.rigid)
+        values, u = np.where(held, values, np.nan), np.where(held, np.hypot(u, solution.scatter_u()), np.nan)
+        return Deviations(values, u, found.known & held, outside, found.rigid)
     # the parts of one machine share one frame, so none is moved into its own
     values = deviation_values(part, theta, positions, tool, still)
     u = np.full_like(values, np.nan)
     if covariance is not None:
-        u = standard_uncertainties(part, theta, covariance, positions, tool, still)
+        u = np.hypot(standard_uncertainties(part, theta, covariance, positions, tool, still), solution.scatter_u(part))
     _, open_rest = split_null_space(model, null)
-    known = is_determined(part, open_rest, parameter_units(model), positions, tool, still)
+    known = is_determined(part, open_rest, parameter_units(model), positions, tool, still) & held
     return Deviations(np.where(known, values, np.nan), np.where(known, u, np.nan), known, outside)
 
 

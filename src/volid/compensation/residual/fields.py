@@ -44,6 +44,7 @@ class Field:
         self.places, self.tool, self.machine = places, np.asarray(tool, dtype=float), solution.machine
         self.gradient = deviation_rows(solution, places.positions, places.directions, self.tool, base.turn)
         self.estimate = self.gradient @ np.asarray(solution.parameters)
+        self.scatter = solution.scatter_u()
         self.tool_axis = side_rotation(self.machine, places.positions, False) @ SPINDLE_AXIS
         self.without_rigid_motion = WorkpieceMotion(self.machine, places.positions, self.tool).removed_from
         self.angles_known = self._require_determined(solution)

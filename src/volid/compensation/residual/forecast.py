@@ -193,6 +193,7 @@ def _prediction(field: Field, moved: np.ndarray, draws: np.ndarray) -> Predictio
     centre = (field.estimate + moved)[None]
     exact = quantities(field.without_rigid_motion(centre), field.tool_axis)[0]
     spread = (draws @ field.gradient.reshape(-1, draws.shape[1]).T).reshape(len(draws), -1, 6)
+    spread += field.scatter * np.random.default_rng(len(draws)).standard_normal(spread.shape)
     values = quantities(field.without_rigid_motion(centre + spread), field.tool_axis)
     bounds = coverage_intervals(values)
     result = [values.mean(axis=0), bounds.low, bounds.high, exact]

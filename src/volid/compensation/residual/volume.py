@@ -109,6 +109,7 @@ def predict_residual(
     root = covariance_root(solution.parameter_covariance)
     draws = np.random.default_rng(seed).standard_normal((SAMPLES, root.shape[1])) @ root.T
     spread = (draws @ gradient[:, :3].reshape(-1, draws.shape[1]).T).reshape(SAMPLES, POINTS, 3)
+    spread += solution.scatter_u()[:3] * np.random.default_rng([seed, 1]).standard_normal(spread.shape)
     size = np.linalg.norm(without(spread + exact), axis=2)
     largest = size.max(axis=1)
     low, high = np.quantile(largest, [0.025, 0.975]).tolist()

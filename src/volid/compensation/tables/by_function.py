@@ -81,6 +81,7 @@ def error_tables(
             raise InputError(f"{t.name} has no tables of single functions; it is a grid")
     for letter in zero or {}:
         solution.machine.index(letter)
+    solution = solution.without_waves()
     request = TableRequest(types, base, Sampling() if sampling is None else sampling, zero or {}, ranges or {})
     tables: list[ErrorTable] = []
     for axis in solution.machine.axes:
@@ -159,6 +160,7 @@ class _AxisTables:
         for rows in both:
             _require_determined(solution, name, rows)
         theta, covariance = np.asarray(solution.parameters), solution.parameter_covariance
+        scatter = solution.scatter_of(name)
         positions = np.tile(base.at, (len(nodes), 1))
         positions[:, solution.machine.index(axis.letter)] = nodes
         return ErrorTable(
@@ -167,7 +169,7 @@ class _AxisTables:
             positions=nodes,
             forward=both[0] @ theta,
             reverse=both[1] @ theta,
-            u=np.stack([linear_uncertainty(rows, covariance) for rows in both], axis=1),
+            u=np.hypot(np.stack([linear_uncertainty(rows, covariance) for rows in both], axis=1), scatter),
             outside=solution.outside(positions, judged_axes(solution, axis)),
             applied=MODEL,
             interpolation=float(interpolation_error(self.dense, curve, nodes).max()),

@@ -38,7 +38,7 @@ def held_out_residuals(
     if not rotary or sum(r.size for r in whitened) * root.shape[1] > LARGEST:
         return ()
     blocks = problem.equations.projected(z, root.T)
-    rows = _rows(problem, campaign, blocks)
+    rows = rows_by_reading(problem, campaign, blocks)
     poses = campaign.rotary_poses()
     group = np.concatenate([np.repeat(p, r.shape[1]) for p, r in zip(poses, whitened, strict=True)])
     residual = np.concatenate([r.ravel() for r in whitened])
@@ -50,7 +50,7 @@ def held_out_residuals(
     return tuple(part.reshape(r.shape) for part, r in zip(parts, whitened, strict=True))
 
 
-def _rows(problem: Problem, campaign: Campaign, blocks: list[Any]) -> np.ndarray:
+def rows_by_reading(problem: Problem, campaign: Campaign, blocks: list[Any]) -> np.ndarray:
     """J L, one row per scalar reading in the order of sets, rows, columns: (n, r)."""
     width = blocks[0].shape[1]
     result = [np.zeros((*s.readings.shape, width)) for s in campaign.sets]

@@ -1,31 +1,31 @@
 """What the data determine: a scaled rank decision, and its null space (in words: `statements`).
 
-The decision is made on the Jacobian at the nominal machine, where the model is linear in its errors and the combinations that are
-not determined are exact. Machine parameters are measured in 0.1 mm and 0.1 mrad: a combination counts as determined when its
-standard uncertainty stays below ten such units (1 mm, 1 mrad) and its singular value above 1e-9 of the largest. Nuisance
+The decision is made on the Jacobian at the nominal machine, where the model is linear in its errors and the combinations that
+are not determined are exact. It is one of geometry: machine parameters are measured in 0.1 mm and 0.1 mrad, and a combination
+counts as determined when its singular value is above `LEAST` of the largest, however large all u are together. Nuisance
 parameters are eliminated first (QR with their columns in front), so the null space is one of the machine alone.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from volid.campaign import Campaign
-from volid.fitting.diagnosis.statements import explain, involvement
+from volid.fitting.diagnosis.statements import Weak, explain, explain_weak, involvement
 from volid.fitting.equations.problem import Problem
-from volid.model.error_model import ErrorModel
+from volid.model.error_model import LOCATION, ErrorModel
 from volid.model.iso230 import parse
 
 UNIT = 0.1  # mm; the rotations' unit follows by dividing by 1 m
 ROTATION_UNIT = 1e-4  # rad
-WEAKEST = 0.1  # singular value in these units: standard uncertainty of 1 mm or 1 mrad
-RELATIVE = 1e-9
-# A combination that is hardly determined (tools 0.1 mm beside the spindle axis) has small components in functions that are well
-# determined. They mean nothing: setting such a combination to 0 changes those functions by less than their uncertainty.
-HELD = 0.1  # cosine to the null space from which a tool rotation is part of it
+LEAST = 1.5e-5  # of the largest singular value: what determines less is a coincidence of rounded positions
+SPAN = 100.0  # of the median singular value: a single very precise reading does not make the others count for nothing
+WEAK = 1e-4  # of the largest: determined, with a large u
+RELATIVE = 1e-9  # the same for the other unknowns, which are in units of their own
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Identifiability:
     `null_space`: combinations of the model's θ that are not determined, shape (n_parameters, k), in θ's units.
     `tool_rotation`: directions of the constant tool rotation that are not determined and held at 0, shape (3, r).
     `statements`: the combinations that are not determined, in words. `nuisance_defect`: number of combinations of nuisance
-    parameters that are not determined.
+    parameters that are not determined. `weak`: what is determined, but so little that its u is large, in words.
     """
 
     basis: np.ndarray
@@ -45,6 +45,7 @@ class Identifiability:
     statements: tuple[str, ...] = ()
     nuisance_defect: int = 0
     undetermined: dict[str, float] = field(default_factory=dict)
+    weak: tuple[Weak, ...] = ()
 
     @property
     def full_rank(self) -> bool:
@@ -82,9 +83,9 @@ def _clear_cut(matrix: np.ndarray, n: int, units: np.ndarray) -> np.ndarray | No
     cross = scaled[:n, n:] * jacobi
     schur = scaled[:n, :n] - (cross @ cho_solve(cho_factor(inner), cross.T) if len(inner) else 0.0)
     values, vectors = np.linalg.eigh(schur)
-    largest = max(float(values[-1]), 1.0) if n else 1.0
-    high = values > max(100.0 * WEAKEST**2, 1e-8 * largest)
-    low = np.abs(values) < min(0.01 * WEAKEST**2, 1e-11 * largest)
+    largest = max(float(values[-1]), 1e-300) if n else 1.0
+    high = values > 1e-8 * largest
+    low = np.abs(values) < 1e-11 * largest
     if not np.all(high | low):
         return None
     return np.asarray(np.sqrt(np.where(high, values, 0.0))[:, None] * vectors.T)
@@ -103,14 +104,25 @@ def _triangle(problem: Problem) -> np.ndarray:
     return np.asarray(np.linalg.qr(np.vstack([triangle, prior, np.zeros((free.shape[1], free.shape[1]))]), mode="r"))
 
 
-def _split(matrix: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray]:
-    """Right singular vectors above and below `least` and the relative threshold: (determined, null)."""
+class _Split(NamedTuple):
+    """Right singular vectors as columns: what is `determined`, the `weak` ones among these, and the `null` space."""
+
+    determined: np.ndarray
+    null: np.ndarray
+    weak: np.ndarray
+
+
+def _split(matrix: np.ndarray, least: float) -> _Split:
+    """Right singular vectors above and below `least` of the largest singular value."""
     if matrix.shape[1] == 0:
-        return np.zeros((0, 0)), np.zeros((0, 0))
+        return _Split(*[np.zeros((0, 0))] * 3)
     _, values, vt = np.linalg.svd(matrix, full_matrices=True)
     values = np.concatenate([values, np.zeros(vt.shape[0] - len(values))])
-    kept = values > max(least, RELATIVE * max(values[0], 1e-300))
-    return vt[kept].T, vt[~kept].T
+    seen = values[values > RELATIVE * max(values[0], 1e-300)]
+    reference = max(min(values[0], SPAN * float(np.median(seen))) if len(seen) else 0.0, 1e-300)
+    kept = values > least * reference
+    weak = kept & (values < WEAK * reference)
+    return _Split(vt[kept].T, vt[~kept].T, vt[weak].T)
 
 
 def _by_triangle(problem: Problem, units: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -119,7 +131,7 @@ def _by_triangle(problem: Problem, units: np.ndarray) -> tuple[np.ndarray, np.nd
     m = triangle.shape[1] - problem.model.n_parameters
     norms = np.linalg.norm(triangle[:, :m], axis=0)
     jacobi = 1.0 / np.where(norms > 0, norms, 1.0)
-    kept, deficient = _split(triangle[:m, :m] * jacobi, 0.0)
+    kept, deficient, _ = _split(triangle[:m, :m] * jacobi, RELATIVE)
     machine = triangle[:, m:] * units
     if deficient.size:  # part of the machine's signal may sit where the nuisance columns are deficient
         q, _ = np.linalg.qr(triangle[:, :m] * jacobi @ kept)
@@ -140,9 +152,8 @@ def analyse(problem: Problem, campaign: Campaign) -> Identifiability:
     jacobi, kept, deficient = np.ones(m), np.eye(m), np.zeros((m, 0))
     if machine is None:
         machine, jacobi, kept, deficient = _by_triangle(problem, units)
-    tool_columns = np.array([f.parameters.start for f in model.tool_frame], dtype=int)
-    tool, free = _hold_tool_rotation(machine, tool_columns)
-    determined, null = _split(machine @ free, WEAKEST)
+    tool, free = _held(model, machine)
+    determined, null, weak = _split(machine @ free, LEAST)
     basis = np.zeros((n_free, determined.shape[1] + kept.shape[1]))
     basis[:n, : determined.shape[1]] = units[:, None] * (free @ determined)
     basis[n:, determined.shape[1] :] = jacobi[:, None] * kept
@@ -154,20 +165,43 @@ def analyse(problem: Problem, campaign: Campaign) -> Identifiability:
         statements=explain(model, scaled_null, campaign, tool.shape[1] > 0),
         nuisance_defect=deficient.shape[1],
         undetermined=involvement(model, scaled_null),
+        weak=explain_weak(model, free @ weak, campaign),
     )
 
 
-def _hold_tool_rotation(machine: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Directions of the tool rotation that are not determined (r columns), and a basis of the parameters with these at 0."""
-    n = machine.shape[1]
-    _, null = _split(machine, WEAKEST)
-    share = null[columns] if null.size else np.zeros((len(columns), 0))
-    if not share.size:
-        return np.zeros((len(columns), 0)), np.eye(n)
-    u, values, _ = np.linalg.svd(share, full_matrices=True)
-    rank = int(np.sum(values > HELD))
-    identity = np.eye(n)
+def _held(model: ErrorModel, machine: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Directions of the tool frame's constants that are held at 0 (s, r), and a basis of the parameters without them.
+
+    Rotations and translations that no reading sees, and translations that are the same as location errors of rotary axes,
+    whatever is read. A rotation that is part of a combination with error functions is not held: the next reading may determine
+    it.
+    """
+    n, frame = machine.shape[1], model.tool_frame
+    columns = np.array([f.parameters.start for f in frame], dtype=int)
+    if not len(columns):
+        return np.zeros((0, 0)), np.eye(n)
+    least = LEAST * max(float(np.linalg.norm(machine, axis=0).max(initial=0.0)), 1e-300)
+    places = [f.parameters.start for f in model.functions if f.part == LOCATION and f not in frame]
+    shifts = np.flatnonzero([not parse(f.name).is_rotation for f in frame])
+    alone = _unseen(machine[:, columns], least)
+    same = np.zeros((len(columns), 0))
+    if len(shifts) and len(places):
+        span, sizes, _ = np.linalg.svd(machine[:, places], full_matrices=False)
+        span = span[:, sizes > least]
+        own = machine[:, columns[shifts]]
+        found = _unseen(own - span @ (span.T @ own), least)
+        same = np.zeros((len(columns), found.shape[1]))
+        same[shifts] = found
+    both, sizes, _ = np.linalg.svd(np.hstack([alone, same]), full_matrices=True)
+    rank = int(np.sum(sizes > 1e-6))
     others = np.setdiff1d(np.arange(n), columns)
     free = np.zeros((n, len(columns) - rank))
-    free[columns] = u[:, rank:]
-    return u[:, :rank], np.concatenate([identity[:, others], free], axis=1)
+    free[columns] = both[:, rank:]
+    return both[:, :rank], np.concatenate([np.eye(n)[:, others], free], axis=1)
+
+
+def _unseen(matrix: np.ndarray, least: float) -> np.ndarray:
+    """Right singular vectors whose singular value is below `least`, as columns."""
+    _, values, directions = np.linalg.svd(matrix, full_matrices=True)
+    values = np.concatenate([values, np.zeros(len(directions) - len(values))])
+    return np.asarray(directions[values <= least].T)

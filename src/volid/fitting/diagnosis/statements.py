@@ -8,12 +8,14 @@ import numpy as np
 
 from volid.campaign import Campaign
 from volid.model.error_functions import motion_names, settings_for
-from volid.model.error_model import LOCATION, REVERSAL, ErrorModel
+from volid.model.error_model import LOCATION, REVERSAL, WAVES, ErrorModel
 from volid.model.iso230 import SPINDLE, parse
 from volid.model.machine import Machine
 from volid.observations import KINDS, sets_by_kind
 
 NAMED = 1e-4  # squared component of the null space from which a function is part of it
+
+PART_OF_WEAK = 0.01  # the same, of what is weakly determined
 
 
 class _Group(NamedTuple):
@@ -41,7 +43,7 @@ class _Group(NamedTuple):
 
     def text(self, with_size: bool = False) -> str:
         """The names, and how many coefficients where there are several."""
-        named = ", ".join(self.names) + (" reversal" if self.part == REVERSAL else "")
+        named = ", ".join(self.names) + (f" {self.part}" if self.part in (REVERSAL, WAVES) else "")
         return f"{named} (all {self.size} coefficients)" if with_size and self.part != LOCATION else named
 
 
@@ -58,7 +60,7 @@ def involvement(model: ErrorModel, null: np.ndarray) -> dict[str, float]:
     It is the trace of the null projector's block; `null` has orthonormal columns in physical units.
     """
     concerned = [g for g in _groups(model, null) if g.share > NAMED]
-    return {f"{n} reversal" if g.part == REVERSAL else n: g.share for g in concerned for n in g.names}
+    return {f"{n} {g.part}" if g.part in (REVERSAL, WAVES) else n: g.share for g in concerned for n in g.names}
 
 
 def explain(model: ErrorModel, null: np.ndarray, campaign: Campaign, tool_fixed: bool = False) -> tuple[str, ...]:
@@ -80,6 +82,23 @@ def explain(model: ErrorModel, null: np.ndarray, campaign: Campaign, tool_fixed:
     if tool_fixed and place and len(lines) == 1:
         lines.append(f"Constants of the tool frame, held at 0: {reason}.")
     return (*lines, *_determined_lines(groups))
+
+
+class Weak(NamedTuple):
+    """Functions that are determined only weakly: their symbols, and what in the campaign makes it so."""
+
+    names: tuple[str, ...]
+    reason: str
+
+
+def explain_weak(model: ErrorModel, weak: np.ndarray, campaign: Campaign) -> tuple[Weak, ...]:
+    """What is determined only weakly, (n, d) in physical units, and the reading that would help; nothing where all is well."""
+    concerned = [g for g in _groups(model, weak) if g.share > PART_OF_WEAK] if weak.size else []
+    if not concerned:
+        return ()
+    names = tuple(dict.fromkeys(n for g in concerned for n in g.names))
+    reason = "; ".join(likely_reasons(campaign))
+    return (Weak(names, reason or "tool vectors or stations that differ more would separate them"),)
 
 
 def _place_line(place: list[_Group], campaign: Campaign) -> str:
@@ -132,8 +151,9 @@ def _standing(campaign: Campaign) -> str:
 
 
 def _segment_reasons(model: ErrorModel, campaign: Campaign, names: list[str]) -> list[str]:
-    """Splines with more coefficients than there are positions of their axis, among the functions `names`."""
+    """Splines with more stated coefficients than there are positions of their axis, among the functions `names`."""
     reasons = []
+    names = [n for n in names if settings_for(campaign.machine, n).segments != "auto"]
     for letter in campaign.machine.letters:
         values = np.concatenate([s.positions[:, campaign.machine.index(letter)] for s in campaign.sets])
         count = len(np.unique(np.round(values, 3)))

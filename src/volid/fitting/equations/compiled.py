@@ -196,4 +196,13 @@ def halves(system: System, tiles: tuple[Tiles | None, ...]) -> list[_Part]:
     first, second = (
         _Part(replace(system, blocks=tuple(f[i][0] for f in found)), tuple(f[i][1] for f in found)) for i in range(2)
     )
-    return [first, second._replace(system=replace(second.system, prior_root=np.zeros_like(system.prior_root)))]
+    return [
+        first,
+        second._replace(
+            system=replace(
+                second.system,
+                prior_root=np.zeros_like(system.prior_root),
+                prior_value=np.zeros_like(system.prior_value),
+            )
+        ),
+    ]

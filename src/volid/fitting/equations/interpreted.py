@@ -157,7 +157,7 @@ class InterpretedEquations:
 
     def _prior(self, z: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
         root = np.asarray(self.system.prior_root)
-        offset = root @ (np.asarray(z) - np.asarray(self.system.prior_mean))
+        offset = np.asarray(self.system.prior_residual(np.asarray(z)))
         return 0.5 * float(offset @ offset), root.T @ offset, root
 
     def predictions(self, z: np.ndarray) -> list[np.ndarray]:

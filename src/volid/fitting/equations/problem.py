@@ -117,28 +117,35 @@ def random_effects(
 
 
 class Prior(NamedTuple):
-    """What is known of θ beforehand: pseudo-readings W (θ - mean) with unit variance; `root` W (r, n_parameters)."""
+    """What is known of θ beforehand: pseudo-readings W θ = t with unit variance; `root` W (r, n_parameters), `value` t (r,)."""
 
-    mean: np.ndarray
+    value: np.ndarray
     root: np.ndarray
+
+    def and_smooth(self, root: np.ndarray) -> Prior:
+        """With further pseudo-readings, of value 0."""
+        return Prior(np.concatenate([self.value, np.zeros(len(root))]), np.vstack([self.root, root]))
+
+
+def nothing_known(model: ErrorModel) -> Prior:
+    """No pseudo-readings."""
+    return Prior(np.zeros(0), np.zeros((0, model.n_parameters)))
 
 
 def _prior_knowledge(
     model: ErrorModel, nuisance: Sequence[Nuisance], prior: Prior | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Mean (size,) and root W (r, size) over z, from calibrated nuisance parameters and a prior on θ."""
+    """Values t (r,) and root W (r, size) over z, from calibrated nuisance parameters and a prior on θ."""
     n = model.layout.n_coefficients
     start, u = np.array([e.start for e in nuisance]), np.array([e.prior_u for e in nuisance])
     places = np.flatnonzero(np.isfinite(u) & (u > 0))
     root = np.zeros((len(places), n + len(nuisance)))
     root[np.arange(len(places)), n + places] = 1.0 / u[places]
-    mean = np.concatenate([np.zeros(n), np.where(np.isfinite(u), start, 0.0)])
-    if prior is not None:
-        p = model.parametrisation  # c = P θ, so θ = (PᵀP)⁻¹ Pᵀ c
-        rows = np.pad(prior.root @ np.linalg.solve(p.T @ p, p.T), ((0, 0), (0, len(nuisance))))
-        root = np.vstack([root, rows])
-        mean[:n] = p @ prior.mean
-    return mean, root
+    value = start[places] / u[places]
+    if prior is not None and len(prior.root):
+        rows = np.pad(prior.root @ model.projection, ((0, 0), (0, len(nuisance))))
+        root, value = np.vstack([root, rows]), np.concatenate([value, prior.value])
+    return value, root
 
 
 def build_problem(
@@ -161,8 +168,8 @@ def build_problem(
             blocks.append(_block(campaign, number, group, 1.0 / observations.u))
             places.append((number, group.rows))
     n = model.layout.n_coefficients
-    mean, root = _prior_knowledge(model, table.entries, prior)
-    system = System(chain_of(campaign.machine), model.layout, len(table.entries), tuple(blocks), mean, root)
+    value, root = _prior_knowledge(model, table.entries, prior)
+    system = System(chain_of(campaign.machine), model.layout, len(table.entries), tuple(blocks), value, root)
     equations = (engine or engine_for_fit(campaign)).equations(system)
     start = np.concatenate([np.zeros(n), [e.start for e in table.entries]])
     return Problem(equations, model, tuple(table.entries), tuple(places), start, _free(model, table.entries))
@@ -174,14 +181,11 @@ def _free(model: ErrorModel, nuisance: Sequence[Nuisance]) -> np.ndarray:
     return np.asarray(block_diag(model.parametrisation, np.eye(len(unknown))[:, unknown]))
 
 
-def with_model(problem: Problem, model: ErrorModel, prior: Prior | None = None) -> Problem:
-    """The problem with another model of the same layout: other free directions and prior knowledge of the same readings."""
-    assert model.layout == problem.model.layout
-    mean, root = _prior_knowledge(model, problem.nuisance, prior)
-    system = replace(problem.system, prior_mean=mean, prior_root=root)
-    return problem._replace(
-        equations=problem.equations.changed(system), model=model, free=_free(model, problem.nuisance)
-    )
+def with_prior(problem: Problem, prior: Prior) -> Problem:
+    """The problem with other prior knowledge of θ, of the same readings."""
+    value, root = _prior_knowledge(problem.model, problem.nuisance, prior)
+    system = replace(problem.system, prior_value=value, prior_root=root)
+    return problem._replace(equations=problem.equations.changed(system))
 
 
 def scatter(problem: Problem, campaign: Campaign, blocks: list[Any]) -> list[np.ndarray]:

@@ -119,7 +119,7 @@ def assemble(system: System, tiles: tuple[Tiles | None, ...], z: Any, rough: boo
     When `rough`, products of JᵀJ are formed in single precision: good enough for steps, not for a covariance.
     """
     root = system.prior_root
-    offset = root @ (z - system.prior_mean)
+    offset = system.prior_residual(z)
     total = Normal(0.5 * jnp.sum(offset**2), root.T @ offset, root.T @ root)
     for block, own in zip(system.blocks, tiles, strict=True):
         if own is not None:
@@ -162,7 +162,7 @@ def _nuisance_of_chunk(system: System, form: Form, chunk: Block, z: Any) -> Norm
 def nuisance_equations(system: System, z: Any) -> Normal:
     """Cost, gradient and Gauss-Newton matrix in the nuisance parameters alone, all others held: a small part of the work."""
     n = system.layout.n_coefficients
-    offset, root = system.prior_root @ (z - system.prior_mean), system.prior_root[:, n:]
+    offset, root = system.prior_residual(z), system.prior_root[:, n:]
     total = Normal(0.5 * jnp.sum(offset**2), root.T @ offset, root.T @ root)
     for block in system.blocks:
 
@@ -184,7 +184,7 @@ def normal_equations(system: System, tiles: tuple[Tiles | None, ...], z: Any, ro
 def slope(system: System, z: Any) -> tuple[Any, Any]:
     """Cost and gradient in z alone: a sixth of the work of `normal_equations` or less."""
     root = system.prior_root
-    offset = root @ (z - system.prior_mean)
+    offset = system.prior_residual(z)
     total = 0.5 * jnp.sum(offset**2), root.T @ offset
     for block in system.blocks:
 

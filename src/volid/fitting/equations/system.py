@@ -40,21 +40,25 @@ class Block:
 class System:
     """Everything a residual needs: kinematic chain, coefficient layout, blocks, and prior knowledge of z.
 
-    `prior_root` W, shape (r, size), and `prior_mean`: pseudo-readings W (z - mean) with unit variance, from calibrated
-    artefacts and from an earlier solution.
+    `prior_root` W, shape (r, size), and `prior_value` t, shape (r,): pseudo-readings W z = t with unit variance, from calibrated
+    artefacts, from an earlier solution, and from the smoothness of the error functions.
     """
 
     machine: Machine = field(metadata=STATIC)
     layout: Layout = field(metadata=STATIC)
     n_nuisance: int = field(metadata=STATIC)
     blocks: tuple[Block, ...]
-    prior_mean: Any
+    prior_value: Any
     prior_root: Any
 
     @property
     def size(self) -> int:
         """Length of z."""
         return self.layout.n_coefficients + self.n_nuisance
+
+    def prior_residual(self, z: Any) -> Any:
+        """W z - t, shape (r,)."""
+        return self.prior_root @ z - self.prior_value
 
 
 def thinned(system: System, rows: int) -> System:

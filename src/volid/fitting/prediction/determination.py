@@ -2,7 +2,7 @@
 
 With unknown stations a field may be known in shape for the measured tool vector although the functions that place it are
 not: then its combinations that are not determined move the field like one rigid body (CONVENTIONS 4, last rules). Such values
-are given with these combinations at zero, which fixes the frame, and marked `rigid`.
+are given with these combinations at zero, which fixes one frame for all tool vectors and positions, and marked `rigid`.
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ from volid.fitting.prediction.deviations import (
     is_determined,
     standard_uncertainties,
 )
-from volid.fitting.prediction.spread import covariance_root
 from volid.model.error_model import ErrorModel
 from volid.model.jacobian import rigid_motion_rows
 from volid.model.rigid_fields import WorkpieceMotion
@@ -72,7 +71,7 @@ def known_deviations(
     tool: np.ndarray,
     direction: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, Determination]:
-    """Deviations and u, (m, 6), NaN where not determined; fields known up to a rigid motion in their own frame.
+    """Deviations and u, (m, 6), NaN where not determined: what is open is held at 0, once for all points (CONVENTIONS 4).
 
     Without a `covariance` u is NaN; the values are the same.
     """
@@ -81,9 +80,6 @@ def known_deviations(
     if covariance is not None:
         u = standard_uncertainties(model, theta, covariance, positions, tool, direction)
     found = determination(model, null_space, positions, tool, direction)
-    for rows in _by_tool(tool) if found.rigid.any() else []:
-        if found.rigid[rows[0]]:
-            values[rows], u[rows] = in_own_frame(model, theta, covariance, positions[rows], tool[rows], direction[rows])
     return np.where(found.known, values, np.nan), np.where(found.known, u, np.nan), found
 
 
@@ -119,35 +115,6 @@ def _rigid_motion(model: ErrorModel, null: np.ndarray, tool: np.ndarray) -> np.n
     left = np.abs(mesh.rigid.translations @ motion - change).max()
     possible = np.abs(gradient * parameter_units(model)).max()
     return motion if determined(left, possible) else None
-
-
-def in_own_frame(
-    model: ErrorModel,
-    theta: np.ndarray,
-    covariance: np.ndarray | None,
-    positions: np.ndarray,
-    tool: np.ndarray,
-    direction: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Deviations and u, (m, 6) each, of a field for one tool vector with its own rigid motion taken out.
-
-    e' = e - R ρ with ρ the least-squares rigid motion of the field over the travel; u from the gradient of e' alike.
-    """
-    mesh = _mesh(model, tool[0])
-    field = deviation_values(model, theta, mesh.positions, mesh.tool, np.zeros_like(mesh.positions))[:, :3]
-    inverse = mesh.rigid.inverse
-    motion, slope = inverse @ field.ravel(), inverse @ _translation_gradient(model, theta, mesh)
-    values = deviation_values(model, theta, positions, tool, direction)
-    root = None if covariance is None else covariance_root(covariance)
-    u = np.full_like(values, np.nan)
-    for start in range(0, len(positions), 1024):
-        rows = slice(start, start + 1024)
-        rigid = rigid_motion_rows(model.machine, positions[rows], tool[rows])
-        values[rows] -= rigid @ motion
-        if root is not None:
-            gradient = gradient_matrix(model, theta, positions[rows], tool[rows], direction[rows]) - rigid @ slope
-            u[rows] = np.linalg.norm(gradient @ root, axis=2)
-    return values, u
 
 
 def _moves_along(

@@ -19,6 +19,7 @@ from volid.fitting.equations.engine import Engine
 from volid.fitting.equations.problem import Problem, build_problem, reweight, with_random_effects
 from volid.fitting.equations.solver import solve
 from volid.fitting.equations.system import System
+from volid.fitting.smoothness.scatter import enlarged, squared_sensitivities
 from volid.fitting.solution import Solution
 from volid.fitting.starts import find_starts
 from volid.observations.base import NuisanceTable
@@ -32,8 +33,9 @@ class Centre:
     """A solution with what all refits share.
 
     `n_readings`: N, scalar readings. `n_prior`: r, pseudo-readings: nuisance parameters known beforehand (effects, calibrated
-    lengths), numbers `known` of the table, then those of an earlier solution. `centre`: x₀. `u` (p,): standard uncertainties.
-    `factors`: 0 for readings set aside, else 1, (m, k) per set. `engine`: of full refits, by default the one that suits them.
+    lengths), numbers `known` of the table, then those of an earlier solution, then those of the smoothness. `centre`: x₀. `u`
+    (p,): standard uncertainties. `factors`: 0 for readings set aside, else 1, (m, k) per set. `engine`: of full refits, by
+    default the one that suits them.
     """
 
     def __init__(self, solution: Solution, engine: Engine | None = None) -> None:
@@ -41,7 +43,7 @@ class Centre:
         self.robust = bool(solution.options.get("robust", False))
         self.engine = engine or engine_for_trials(self.robust)
         self.starts = _starts(solution)
-        self.campaign = with_random_effects(solution.campaign, self.starts, self.engine)
+        self.campaign = self._with_scatter(with_random_effects(solution.campaign, self.starts, self.engine))
         self.factors = _factors(solution, self.campaign)
         self.problem, self.numbers = self._in_tiles()
         self.centre = np.concatenate([np.asarray(solution.parameters), np.asarray(solution.nuisance)])
@@ -51,6 +53,17 @@ class Centre:
         self.n_readings = self.campaign.n_readings
         self.frozen = self._frozen()
         self.n_prior = len(self.frozen.prior)
+
+    def _with_scatter(self, campaign: Campaign) -> Campaign:
+        """The campaign with u of every reading as in the fit, what is independent from position to position included."""
+        found = self.solution.scatter
+        if not found:
+            return campaign
+        problem = build_problem(campaign, self.solution.model, self.starts, engine=self.engine)
+        theta, nuisance = np.asarray(self.solution.parameters), np.asarray(self.solution.nuisance)
+        z = np.concatenate([self.solution.model.parametrisation @ theta, nuisance])
+        names = {d: f"E{d}{d}" for d in found}
+        return enlarged(campaign, squared_sensitivities(problem, campaign, z, names), names, found)
 
     def _in_tiles(self) -> tuple[Problem, list[np.ndarray]]:
         """The problem, its blocks cut into tiles, and the readings' numbers at their places."""
@@ -90,7 +103,9 @@ class Centre:
             system=jax.tree.map(jnp.asarray, self.problem.system),
             z=jnp.asarray(z),
             basis=jnp.asarray(basis),
-            covariance=jnp.asarray(self.solution.covariance),
+            covariance=jnp.asarray(
+                self.solution.covariance - self.solution.smooth_spread @ self.solution.smooth_spread.T
+            ),
             prior=jnp.asarray(np.vstack([self.nuisance_prior, earlier])),
             predictions=[jnp.asarray(p) for p in equations.predictions(z)],
             numbers=[jnp.asarray(n) for n in self.numbers],
@@ -135,9 +150,8 @@ class Centre:
         exact = self.flat_predictions()
         basis, z = np.asarray(self.frozen.basis), np.asarray(self.frozen.z)
         root = np.asarray(self.frozen.prior) @ np.linalg.pinv(basis)
-        mean = z + np.linalg.pinv(root) @ prior_noise if len(root) else z
         system = self._with_readings(self.by_set(exact + noise * self._u), factors)
-        equations = self.problem.equations.changed(replace(system, prior_root=root, prior_mean=mean))
+        equations = self.problem.equations.changed(replace(system, prior_root=root, prior_value=root @ z + prior_noise))
         found = solve(self.problem._replace(equations=equations), z, basis @ self.whitened_directions())
         if not found.converged:
             return np.full(len(self.centre), np.nan), float("nan")

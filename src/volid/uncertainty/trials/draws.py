@@ -19,12 +19,14 @@ class Pseudo(NamedTuple):
     """How trials scatter where they are not normal.
 
     `distributions`, `samples`: of the pseudo-readings of prior knowledge; normal for the rest. `points`: what effects drawn anew
-    for every reading bring, as shares (N,) of the standard deviation of the whitened noise, which is 1.
+    for every reading bring, as shares (N,) of the standard deviation of the whitened noise, which is 1. `smooth` (s, h): what the
+    uncertainty of the smoothness adds to its pseudo-readings, the last s, times h standard normal numbers.
     """
 
     distributions: tuple[str, ...]
     samples: tuple[tuple[float, ...], ...]
     points: tuple[Scatter, ...] = ()
+    smooth: np.ndarray | None = None
 
 
 def pseudo_of(
@@ -90,4 +92,6 @@ def trial_noise(
         for j, name in enumerate(pseudo.distributions):
             if name != NORMAL:  # the pseudo-reading stays, the true value scatters: opposite sign
                 prior[i, j] = -standardised(name, rng, 1, pseudo.samples[j])[0]
+        if pseudo.smooth is not None and pseudo.smooth.size:
+            prior[i, n_prior - len(pseudo.smooth) :] += pseudo.smooth @ rng.standard_normal(pseudo.smooth.shape[1])
     return noise, prior

@@ -1,7 +1,8 @@
 """Monte Carlo: full nonlinear refits of synthetic campaigns drawn from the fitted model with all stated uncertainties.
 
 A trial draws every reading anew within its u, and every pseudo-reading of prior knowledge (systematic effects with their
-distribution, calibrated lengths, an earlier solution) within its own; the refit is exact (`refit`). JCGM 101:2008, 102:2011.
+distribution, calibrated lengths, an earlier solution, the smoothness of the functions) within its own; the refit is exact
+(`refit`). JCGM 101:2008, 102:2011.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ import numpy as np
 from volid.backend.threads import one_blas_thread
 from volid.exceptions import InputError
 from volid.fitting.solution import Solution
-from volid.fitting.streamed import check_not_streamed
+from volid.fitting.streamed import check_refittable
 from volid.uncertainty.coverage import coverage_intervals, numerical_tolerance
 from volid.uncertainty.outputs import Outputs, headline_outputs
 from volid.uncertainty.trials.distributed import carry_out_on
@@ -105,7 +106,7 @@ def _check(solution: Solution, trials: int | None, digits: int | None, seed: int
         )
     if digits is not None and not 1 <= digits <= 4:
         raise InputError(f"Monte Carlo: {digits} significant digits; expected 1 to 4")
-    check_not_streamed(solution, "Monte Carlo")
+    check_refittable(solution, "Monte Carlo")
     if seed < 0:
         raise InputError(f"seed is {seed}; expected a whole number >= 0")
 
@@ -119,7 +120,7 @@ def fingerprint(solution: Solution) -> str:
     digest = hashlib.sha256(text.encode())
     arrays = [solution.parameters, solution.nuisance, solution.covariance]
     arrays += [a for s in solution.campaign.sets for a in (s.positions, s.tool, s.readings, s.u)]
-    arrays += [*(o.astype(float) for o in solution.readings.outliers), solution.prior_rows]
+    arrays += [*(o.astype(float) for o in solution.readings.outliers), solution.prior_rows, solution.smooth_spread]
     for a in arrays:
         digest.update(np.ascontiguousarray(np.asarray(a, dtype=float)).tobytes())
     return digest.hexdigest()

@@ -37,7 +37,8 @@ def run_of(solution: Solution, seed: int) -> Run:
     refitter.prepare()
     entries = tuple(solution.nuisance_table[j] for j in refitter.known)
     points = point_scatter(refitter.campaign, random_effects(solution.campaign, refitter.starts))
-    return Run(refitter, seed, pseudo_of(entries, effect_samples(solution.campaign), points))
+    pseudo = pseudo_of(entries, effect_samples(solution.campaign), points)
+    return Run(refitter, seed, pseudo._replace(smooth=None if solution.smooth is None else solution.smooth.noise))
 
 
 def run_trials(run: Run, first: int, count: int) -> dict[str, np.ndarray]:

@@ -12,7 +12,7 @@ import json
 import os
 import uuid
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -60,6 +60,19 @@ class Samples:
                 np.matmul(rows[part], x.T, out=values[:, done : done + len(x)])
                 done += len(x)
             yield part, values[:, :done].T
+
+    def scattered(self, root: np.ndarray) -> Samples:
+        """Samples with noise of the covariance `root` · `root`ᵀ, (n, h), added to the first n of x; always the same noise."""
+        source = self.batches
+
+        def batches() -> Iterator[np.ndarray]:
+            rng = np.random.default_rng([self.seed, 1])
+            for x in source():
+                more = x.copy()
+                more[:, : len(root)] += rng.standard_normal((len(x), root.shape[1])) @ root.T
+                yield more
+
+        return replace(self, batches=batches)
 
     def mapped(self, matrix: np.ndarray) -> Samples:
         """Samples of matrix · x."""

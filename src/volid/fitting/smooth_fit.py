@@ -1,0 +1,143 @@
+"""A fit in which the smoothness of the error functions is estimated from the readings: `Fitter` with the smoothness as
+pseudo-readings.
+
+First the smoothness takes its ordinary value and the problem is solved. There the readings' information on the error functions
+gives the smoothness by marginal likelihood (`smoothness.evidence`), with which the problem is solved again from where it
+stands. The information does not depend on the smoothness, so once is enough. Where the residuals show waves too short for any
+smooth function, u of the readings is enlarged by these (`smoothness.scatter`), and both are estimated again.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from volid.campaign import Campaign
+from volid.fitting.diagnosis.robust import down_weight
+from volid.fitting.equations.problem import Prior, Problem, reweight, with_prior
+from volid.fitting.equations.solver import solve
+from volid.fitting.fitter import Fitter, Method
+from volid.fitting.results import SmoothPrior, read_only
+from volid.fitting.smoothness.evidence import Information, Smoothness, estimate, first_guess
+from volid.fitting.smoothness.geometry import determined
+from volid.fitting.smoothness.information import information
+from volid.fitting.smoothness.processes import Process
+from volid.fitting.smoothness.scatter import SUSPECT, enlarged, estimated, positioning, squared_sensitivities
+
+PASSES = 2  # of scatter, then of all the rest with it
+
+
+class SmoothFit(Fitter):
+    """A problem restricted to its determined directions, with the smoothness of some functions.
+
+    `known`: what is known of θ from an earlier solution. `processes`: whose smoothness is estimated. `factors`: square-root
+    weights per set, 0 for readings that are set aside, on which what is determined depends.
+    """
+
+    def __init__(
+        self,
+        campaign: Campaign,
+        problem: Problem,
+        known: Prior,
+        processes: tuple[Process, ...],
+        method: Method = solve,
+        factors: list[np.ndarray] | None = None,
+    ) -> None:
+        found = determined(campaign, problem, known, processes, factors)
+        super().__init__(campaign, problem, found, method)
+        self.known, self.processes = known, processes
+        self.scatter: dict[str, float] = {}
+        self.measured, self.bare = campaign, problem
+        self._take(first_guess(processes))
+
+    @property
+    def n_smooth(self) -> int:
+        """Number of pseudo-readings of the smoothness."""
+        return len(self.smooth_rows)
+
+    @property
+    def prior(self) -> Prior:
+        """What is known of θ, the smoothness included."""
+        return self.known.and_smooth(self.smooth_rows)
+
+    def _take(self, smoothness: Smoothness) -> None:
+        self.smoothness = smoothness
+        self.smooth_rows = smoothness.rows(self.problem.model.n_parameters)
+        self.problem = with_prior(self.problem, self.prior)
+
+    def solve_with_smoothness(self, factors: list[np.ndarray], robust: bool = False) -> None:
+        """Optimum with square-root weights `factors`, and the smoothness that they give; `robust`: gross readings have no say
+        in it.
+        """
+        self.solve(factors)
+        if not self.processes:
+            return
+        if robust:
+            self.solve(down_weight(self.residuals_only, factors))
+        self._estimate(factors)
+        if not robust:  # gross readings, of which there may be some still, are no waves of the machine
+            self._add_scatter(factors)
+
+    def _estimate(self, factors: list[np.ndarray]) -> None:
+        """The smoothness from where the fit stands, and the optimum with it."""
+        self._take(estimate(self.processes, self._information(), self.smoothness.phi))
+        self.solve(factors)
+
+    def _add_scatter(self, factors: list[np.ndarray]) -> None:
+        """What is independent from position to position: u of the readings grows by it, where the residuals show it."""
+        names, active = positioning(self.problem.model, self.processes), _joined(factors) > 0.0
+        v = _joined(self.whitened())[active]
+        freedom = max(len(v) + self.n_smooth - self.free.shape[1], 1)
+        if not names or float(v @ v) < freedom * (1.0 + SUSPECT * np.sqrt(2.0 / freedom)):
+            return
+        measured, bare = self.measured, self.bare
+        assert self.optimum is not None
+        squares = squared_sensitivities(bare, measured, self.optimum.z, names)
+        for _ in range(PASSES):
+            now = _joined([s.u for s in self.campaign.sets]) / _joined([s.u for s in measured.sets])
+            v, left = _joined(self.whitened()) * now, 1.0 - _joined(self.leverages())
+            self.scatter = estimated(v[active], left[active], squares[:, active], names)
+            if not self.scatter:
+                self.campaign, self.problem = measured, with_prior(bare, self.prior)
+                return
+            self.campaign = enlarged(measured, squares, names, self.scatter)
+            self.problem = reweight(bare, self.campaign, [np.ones(f.shape) for f in factors])
+            self._take(self.smoothness)
+            self.solve(factors)
+            self._estimate(factors)
+
+    def _information(self) -> Information:
+        assert self.optimum is not None
+        return information(self.problem, self.found.basis, self.optimum.z, self.optimum.normal, self.smooth_rows)
+
+    def without(self, outliers: list[np.ndarray]) -> SmoothFit:
+        """Refit without the outliers; what is determined is decided again, since outliers alone may have determined it."""
+        factors = [np.where(o, 0.0, 1.0) for o in outliers]
+        refit = SmoothFit(self.measured, self.bare, self.known, self.processes, self.method, factors)
+        refit._take(self.smoothness)
+        refit.solve_with_smoothness(factors)
+        return refit
+
+    def smooth_prior(self, theta: np.ndarray, root: np.ndarray) -> SmoothPrior | None:
+        """What the solution holds of the smoothness, at θ; `root` L (n + k, r): covariance of (θ, ν) at the estimated
+        smoothness = L Lᵀ.
+        """
+        if not self.processes:
+            return None
+        noise = self.smoothness.noise(theta)
+        n = self.problem.model.n_parameters
+        spread = root @ (root[:n].T @ (self.smooth_rows.T @ noise))
+        names = tuple(f"{p.label} {what}" for p in self.processes for what in p.parameter_names)
+        return SmoothPrior(
+            names=names,
+            values=read_only(self.smoothness.phi),
+            u=read_only(np.sqrt(np.diagonal(self.smoothness.covariance))),
+            root=read_only(self.smooth_rows),
+            noise=read_only(noise),
+            spread=read_only(spread),
+            scatter=self.scatter,
+        )
+
+
+def _joined(parts: list[np.ndarray]) -> np.ndarray:
+    """Arrays (m, k) of the sets as one, in the order of sets, rows, columns."""
+    return np.concatenate([np.asarray(p).ravel() for p in parts])

@@ -1,0 +1,218 @@
+"""What a campaign's geometry determines, whatever lies between its positions: the same readings at positions spread out.
+
+On a grid of few levels no reading sees between them, and a fine spline has more coefficients than there are levels. That is not a
+matter of geometry: the smoothness of the functions tells how much it matters. What is not determined are combinations that no
+position would tell apart: one tool vector, two stations, an axis that stood still. So the rank is decided on a campaign whose
+positions are moved at random between their neighbours, each reading several times where there are few, some of them where there
+are many. The random numbers are always the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from volid.campaign import Campaign, ObservationSet
+from volid.fitting.diagnosis.identifiability import ROTATION_UNIT, UNIT, Identifiability, analyse
+from volid.fitting.equations.problem import Prior, Problem, build_problem
+from volid.fitting.smoothness.processes import Process
+from volid.model.error_model import ErrorModel
+from volid.model.iso230 import parse
+from volid.model.machine import Axis, Machine
+from volid.observations.base import NuisanceTable
+
+SAME = 1e-6  # of the travel: positions that near are one level
+ENOUGH = 6  # readings per unknown from which on a part of them is enough
+WANTED = 3  # readings per unknown that a repeated campaign has at least
+MOST_COPIES = 40
+SINGULAR = 1e-13  # smallest pivot of scaled normal equations
+ORDINARY = 2e3  # the same of a hundred readings with u = 0.5 µm: there smoothness and readings stand as in the fit
+NEAR = 0.01  # of the travel: as near to its end a position measures the end
+
+
+def spread_out(campaign: Campaign, n_unknowns: int, still: set[str] | None = None) -> Campaign:
+    """The campaign with its positions moved between their neighbouring levels; readings and labels stay.
+
+    A reading keeps its station, tool vector and directions. An axis that was not moved, or is among those that stand `still`,
+    stays where it was.
+    """
+    rng = np.random.default_rng(12)
+    share = campaign.n_readings / max(n_unknowns, 1)
+    levels = [_levels(campaign, i) for i in range(len(campaign.machine.axes))]
+    levels = [v[:1] if a in (still or ()) else v for a, v in zip(campaign.machine.letters, levels, strict=True)]
+    sets = tuple(_moved(s, _chosen(s, share, rng), levels, rng) for s in campaign.sets)
+    return replace(campaign, sets=tuple(s for s in sets if len(s)))
+
+
+def _levels(campaign: Campaign, axis: int) -> np.ndarray:
+    """Distinct positions of an axis in ascending order."""
+    step = SAME * campaign.machine.axes[axis].length
+    positions = np.concatenate([s.positions[:, axis] for s in campaign.sets])
+    return np.asarray(np.unique(np.round(positions / step)) * step)
+
+
+def _chosen(readings: ObservationSet, share: float, rng: np.random.Generator) -> np.ndarray:
+    """Rows that are used, some of them several times."""
+    rows = np.arange(len(readings))
+    if share > ENOUGH:
+        groups = np.unique(
+            np.stack([np.unique(v, return_inverse=True)[1] for v in _kinds_of_row(readings)], axis=1),
+            axis=0,
+            return_inverse=True,
+        )[1]
+        keep = rng.permutation(len(rows))[: int(np.ceil(len(rows) * ENOUGH / share))]
+        first = np.unique(np.asarray(groups).ravel(), return_index=True)[1]
+        return np.unique(np.concatenate([keep, first]))
+    return np.tile(rows, min(MOST_COPIES, max(1, int(np.ceil(WANTED / max(share, 1e-9))))))
+
+
+def _kinds_of_row(readings: ObservationSet) -> list[np.ndarray]:
+    """What sorts readings: labels and tool vector."""
+    _, tool = np.unique(np.round(readings.tool, 6), axis=0, return_inverse=True)
+    return [*readings.labels.values(), np.asarray(tool).ravel()]
+
+
+def _moved(
+    readings: ObservationSet, rows: np.ndarray, levels: list[np.ndarray], rng: np.random.Generator
+) -> ObservationSet:
+    chosen = readings.rows_of(rows)
+    positions = chosen.positions.copy()
+    for i, known in enumerate(levels):
+        if len(known) < 2:
+            continue
+        edges = np.concatenate([known[:1], 0.5 * (known[1:] + known[:-1]), known[-1:]])
+        at = np.clip(np.searchsorted(edges, positions[:, i], side="right") - 1, 0, len(known) - 1)
+        positions[:, i] = edges[at] + rng.random(len(rows)) * (edges[at + 1] - edges[at])
+    return replace(chosen, positions=positions)
+
+
+def measured_machine(campaign: Campaign, earlier: Mapping[str, tuple[float, float]] | None = None) -> Machine:
+    """The campaign's machine with every travel cut to what was measured; `earlier`: what an earlier solution has measured.
+
+    An axis that stood still keeps its travel: nothing of it is determined. A rotary axis measured all around keeps its turn,
+    and an end of the travel that was measured to within `NEAR` of the travel is kept.
+    """
+    ranges = {}
+    for i, axis in enumerate(campaign.machine.axes):
+        low, high = campaign.measured_range()[i].tolist()
+        if axis.letter in (earlier or {}):
+            before = (earlier or {})[axis.letter]
+            low, high = min(low, before[0]), max(high, before[1])
+        low, high = _kept_ends(low, high, axis)
+        if high - low > SAME * axis.length and not (axis.is_full_turn and _goes_round(_levels(campaign, i), low, high)):
+            ranges[axis.letter] = (low, high)
+    return campaign.machine.over(ranges)
+
+
+def _kept_ends(low: float, high: float, axis: Axis) -> tuple[float, float]:
+    slack = NEAR * axis.length
+    if high - low <= slack:
+        return low, high
+    start, end = axis.travel
+    return (start if low <= start + slack else low, end if high >= end - slack else high)
+
+
+LARGEST_GAP = 60.0  # degrees: positions all around a turn leave none larger, or all of one size
+
+
+def _goes_round(levels: np.ndarray, low: float, high: float) -> bool:
+    """Whether rotary positions stand all around the turn: those of this campaign, or the range `low` … `high` with an earlier
+    one.
+    """
+    if high - low >= 360.0 - LARGEST_GAP:
+        return True
+    around = np.unique(np.round(np.mod(levels, 360.0), 6))
+    gaps = np.diff(np.concatenate([around, [around[0] + 360.0]]))
+    return bool(len(around) > 2 and gaps.max() <= max(LARGEST_GAP, 1.5 * float(np.median(gaps))))
+
+
+def moved_references(travelled: Machine, measured: Machine) -> tuple[str, ...]:
+    """Notes on references that lie outside the measured range."""
+    return tuple(
+        f"the reference of axis {a.letter} at {a.reference:g} {a.unit} lies outside the measured range {m.travel[0]:g} … "
+        f"{m.travel[1]:g} {a.unit}; functions are zero at {m.reference:g} {a.unit}"
+        for a, m in zip(travelled.axes, measured.axes, strict=True)
+        if a.reference != m.reference
+    )
+
+
+def determined(
+    campaign: Campaign,
+    problem: Problem,
+    known: Prior,
+    processes: tuple[Process, ...],
+    factors: list[np.ndarray] | None = None,
+) -> Identifiability:
+    """What the geometry of a campaign determines of a problem's free parameters; `factors`: 0 for readings set aside.
+
+    `known`: what is known of θ from elsewhere, without the smoothness. Functions with stated segments have no smoothness:
+    positions of their axes stay where they are, and there the `processes` of other functions count as readings. So they do
+    everywhere when what the spread-out campaign determines is singular for the campaign itself, whose positions are too few.
+    """
+    used = campaign
+    if factors is not None:
+        rows = [np.flatnonzero(np.any(f > 0.0, axis=1)) for f in factors]
+        used = replace(campaign, sets=tuple(s.rows_of(r) for s, r in zip(campaign.sets, rows, strict=True)))
+    still = _axes_to_leave(problem.model, processes)
+    table = NuisanceTable.of(problem.nuisance)
+    beside = [p for p in processes if still & {parse(n).axis for n in p.names}]
+    own = known.and_smooth(_level(problem) / ORDINARY * _rows(beside, problem.model)) if beside else known
+    spread = spread_out(used, problem.free.shape[1], still)
+    found = analyse(build_problem(spread, problem.model, prior=own, table=table), campaign)
+    if _are_many(used, processes):
+        return found
+    whole = build_problem(used, problem.model, prior=known.and_smooth(_rows(processes, problem.model)), table=table)
+    free = whole.free @ found.basis
+    matrix = free.T @ np.asarray(whole.equations.normal(problem.start).matrix) @ free
+    if not processes or not _is_singular(matrix):
+        return found
+    own = known.and_smooth(_level(problem) / ORDINARY * _rows(processes, problem.model))
+    return analyse(build_problem(used, problem.model, prior=own, table=table), campaign)
+
+
+def _are_many(campaign: Campaign, processes: tuple[Process, ...]) -> bool:
+    """Whether there are more positions of every axis that moves than coefficients over it: then none is too many."""
+    sizes = {s.axis: s.size for p in processes for splines, _ in p.members for s in splines if s.high - s.low > 0.0}
+    return all(len(_levels(campaign, i)) > 2 * size for i, size in sizes.items())
+
+
+def _level(problem: Problem) -> float:
+    """Root mean square sensitivity of the readings, over their u, to the machine's parameters in 0.1 mm and 0.1 mrad."""
+    n = problem.model.layout.n_coefficients
+    bare = replace(problem.system, prior_root=np.zeros((0, problem.system.size)), prior_value=np.zeros(0))
+    diagonal = np.diagonal(np.asarray(problem.equations.changed(bare).normal(problem.start).matrix))[:n]
+    units = np.ones(n)
+    for f in problem.model.functions:
+        units[f.coefficients] = ROTATION_UNIT if parse(f.name).is_rotation else UNIT
+    return float(np.sqrt(np.max(diagonal * units**2, initial=1e-300)))
+
+
+def _rows(processes: Sequence[Process], model: ErrorModel) -> np.ndarray:
+    """Pseudo-readings of the processes at their medians, on θ."""
+    blocks = [np.zeros((0, model.n_parameters))]
+    for process in processes:
+        rows = process.rows(process.median)
+        block = np.zeros((len(rows), model.n_parameters))
+        block[:, process.parameters] = rows
+        blocks.append(block)
+    return np.vstack(blocks)
+
+
+def _is_singular(matrix: np.ndarray) -> bool:
+    """Whether a covariance cannot be had from normal equations."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diagonal(matrix), 1e-300))
+    try:
+        lower = np.linalg.cholesky(matrix * np.outer(scale, scale))
+    except np.linalg.LinAlgError:
+        return True
+    return bool(np.any(np.diagonal(lower) ** 2 < SINGULAR))
+
+
+def _axes_to_leave(model: ErrorModel, processes: tuple[Process, ...]) -> set[str]:
+    """Letters of axes over which no function has a process, or some function has a spline without one."""
+    smooth = {(name, p.part) for p in processes for name in p.names}
+    stated = [f for f in model.functions if f.splines and (f.name, f.part) not in smooth]
+    moving = {model.machine.letters[s.axis] for p in processes for splines, _ in p.members for s in splines}
+    return set(model.machine.letters) - moving | {model.machine.letters[s.axis] for f in stated for s in f.splines}
