@@ -194,7 +194,7 @@ def measured_over(solution, **ranges):
 @pytest.mark.parametrize(
     ("measured", "arguments", "message"),
     [
-        ({"X": (-200, 400)}, "tables --type L-POS --range X=-400:400", "table EXX: axis X over -400 … 400 mm leaves the "
+        ({"X": (-200, 400)}, "tables --type L-POS --range X=-400:400", "axis X over -400 … 400 mm leaves the "
          "measured -200 … 400 mm; give --range X=-200:400. "),
         ({"Y": (0, 0)}, "tables --type L-POS --at Y=100", "the specific lines cross at Y = 100 mm, outside the measured 0 mm "
          "alone; give another --at"),
@@ -249,7 +249,8 @@ def test_an_axis_measured_over_one_turn_is_measured_everywhere(files):
     c = solution.machine.index("C")
     axes = tuple(replace(a, travel=(-360.0, 360.0)) if a.letter == "C" else a for a in solution.machine.axes)
     turning = replace(solution.machine, axes=axes)
-    wide = replace(solution, campaign=replace(solution.campaign, machine=turning))
+    model = replace(solution.model, machine=turning)
+    wide = replace(solution, campaign=replace(solution.campaign, machine=turning), model=model)
     q = np.zeros((3, len(axes)))
     q[:, c] = [-360.0, 0.0, 270.0]
     assert measured_over(wide, C=(-180, 180)).outside(q).tolist() == [False, False, False]

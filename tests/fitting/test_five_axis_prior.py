@@ -11,6 +11,8 @@ from support.rtests import r_test, r_test_campaign
 from support.trackers import distance_campaign
 
 from volid.campaign import Campaign
+from volid.fitting.prediction.spread import linear_uncertainty
+from volid.model.linear_maps import function_rows
 
 TRAVEL = {"X": (-400.0, 400.0), "Y": (-350.0, 350.0), "Z": (-200.0, 500.0), "A": (-100.0, 100.0), "C": (-180.0, 180.0)}
 FIVE = ExactMachine("w C' A' Y' X' b Z t", TRAVEL, point={a: POINTS[a] for a in "AC"})
@@ -67,3 +69,44 @@ def test_linear_axes_as_prior_recover_the_rotary_axes_and_equal_the_joint_fit(me
     # and the R-test adds: what the tracker alone left of the linear axes is less certain
     for name in ("EC0Y", "EA0Z", "EB0Z"):
         assert after.location(name).u < before.location(name).u
+
+
+def test_the_orientation_of_the_tool_frame_that_a_prior_knew_is_used_by_head_axes():
+    """Three axes without the head first: what they call the orientation of the tool frame is that of head and tool frame at 0."""
+    five = ExactMachine("w b X Y Z C B t", {**TRAVEL, "B": TRAVEL["A"]}, point={a: POINTS[a] for a in "BC"})
+    three = ExactMachine("w b X Y Z t", {a: TRAVEL[a] for a in "XYZ"})
+    rng = np.random.default_rng(12)
+    truth = random_truth(five, rng, waviness=0.3, scale=0.5)
+    tracker = tracker_campaign(three, at_head_zero(truth), rng, n_per_station=90, every_station_sees_every_tool=True)
+    linear = distance_campaign(resolved(three, LINEAR), tracker)
+    functions = FUNCTIONS.replace("?A", "?B")
+    rotary = r_test_campaign(resolved(five, functions), r_test(five, truth, rng, counts={"B": 7, "C": 11}))
+    before = quick_fit(linear)
+    after = quick_fit(rotary, prior=before)
+    joint = quick_fit(together(linear, rotary))
+    zero = np.zeros((5, 1))
+    for component in ("EA", "EB", "EC"):
+        rows = sum(
+            function_rows(after.model, name, zero, zero)
+            for letter in "CBS"
+            for name in (f"{component}{letter}", f"{component}0{letter}")
+        )
+        assert not after.is_not_determined(rows)[0]
+        u = linear_uncertainty(rows, after.parameter_covariance)[0]
+        value = float((rows @ np.asarray(after.parameters))[0])
+        known = before.location(f"{component}0S")
+        assert u <= 1.01 * known.u, "the readings of the R-test can only add"
+        assert abs(value - float((rows @ np.asarray(joint.parameters))[0])) < 0.05 * u
+        true = sum(truth.constants.get(f"{component}0{a}", 0.0) for a in "CBS")
+        true += sum(truth.functions[f"{component}{a}"](np.zeros(1))[0] for a in "CB")
+        assert abs(value - true) < 4.0 * u
+
+
+def at_head_zero(truth: Truth) -> Truth:
+    """What a machine without the head has: the head's orientation at 0 belongs to its tool frame."""
+    linear = only(truth, "XYZ")
+    for component in ("EA", "EB", "EC"):
+        own = sum(truth.constants.get(f"{component}0{a}", 0.0) for a in "CBS")
+        own += sum(float(truth.functions[f"{component}{a}"](np.zeros(1))[0]) for a in "CB")
+        linear.constants[f"{component}0S"] = own
+    return linear

@@ -124,9 +124,17 @@ def beside_the_axis(offset):
     return [[0.0, 0.0, -150.0], [offset, 0.0, -250.0], [0.0, offset, -330.0]]
 
 
-@pytest.mark.parametrize("offset", [0.005, 0.02, 0.1])
+def test_an_offset_that_measures_roll_a_little_is_called_weak():
+    """2 mm beside the spindle axis: determined, with a large u, and named."""
+    _, _, found = analysed(beside_the_axis(2.0), extra="")
+    assert found.undetermined == {} and len(found.weak) == 1
+    assert "ECZ" in found.weak[0].names and found.weak[0].reason
+    assert analysed(beside_the_axis(50.0), extra="")[2].weak == ()
+
+
+@pytest.mark.parametrize("offset", [0.005, 0.02])
 def test_an_offset_too_small_to_measure_roll_does_not_count(offset):
-    """20 µm beside the spindle axis: u(ECZ) would be 0.3 µm / 20 µm = 15 mrad; more than 1 mrad is not determined.
+    """20 µm beside the spindle axis: u(ECZ) would be 0.3 µm / 20 µm = 15 mrad, some 5000 times the u of other rotations.
 
     The rank decision then meets singular values that are small, not zero; what is well determined stays so: EA0S and EB0S,
     the deviation of tools on the axis, but not of a tool 10 mm beside it.

@@ -85,7 +85,7 @@ def changed(system):
         weight = np.where(np.arange(block.weight.shape[2]) % 3 == 1, block.weight * rng.uniform(0.5, 1.0), 0.0)
         return replace(block, weight=weight, reading=block.reading + 0.01 * rng.standard_normal(block.reading.shape))
 
-    return replace(system, blocks=tuple(map(of, system.blocks)), prior_mean=system.prior_mean + 1e-3)
+    return replace(system, blocks=tuple(map(of, system.blocks)), prior_value=system.prior_value + 1e-3)
 
 
 def test_a_fold_takes_its_own_readings_only(case, cells):

@@ -41,7 +41,7 @@ def dense_equations(problem, z):
     predicted = equations.predictions(z)
     r = [((p - b.reading) * b.weight).ravel() for p, b in zip(predicted, problem.system.blocks, strict=True)]
     root = problem.system.prior_root
-    rows, residual = np.vstack([rows, root]), np.concatenate([*r, root @ (z - problem.system.prior_mean)])
+    rows, residual = np.vstack([rows, root]), np.concatenate([*r, root @ z - problem.system.prior_value])
     return Normal(0.5 * float(residual @ residual), rows.T @ residual, rows.T @ rows)
 
 

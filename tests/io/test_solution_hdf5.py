@@ -103,7 +103,7 @@ def test_prior_and_samples_are_kept(solution, tmp_path):
 def test_no_field_of_a_solution_is_forgotten(solution, solution_file):
     after = read_solution(solution_file)
     compared = {"model", "campaign", "nuisance_table", "adequacy", "statistics", "readings", "statements"}
-    compared |= {"undetermined", "notes", "options", "provenance", "prior_root", "samples", *ARRAYS}
+    compared |= {"undetermined", "notes", "options", "provenance", "prior_root", "smooth", "samples", *ARRAYS}
     assert {field.name for field in fields(after)} == compared, "a new field: write it, read it, compare it above"
 
 

@@ -152,8 +152,8 @@ def test_micrometres_and_microradians_with_their_uncertainty(text, data):
     words = line(text, "EXX").split()
     assert words[1:4] == ["positioning", "of", "X"]
     assert float(words[4]) == pytest.approx(function["range"] * 1e3, abs=0.006)
-    assert words[6:] == ["µm", "2"]
-    assert line(text, "EBX").split()[-2:] == ["µrad", "2"]
+    assert words[6:] == ["µm", "2", "segments"]
+    assert line(text, "EBX").split()[-3:] == ["µrad", "2", "segments"]
     assert "U (k = 2)" in text
     assert "tool (0, 0, -150) mm" in text
 
@@ -173,7 +173,7 @@ def test_missing_things_are_said_verbatim(single_tool_solution):
     for statement in single_tool_solution.statements:
         assert " ".join(statement.split()) in flat
     assert "EA0S, EB0S, EC0S: tool-frame constants held at 0" in flat
-    assert line(text, "ECZ").split()[-4:] == ["n.d.", "n.d.", "µrad", "2"]
+    assert line(text, "ECZ").split()[-5:] == ["n.d.", "n.d.", "µrad", "2", "segments"]
     for note in single_tool_solution.notes:
         assert f"- {note}" in flat
 

@@ -1,4 +1,4 @@
-"""What recoveries of three-axis machines are judged by: the same points and limits in single campaigns and pooled."""
+"""What recoveries of three-axis machines are judged by: points and limits."""
 
 from functools import cache
 
@@ -9,7 +9,6 @@ from scipy.stats import qmc
 from support.machines import MACHINES
 
 LARGEST = {"vertical": 0.5e-3, "gantry": 0.7e-3, "horizontal": 0.5e-3}  # 3-D root mean square, mm
-MANY = 100  # seeds
 TOOL_ROTATION = ("EA0S", "EB0S", "EC0S")
 
 

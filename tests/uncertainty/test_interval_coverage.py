@@ -227,10 +227,7 @@ def test_monte_carlo_intervals_cover_in_a_subset(name, request):
             largest.append(whole["largest deviation"].low <= lengths.max() <= whole["largest deviation"].high)
     spread = np.std(inside, ddof=1) / np.sqrt(len(inside))
     assert abs(np.mean(inside) - 0.95) < 0.01 + 3.5 * spread and spread < 0.03, inside
-    assert len(largest) == (12 if name == "three_axis" else 0), (
-        "the field of the bare rotary table is not determined as a whole"
-    )
-    assert not largest or np.sum(largest) >= 9, "of 12; fewer have a chance of 0.2 % at 95 %"
+    assert len(largest) == 12 and np.sum(largest) >= 9, "of 12; fewer have a chance of 0.2 % at 95 %"
 
 
 def test_truth_that_is_no_spline_is_covered_lack_of_fit_included():

@@ -1,10 +1,10 @@
-"""Lack of fit beside the stated u: none in a true model, the unit weight or the held-out weight where they exceed chance."""
+"""Lack of fit beside the stated u: none in a true model, the unit weight where it exceeds chance."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.machines import VERTICAL
+from support.machines import VERTICAL, fixed
 from support.trackers import simulated
 
 from volid.fitting.fit import fit
@@ -13,25 +13,24 @@ from volid.uncertainty.lack_of_fit import lack_of_fit
 
 @pytest.fixture(scope="module")
 def true_model():
-    """Gentle functions that the chosen splines follow."""
+    """Gentle functions."""
     campaign, _, _ = simulated(VERTICAL, 21, n_per_station=150, waviness=0.1, every_station_sees_every_tool=True)
     return fit(campaign)
 
 
-def test_held_out_weight_of_a_true_model_is_one(true_model):
-    weight, n = true_model.statistics.held_out_weight, true_model.statistics.n_readings
-    # relative standard deviation of the sum of squares sqrt(2/n): of the weight half of that, three times, and the search
-    # chooses what predicts best
-    assert 1.0 - 3.5 / np.sqrt(2.0 * n) - 0.03 < weight < 1.0 + 3.0 / np.sqrt(2.0 * n)
+def test_a_true_model_has_none(true_model):
+    """The unit weight is 1 within chance: its relative standard deviation is 1/sqrt(2n)."""
+    n = true_model.statistics.n_readings
+    assert abs(true_model.adequacy.unit_weight - 1.0) < 3.0 / np.sqrt(2.0 * n) + 0.02
     found = lack_of_fit(true_model)
     assert found.factor == 1.0 and found.share == 0.0
     assert str(found).startswith("none found (unit weight ")
 
 
-def test_too_few_positions_for_the_waves_show_held_out():
-    """A function with 20 waves over the travel, and at most 24 segments on offer: held-out readings see it."""
+def test_too_few_segments_for_the_waves_show():
+    """A function with 20 waves over the travel, and 12 segments stated for it: the residuals see it."""
     campaign, truth, tracker = simulated(
-        VERTICAL, 22, n_per_station=150, waviness=0.1, every_station_sees_every_tool=True
+        VERTICAL, 22, n_per_station=150, waviness=0.1, every_station_sees_every_tool=True, extra=fixed(12)
     )
     (s,) = campaign.sets
     x = s.positions[:, campaign.machine.index("X")]
@@ -41,7 +40,7 @@ def test_too_few_positions_for_the_waves_show_held_out():
     along = ((target - places) / np.linalg.norm(target - places, axis=1)[:, None])[:, 0]
     found = fit(replace(campaign, sets=(replace(s, readings=s.readings + (wave * along)[:, None]),)))
     lack = lack_of_fit(found)
-    assert lack.factor > 1.5 and lack.factor == max(lack.unit_weight, lack.held_out)
+    assert lack.factor > 1.5 and lack.factor == lack.unit_weight
     assert "not part of the stated u" in str(lack)
     # 2 µm waves (RMS 1.4 µm, over the directions to the stations about 0.8 µm) on noise of about 0.45 µm
     assert lack.share == pytest.approx(np.sqrt(lack.factor**2 - 1.0))
