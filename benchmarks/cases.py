@@ -16,12 +16,11 @@ from scipy.stats import qmc
 
 import volid
 from volid.campaign import Campaign, ObservationSet, Station
-from volid.fitting.diagnosis import resolution
 from volid.fitting.diagnosis.identifiability import parameter_units
 from volid.fitting.equations.compiled import Compiled
 from volid.fitting.equations.problem import Problem, build_problem, scatter
 from volid.io.machines import parse_machine
-from volid.model.error_functions import motion_names
+from volid.model.error_functions import motion_names, spline_axes
 from volid.model.error_model import build_model
 from volid.model.machine import Machine
 
@@ -175,12 +174,14 @@ def mixed() -> Case:
     return _determined(replace(base, stations=stations, sets=(*base.sets, tracker)))
 
 
+SEGMENTS = 8  # of every function, for cases whose machine files state none: what the solvers are compared on
+
+
 def _determined(plan: Campaign) -> Case:
     """A case restricted to what its readings determine."""
     from volid.fitting.diagnosis.identifiability import analyse
 
-    carrier, automatic = resolution.limits(plan, {})
-    segments = {**resolution.first_guess(carrier, automatic)}
-    case = read(plan, build_model(plan.machine, segments, carrier=carrier))
+    segments = {name: (SEGMENTS,) * len(spline_axes(plan.machine, name)) for name in motion_names(plan.machine)}
+    case = read(plan, build_model(plan.machine, segments))
     found = analyse(case.problem, case.campaign)
     return case._replace(problem=case.problem._replace(free=case.problem.free @ found.basis))

@@ -189,10 +189,10 @@ def streamed_row(quick: bool) -> Row:
 
 
 def whole_fit_row(name: str, quick: bool) -> Row:
-    """`volid.fit` itself: starts, rank, resolution, solve, leverages, verdict."""
+    """`volid.fit` itself: starts, rank, smoothness, solve, leverages, verdict."""
     case = cases.five_axis() if "axis" in name else cases.three_axis(name)
     volid.fit(case.campaign)
     times = interleaved({"volid": lambda: volid.fit(case.campaign)}, 1 if quick else 3)
     result = row(f"volid.fit, whole call, {name}", times)
-    result.notes.append("trilateration, rank decision, resolution where it is automatic, solve, leverages, tests")
+    result.notes.append("trilateration, rank decision, smoothness where it is estimated, solve, leverages, tests")
     return result

@@ -49,7 +49,7 @@ class Scaled:
         parts = [
             ((np.asarray(v) - b.reading) * b.weight).ravel() for v, b in zip(values, self.system.blocks, strict=True)
         ]
-        return np.concatenate([*parts, np.asarray(self.system.prior_root) @ (z - np.asarray(self.system.prior_mean))])
+        return np.concatenate([*parts, np.asarray(self.system.prior_residual(z))])
 
     def rows(self, y: np.ndarray) -> np.ndarray:
         """The structured Jacobian that volid has, (m, n)."""
@@ -90,7 +90,7 @@ def plain_residual(y: Any, args: tuple[System, Any, Any, Any]) -> Any:
         flat = [_by_reading(a) for a in (b.q, b.direction, b.tool, b.slots, b.constants)]
         values = jax.vmap(partial(_one, system, b.form, z))(*flat)
         parts.append(((values - _by_reading(b.reading)) * _by_reading(b.weight)).ravel())
-    return jnp.concatenate([*parts, system.prior_root @ (z - system.prior_mean)])
+    return jnp.concatenate([*parts, system.prior_residual(z)])
 
 
 def optimistix_fit(scaled: Scaled, solver: str) -> Callable[[], np.ndarray]:
