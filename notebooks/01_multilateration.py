@@ -56,8 +56,8 @@ for s in campaign.sets:
 
 # %% [markdown]
 # ## Identification
-# Stations and dead paths are unknown and found from the data. The number of spline segments of each function is chosen by
-# held-out prediction.
+# Stations and dead paths are unknown and found from the data. How smooth each function is follows from the
+# readings too, and what that leaves open between the positions is part of every uncertainty.
 
 # %%
 solution = volid.fit(campaign)
