@@ -407,13 +407,14 @@ def test_errors(solution, solution_file, run, tmp_path):
 def test_errors_outside_and_undetermined_need_attention(single_tool_solution, run, tmp_path):
     write_solution(single_tool_solution, tmp_path / "s.h5")
     points = tmp_path / "points.csv"
-    points.write_text("X,Y,Z,tool_x,tool_y,tool_z\n1300,200,-300,0,0,-150\n")
+    points.write_text("X,Y,Z,tool_x,tool_y,tool_z\n1300,200,-300,0,0,-150\n300,200,-300,0,0,-150\n")
     status, text, err = run("errors", tmp_path / "s.h5", "--at", points)
     assert status == 1
-    assert "1 of 1 points have components that the data do not determine, left blank" in err
-    assert "1 of 1 points lie outside the measured positions" in err
-    row = table(text)[0]
-    assert (row["ec"], row["outside"]) == ("", "1")
+    assert "1 of 2 points have components that the data do not determine, left blank" in err
+    assert "1 of 2 points lie outside the measured positions (outside = 1), 1 of them left blank" in err
+    out, inside = table(text)
+    assert (out["ex"], out["ec"], out["outside"], inside["ec"], inside["outside"]) == ("", "", "1", "", "0")
+    assert float(inside["ex"]) != 0.0
     assert json.loads(run("errors", tmp_path / "s.h5", "--at", points, "--json")[1])["rows"][0][-2] is None
 
 

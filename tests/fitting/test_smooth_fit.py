@@ -206,7 +206,7 @@ def test_pitch_is_read_written_and_checked():
     machine = parse_machine(text.replace("[axis.X]", "[axis.X]\npitch = 10.0"), "machine.toml")
     assert machine.axis("X").pitch == 10.0 and machine.axis("Y").pitch == 0.0
     assert parse_machine(format_machine(replace(machine, text="")), "again.toml").axis("X").pitch == 10.0
-    for wrong in ("-1.0", "0.0", "400.0"):
+    for wrong in ("-1.0", "0.0", "1e-4", "400.0"):
         with pytest.raises(InputError, match=r"pitch.*expected a length in mm of at most 0\.1 of the travel"):
             parse_machine(text.replace("[axis.X]", f"[axis.X]\npitch = {wrong}"), "machine.toml")
 

@@ -77,11 +77,16 @@ def _intervals(solution: Solution, points: Points, found: Deviations, progress: 
 
 def _messages(solution: Solution, found: Deviations) -> list[str]:
     """What of the values needs attention."""
-    n, unknown, outside = len(found.values), int((~found.determined).any(axis=1).sum()), int(found.outside.sum())
+    open_inside = (~found.determined).any(axis=1) & ~found.outside
+    n, unknown, outside = len(found.values), int(open_inside.sum()), int(found.outside.sum())
+    blank = int((~found.determined.any(axis=1) & found.outside).sum())
     messages = []
     if unknown:
         reason = " ".join(solution.statements)
-        messages.append(f"{unknown} of {n} points have components that the data do not determine, left blank. {reason}")
+        said = f"{unknown} of {n} points have components that the data do not determine, left blank. {reason}"
+        messages.append(said.rstrip())
     if outside:
-        messages.append(f"{outside} of {n} points lie outside the measured positions (outside = 1)")
+        messages.append(
+            f"{outside} of {n} points lie outside the measured positions (outside = 1), {blank} of them left blank"
+        )
     return messages

@@ -35,6 +35,7 @@ example:
 
 Functions refer to the measured range of their axes. How smooth they are follows from the readings,
 where the machine file states no segments; what lies between the positions is part of every u.
+"Smooth over" in the summary is the distance over which the values of a function stay alike.
 
 exit status: 0 good; 1 written, but the model is rejected by the data, not everything is
 determined, an axis was measured at positions too far apart for its functions, or the iteration has

@@ -10,7 +10,7 @@ HELP = "table of the error functions and location errors with their uncertainty"
 
 _EPILOG = """\
 Columns function,axis,position,direction,value,u: translations in mm, rotations in rad, positions
-in mm or degrees over the entire travel; location errors have an empty position; functions with
+in mm or degrees over the measured range; location errors have an empty position; functions with
 reversal have direction +1 and -1, others 0; a cell is empty where the data do not determine the
 value. Functions of two axes are tabulated at the other axis's reference. From a solution with Monte
 Carlo samples (volid uncertainty): also U = 2 u and the 95 % coverage intervals low … high
@@ -28,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
     explain(parser, _EPILOG)
     add_solution(parser)
-    parser.add_argument("--step", metavar="S", type=float, help="spacing, mm or degrees; default: 21 points per travel")
+    parser.add_argument("--step", metavar="S", type=float, help="spacing, mm or degrees; default: 21 points")
     add_output(parser, "OUT.csv", "table of functions; default: standard output")
 
 

@@ -24,7 +24,7 @@ from volid.fitting.prior import check_prior, prior_notes, prior_of, stated_segme
 from volid.fitting.segments import segments_of
 from volid.fitting.shape_notes import shape_notes
 from volid.fitting.smooth_fit import SmoothFit
-from volid.fitting.smoothness.geometry import measured_machine, moved_references
+from volid.fitting.smoothness.geometry import measured_machine, range_notes
 from volid.fitting.smoothness.processes import processes_of
 from volid.fitting.solution import EARLIER_LEVELS, EARLIER_RANGES, Solution
 from volid.fitting.starts import find_starts
@@ -194,7 +194,7 @@ class Stages:
         noisy = with_random_effects(campaign, starts, how.engine)
         machine = measured_machine(campaign, {} if prior is None else _measured_by(prior))
         task = _Task(noisy, machine, starts, prior, robust, progress, how.method, how.engine)
-        return cls(campaign, task, (*warnings, *moved_references(campaign.machine, machine)))
+        return cls(campaign, task, (*warnings, *range_notes(campaign.machine, machine)))
 
     def solved(self) -> SmoothFit:
         """Solve, with the smoothness of the functions estimated."""

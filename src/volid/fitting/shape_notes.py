@@ -31,18 +31,20 @@ def shape_notes(solution: Solution, weak: Sequence[Weak]) -> Iterator[str]:
 
 def _equidistant(solution: Solution) -> Iterator[str]:
     """That equidistant positions do not see waves of which whole numbers fit between them."""
-    found = []
+    found, steps = [], []
     for i, axis in enumerate(solution.machine.axes):
         moves = any(s.axis == i for f in solution.model.functions for s in f.splines)
         x = np.unique(np.round(solution.campaign.positions[:, i], 3))
         gaps = np.diff(x)
-        if moves and MANY > len(x) > 2 and np.ptp(gaps) < 0.02 * gaps.max():
+        if moves and not axis.pitch and MANY > len(x) > 2 and np.ptp(gaps) < 0.02 * gaps.max():
+            steps.append(float(gaps.mean()))
             found.append(f"{axis.letter} (every {gaps.mean():.4g} {axis.unit})")
     if found:
+        step = min(steps)
         yield (
-            f"positions of {', '.join(sorted(found))} are equidistant: waves of which whole numbers fit between them look like "
-            "none, "
-            "and u does not contain them; positions beside the steps would show them"
+            f"positions of {', '.join(sorted(found))} are equidistant: errors that repeat every {step:.4g}, {step / 2:.4g}, "
+            f"{step / 3:.4g} … (such as those of a screw's pitch) cannot be seen, and u does not contain them; measure some "
+            "positions off these steps"
         )
 
 
@@ -65,4 +67,6 @@ def _wave(solution: Solution, name: str) -> str:
     )
     values, u = rows @ np.asarray(solution.parameters), linear_uncertainty(rows, solution.parameter_covariance)
     worst = int(np.argmax(np.abs(values)))
+    if abs(values[worst]) < 2.0 * u[worst]:
+        return f"{name} every {spline.high:g} mm not seen (u up to {1e3 * u.max():.2f} µm)"
     return f"{name} every {spline.high:g} mm up to {1e3 * abs(values[worst]):.2f} µm (u {1e3 * u[worst]:.2f} µm)"

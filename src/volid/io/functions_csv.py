@@ -123,6 +123,8 @@ def source_lines(solution: Solution, source: str | Path | None = None) -> dict[s
     if source is not None:
         lines |= {"source": str(source), "source sha256": sha256(source)}
     lines["lack of fit"] = str(lack_of_fit(solution))
+    if solution.unseen:
+        lines["attention"] = " ".join(f"{text}." for text in solution.unseen)
     lines["date"] = datetime.now(UTC).isoformat(timespec="seconds")
     if solution.adequacy.rejected:
         lines[REJECTED] = solution.adequacy.verdict

@@ -22,6 +22,7 @@ _WAVE_KEYS = ("pitch",)  # of linear axes
 _ROTARY_KEYS = (*_LINEAR_KEYS, "point", "direction", "axis_frame")
 _FUNCTION_KEYS = ("segments", "degree", "reversal", "over")
 _LARGEST_DEGREE = 5
+SHORTEST_PITCH = 0.1  # mm
 PITCHES = 0.1  # of the travel: longer waves are what the functions themselves are for
 _ORIGIN = (0.0, 0.0, 0.0)
 _PARALLEL = 1e-3  # sine of the angle between two directions
@@ -124,8 +125,11 @@ def _axis(table: Table, letter: str, primed: bool) -> Axis:
 def _pitch(table: Table, travel: tuple[float, float]) -> float:
     """Period of short waves [mm]; 0 for none."""
     pitch = table.number("pitch", 0.0)
-    if "pitch" in table.data and not 0.0 < pitch <= PITCHES * (travel[1] - travel[0]):
-        raise table.wrong("pitch", f"a length in mm of at most {PITCHES:g} of the travel, such as 10.0")
+    if "pitch" in table.data and not SHORTEST_PITCH <= pitch <= PITCHES * (travel[1] - travel[0]):
+        raise table.wrong(
+            "pitch",
+            f"a length in mm of at most {PITCHES:g} of the travel and at least {SHORTEST_PITCH:g} mm, such as 10.0",
+        )
     return pitch
 
 

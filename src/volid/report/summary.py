@@ -56,6 +56,7 @@ def summary_data(solution: Solution, tool: Sequence[float] | None = None) -> dic
         "functions": [_function(solution, n, rows) for n, rows in table.items() if not parse(n).location],
         "weakest": _weakest(row for rows in table.values() for row in rows),
         "not_determined": list(solution.statements),
+        "unseen": list(solution.unseen),
         "held_tool_frame": list(solution.held_tool_rotation),
         "outliers": [_reading(r) for r in solution.readings.outlier_readings],
         "suspects": [_reading(r) for r in solution.adequacy.suspects],

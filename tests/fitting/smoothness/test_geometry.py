@@ -10,7 +10,7 @@ from support.rtests import NO_LINEAR, rotary_truth, rtest
 from support.trackers import simulated
 
 from volid.fitting.fit import fit
-from volid.fitting.smoothness.geometry import measured_machine, moved_references, spread_out
+from volid.fitting.smoothness.geometry import measured_machine, range_notes, spread_out
 
 
 def at_positions(campaign, **columns):
@@ -43,7 +43,8 @@ def test_travels_are_cut_to_what_was_measured(campaign, positions, travel):
 def test_a_reference_outside_moves_to_the_nearest_end_and_is_said(campaign):
     moved = measured_machine(at_positions(campaign, X=[500.0, 600.0, 760.0]))
     assert moved.axis("X").reference == 500.0
-    (note,) = moved_references(campaign.machine, moved)
+    part, note = range_notes(campaign.machine, moved)
+    assert part.endswith("X 500 … 760 of 0 … 760 mm")
     assert "axis X at 380 mm lies outside the measured range 500 … 760 mm; functions are zero at 500 mm" in note
 
 

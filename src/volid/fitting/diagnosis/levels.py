@@ -102,7 +102,8 @@ def unseen(lengths: Sequence[SeenLength]) -> tuple[str, ...]:
             named = f" for {', '.join(short)}" if short and len(short) < len(own) else ""
             sentences.append(
                 f"axis {letter} was measured at {own[0].levels} positions, up to {own[0].gap:.4g} {unit} apart: too far to tell "
-                f"how smooth its functions are{named}. Between these positions u rests on that; measure closer ones"
+                f"how smooth its functions are{named}. Between these positions u rests on that and may be too small; "
+                "measure closer ones"
             )
         coarse = [e.function for e in own if e.length < LEAST * e.segment and e.function not in short]
         if coarse:

@@ -18,6 +18,7 @@ from volid.campaign import Campaign, ObservationSet
 from volid.fitting.diagnosis.identifiability import ROTATION_UNIT, UNIT, Identifiability, analyse
 from volid.fitting.equations.problem import Prior, Problem, build_problem
 from volid.fitting.smoothness.processes import Process
+from volid.model.error_functions import motion_names
 from volid.model.error_model import ErrorModel
 from volid.model.iso230 import parse
 from volid.model.machine import Axis, Machine
@@ -128,9 +129,17 @@ def _goes_round(levels: np.ndarray, low: float, high: float) -> bool:
     return bool(len(around) > 2 and gaps.max() <= max(LARGEST_GAP, 1.5 * float(np.median(gaps))))
 
 
-def moved_references(travelled: Machine, measured: Machine) -> tuple[str, ...]:
-    """Notes on references that lie outside the measured range."""
-    return tuple(
+def range_notes(travelled: Machine, measured: Machine) -> tuple[str, ...]:
+    """Notes on axes that were measured over a part of their travel, and on references that lie outside of it."""
+    modelled = {n[2] for n in motion_names(travelled)}
+    parts = [
+        f"{m.letter} {m.travel[0]:g} … {m.travel[1]:g} of {a.travel[0]:g} … {a.travel[1]:g} {a.unit}"
+        for a, m in zip(travelled.axes, measured.axes, strict=True)
+        if a.travel != m.travel and a.letter in modelled
+    ]
+    said = "functions, reference lines, squareness and V_XYZ refer to the measured part of the travel, and compare only with such"
+    partly = (f"{said}: {', '.join(sorted(parts))}",) if parts else ()
+    return partly + tuple(
         f"the reference of axis {a.letter} at {a.reference:g} {a.unit} lies outside the measured range {m.travel[0]:g} … "
         f"{m.travel[1]:g} {a.unit}; functions are zero at {m.reference:g} {a.unit}"
         for a, m in zip(travelled.axes, measured.axes, strict=True)
