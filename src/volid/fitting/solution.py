@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +13,7 @@ import volid  # the public names, each imported when it is first used: nothing a
 from volid.backend.lazy import jnp
 from volid.backend.pytrees import STATIC, register_dataclass, register_if_imported
 from volid.campaign import Campaign
-from volid.fitting import tabulation
+from volid.fitting import short_waves, tabulation
 from volid.fitting.change_of_datum import held_constants, in_datum, mapped
 from volid.fitting.diagnosis.adequacy import Adequacy
 from volid.fitting.diagnosis.identifiability import parameter_units, undetermined_directions
@@ -23,13 +23,12 @@ from volid.fitting.prediction.determination import known_deviations
 from volid.fitting.prediction.deviations import determined
 from volid.fitting.results import Deviations, FunctionValue, Residuals, SmoothPrior, Statistics
 from volid.model.error_functions import reference_of
-from volid.model.error_model import MEAN, WAVES, ErrorModel
+from volid.model.error_model import ErrorModel
 from volid.model.error_values import error_values, evaluate_bases
-from volid.model.iso230 import LINEAR_AXES, parse
+from volid.model.iso230 import parse
 from volid.model.kinematics import chain_of, deviation
 from volid.model.linear_maps import function_rows
 from volid.model.machine import Datum, Machine
-from volid.model.splines import design_matrix
 from volid.observations.base import Nuisance
 from volid.observations.used_tool import most_used_tool
 
@@ -40,13 +39,6 @@ if TYPE_CHECKING:
 
 EARLIER_RANGES = "earlier_ranges"  # option of a solution: what its earlier solution had measured, by axis letter
 EARLIER_LEVELS = "earlier_levels"  # the same: at which distance and how many positions
-
-
-def carries(name: str, key: str) -> bool:
-    """Whether an error motion may have scatter that is stated for a direction, or for one function."""
-    error = parse(name)
-    translation = not error.location and not error.is_rotation and error.axis in LINEAR_AXES
-    return translation and key in (name, name[1])
 
 
 @register_dataclass
@@ -174,40 +166,18 @@ class Solution:
         Args:
             model: The model with the errors of some axes alone; None: the solution's.
         """
-        u, model = np.zeros(6), self.model if model is None else model
-        for key, size in self.scatter.items():
-            own = [f for f in model.functions if carries(f.name, key) and f.part == MEAN]
-            if any(np.any(model.parametrisation[:, f.parameters] != 0.0) for f in own):
-                k = "XYZ".index(key[-1] if len(key) == 1 else key[1])
-                u[k] = np.hypot(u[k], size)
-        return u
+        return short_waves.scatter_u(self, self.model if model is None else model)
 
     def scatter_of(self, name: str) -> float:
         """The same for one error motion: it may all be of that one [mm]."""
-        return float(np.sqrt(sum(size**2 for key, size in self.scatter.items() if carries(name, key))))
+        return float(np.sqrt(sum(size**2 for key, size in self.scatter.items() if short_waves.carries(name, key))))
 
     def without_waves(self) -> Solution:
         """The solution whose short waves of a stated pitch are no part of the values, but of every u: for tables and grids.
 
         Nodes farther apart than the waves would take them at some phase or other.
         """
-        waves = [f for f in self.model.functions if f.part == WAVES]
-        if not waves:
-            return self
-        kept, scatter = np.ones(self.model.n_parameters), dict(self.scatter)
-        for f in waves:
-            own = self.model.parametrisation[f.coefficients, f.parameters]
-            x = np.linspace(f.splines[0].low, f.splines[0].high, 64, endpoint=False)
-            rows = design_matrix(f.splines[0], x) @ own
-            known = self.parameter_covariance[f.parameters, f.parameters]
-            square = np.mean((rows @ np.asarray(self.parameters)[f.parameters]) ** 2) + np.mean(
-                np.sum((rows @ known) * rows, axis=1)
-            )
-            scatter[f.name] = float(np.sqrt(scatter.get(f.name, 0.0) ** 2 + square))
-            kept[f.parameters] = 0.0
-        model = replace(self.model, parametrisation=self.model.parametrisation * kept)
-        assert self.smooth is not None
-        return replace(self, model=model, smooth=replace(self.smooth, scatter=scatter))
+        return short_waves.without_waves(self)
 
     @property
     def seen_lengths(self) -> tuple[SeenLength, ...]:
@@ -217,9 +187,7 @@ class Solution:
         return tuple(seen_lengths(self.levels(), self.model, self.smooth.names, self.smooth.values.tolist()))
 
     def levels(self) -> dict[str, tuple[float, int]]:
-        """By axis letter, largest distance of neighbouring positions [mm or degrees] and their number, an earlier solution's
-        included.
-        """
+        """By axis letter, largest distance of neighbouring positions [mm or degrees] and their number, those of a prior counted."""
         return levels_of(self.campaign, self.machine, self.options.get(EARLIER_LEVELS, {}))
 
     @property

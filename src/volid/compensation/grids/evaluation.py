@@ -20,7 +20,8 @@ from volid.compensation.grids.request import EXACT, GridRequest, Rule
 from volid.compensation.types import ORIENTATION
 from volid.exceptions import InputError
 from volid.fitting.prediction.spread import linear_uncertainty
-from volid.fitting.solution import Solution, carries
+from volid.fitting.short_waves import carries
+from volid.fitting.solution import Solution
 from volid.model.error_model import MEAN
 from volid.model.iso230 import SPINDLE
 from volid.model.jacobian import influence
