@@ -22,9 +22,7 @@ from volid.model.linear_maps import function_rows
 from volid.model.machine import Machine
 
 EXACT = 1e-12  # eigenvalues of the scaled covariance below this share of the largest carry no information
-ROUNDING = (
-    1e-12  # of the largest information: what is left of smaller ones after the smoothness is taken out is rounding
-)
+ROUNDING = 1e-12  # of the largest information: what is less after the smoothness is taken out is rounding
 
 
 def check_prior(prior: Solution, machine: Machine) -> None:
@@ -51,9 +49,7 @@ def check_prior(prior: Solution, machine: Machine) -> None:
 
 
 def shared_names(prior: Solution, machine: Machine) -> set[str]:
-    """Functions about which a prior has information: of axes that both machines have; the tool frame where both heads are the
-    same.
-    """
+    """Functions about which a prior has information: of axes that both machines have; the tool frame where the heads agree."""
     same = _head(prior.machine) == _head(machine)
     names = set()
     for name in prior.model.names:

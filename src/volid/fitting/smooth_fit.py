@@ -1,5 +1,4 @@
-"""A fit in which the smoothness of the error functions is estimated from the readings: `Fitter` with the smoothness as
-pseudo-readings.
+"""A fit in which the smoothness of the error functions is estimated: `Fitter` with the smoothness as pseudo-readings.
 
 First the smoothness takes its ordinary value and the problem is solved. There the readings' information on the error functions
 gives the smoothness by marginal likelihood (`smoothness.evidence`), with which the problem is solved again from where it
@@ -65,8 +64,9 @@ class SmoothFit(Fitter):
         self.problem = with_prior(self.problem, self.prior)
 
     def solve_with_smoothness(self, factors: list[np.ndarray], robust: bool = False) -> None:
-        """Optimum with square-root weights `factors`, and the smoothness that they give; `robust`: gross readings have no say
-        in it.
+        """Optimum with square-root weights `factors`, and the smoothness that they give.
+
+        `robust`: gross readings have no say in it.
         """
         self.solve(factors)
         if not self.processes:
@@ -118,8 +118,9 @@ class SmoothFit(Fitter):
         return refit
 
     def smooth_prior(self, theta: np.ndarray, root: np.ndarray) -> SmoothPrior | None:
-        """What the solution holds of the smoothness, at θ; `root` L (n + k, r): covariance of (θ, ν) at the estimated
-        smoothness = L Lᵀ.
+        """What the solution holds of the smoothness, at θ.
+
+        `root` L (n + k, r): covariance of (θ, ν) at the estimated smoothness = L Lᵀ.
         """
         if not self.processes:
             return None

@@ -187,7 +187,7 @@ class Solution:
         return tuple(seen_lengths(self.levels(), self.model, self.smooth.names, self.smooth.values.tolist()))
 
     def levels(self) -> dict[str, tuple[float, int]]:
-        """By axis letter, largest distance of neighbouring positions [mm or degrees] and their number, those of a prior counted."""
+        """By axis letter, largest distance of neighbouring positions [mm or degrees] and their number, a prior's too."""
         return levels_of(self.campaign, self.machine, self.options.get(EARLIER_LEVELS, {}))
 
     @property

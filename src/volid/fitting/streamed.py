@@ -28,7 +28,7 @@ from volid.fitting.equations.solver import Objective, solve
 from volid.fitting.equations.system import Normal
 from volid.fitting.fit import How, Progress, Stages, breakdown_named
 from volid.fitting.smooth_fit import SmoothFit
-from volid.fitting.smoothness.scatter import enlarged, squared_sensitivities
+from volid.fitting.smoothness.scatter import with_scatter
 from volid.fitting.solution import Solution
 from volid.model.machine import Datum
 from volid.observations.base import NuisanceTable
@@ -88,9 +88,7 @@ class _Parts:
                     f"{campaign.source}: the sample has no reading with '{name}'; expected some of every label"
                 )
             if self.scatter:
-                names = {d: f"E{d}{d}" for d in self.scatter}
-                squares = squared_sensitivities(problem, campaign, self.z, names)
-                campaign = enlarged(campaign, squares, names, self.scatter)
+                campaign = with_scatter(campaign, problem, self.z, self.scatter)
                 problem = reweight(problem, campaign, [np.ones(s.readings.shape) for s in campaign.sets])
             bare = replace(problem.system, prior_value=np.zeros(0), prior_root=np.zeros((0, system.size)))
             yield _Part(campaign, problem._replace(equations=self.engine.equations(bare)))

@@ -20,7 +20,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from scipy.linalg.lapack import dpotri
 
-from volid.fitting.smoothness.processes import Process, prior_covariance
+from volid.fitting.smoothness.processes import Process, prior_covariance, stacked_rows
 
 ITERATIONS = 60
 PRECISE_ENOUGH = 0.05  # gain in the log density that a further step promises, at which the search ends
@@ -33,9 +33,11 @@ FREE = 1e-9  # eigenvalue of a prior precision over the largest: below, the dire
 
 
 class Information(NamedTuple):
-    """What the readings say of θ = `units` · T y: `matrix` A (r, r) and `vector` b (r,) of y; `basis` T (n, r), orthonormal,
-    spans
-    the directions of θ / `units` (n,) that they determine."""
+    """What the readings say of θ = `units` · T y.
+
+    `matrix` A (r, r) and `vector` b (r,) of y; `basis` T (n, r), orthonormal: the directions of θ / `units` (n,) that they
+    determine.
+    """
 
     matrix: np.ndarray
     vector: np.ndarray
@@ -65,17 +67,10 @@ class Smoothness:
 
     def rows(self, n: int) -> np.ndarray:
         """All pseudo-readings, shape (r, n), on θ (n,)."""
-        blocks = []
-        for process, place in zip(self.processes, _places(self.processes), strict=True):
-            own = process.rows(self.phi[place])
-            block = np.zeros((len(own), n))
-            block[:, process.parameters] = own
-            blocks.append(block)
-        return np.vstack(blocks) if blocks else np.zeros((0, n))
+        return stacked_rows(self.processes, [self.phi[place] for place in _places(self.processes)], n)
 
     def pull(self, theta: np.ndarray) -> np.ndarray:
-        """How the gradient of the prior at θ (n,) changes over one standard deviation of every independent part of φ, shape (n,
-        h).
+        """How the gradient of the prior at θ (n,) changes over one standard deviation of every independent part of φ, (n, h).
 
         Column i is Σⱼ ∂Q/∂φⱼ θ Lⱼᵢ with L Lᵀ = `covariance`; through the covariance C of θ it moves the estimate by -C times it.
         """

@@ -17,7 +17,7 @@ import numpy as np
 from volid.campaign import Campaign, ObservationSet
 from volid.fitting.diagnosis.identifiability import ROTATION_UNIT, UNIT, Identifiability, analyse
 from volid.fitting.equations.problem import Prior, Problem, build_problem
-from volid.fitting.smoothness.processes import Process
+from volid.fitting.smoothness.processes import Process, stacked_rows
 from volid.model.error_functions import motion_names
 from volid.model.error_model import ErrorModel
 from volid.model.iso230 import parse
@@ -29,7 +29,8 @@ ENOUGH = 6  # readings per unknown from which on a part of them is enough
 WANTED = 3  # readings per unknown that a repeated campaign has at least
 MOST_COPIES = 40
 SINGULAR = 1e-13  # smallest pivot of scaled normal equations
-ORDINARY = 2e3  # the same of a hundred readings with u = 0.5 µm: there smoothness and readings stand as in the fit
+ORDINARY = 2e3  # `_level` of a hundred readings with u = 0.5 µm: there smoothness and readings stand as in the fit
+LARGEST_GAP = 60.0  # degrees: positions all around a turn leave none larger, or all of one size
 NEAR = 0.01  # of the travel: as near to its end a position measures the end
 
 
@@ -115,13 +116,8 @@ def _kept_ends(low: float, high: float, axis: Axis) -> tuple[float, float]:
     return (start if low <= start + slack else low, end if high >= end - slack else high)
 
 
-LARGEST_GAP = 60.0  # degrees: positions all around a turn leave none larger, or all of one size
-
-
 def _goes_round(levels: np.ndarray, low: float, high: float) -> bool:
-    """Whether rotary positions stand all around the turn: those of this campaign, or the range `low` … `high` with an earlier
-    one.
-    """
+    """Whether rotary positions stand all around the turn; `low` … `high`: their range, an earlier solution's included."""
     if high - low >= 360.0 - LARGEST_GAP:
         return True
     around = np.unique(np.round(np.mod(levels, 360.0), 6))
@@ -175,7 +171,7 @@ def determined(
     whole = build_problem(used, problem.model, prior=known.and_smooth(_rows(processes, problem.model)), table=table)
     free = whole.free @ found.basis
     matrix = free.T @ np.asarray(whole.equations.normal(problem.start).matrix) @ free
-    if not processes or not _is_singular(matrix):
+    if not _is_singular(matrix):
         return found
     own = known.and_smooth(_level(problem) / ORDINARY * _rows(processes, problem.model))
     return analyse(build_problem(used, problem.model, prior=own, table=table), campaign)
@@ -188,7 +184,7 @@ def _are_many(campaign: Campaign, processes: tuple[Process, ...]) -> bool:
 
 
 def _level(problem: Problem) -> float:
-    """Root mean square sensitivity of the readings, over their u, to the machine's parameters in 0.1 mm and 0.1 mrad."""
+    """Largest sensitivity of all readings together, over their u, to one coefficient in units of 0.1 mm or 0.1 mrad."""
     n = problem.model.layout.n_coefficients
     bare = replace(problem.system, prior_root=np.zeros((0, problem.system.size)), prior_value=np.zeros(0))
     diagonal = np.diagonal(np.asarray(problem.equations.changed(bare).normal(problem.start).matrix))[:n]
@@ -200,13 +196,7 @@ def _level(problem: Problem) -> float:
 
 def _rows(processes: Sequence[Process], model: ErrorModel) -> np.ndarray:
     """Pseudo-readings of the processes at their medians, on θ."""
-    blocks = [np.zeros((0, model.n_parameters))]
-    for process in processes:
-        rows = process.rows(process.median)
-        block = np.zeros((len(rows), model.n_parameters))
-        block[:, process.parameters] = rows
-        blocks.append(block)
-    return np.vstack(blocks)
+    return stacked_rows(processes, [p.median for p in processes], model.n_parameters)
 
 
 def _is_singular(matrix: np.ndarray) -> bool:

@@ -112,6 +112,17 @@ class Process:
         return q, [-2.0 * q, slope]
 
 
+def stacked_rows(processes: Sequence[Process], phi: Sequence[np.ndarray], n: int) -> np.ndarray:
+    """Pseudo-readings of all processes, each at its own φ, as rows on θ (n,)."""
+    blocks = [np.zeros((0, n))]
+    for process, own in zip(processes, phi, strict=True):
+        rows = process.rows(own)
+        block = np.zeros((len(rows), n))
+        block[:, process.parameters] = rows
+        blocks.append(block)
+    return np.vstack(blocks)
+
+
 def prior_covariance(processes: Sequence[Process]) -> np.ndarray:
     """Covariance of φ before any reading: functions of one machine are alike, in size by kind, in length the more so on one
     axis.

@@ -99,6 +99,12 @@ def _minimum(ratio: np.ndarray, squares: np.ndarray, start: np.ndarray) -> tuple
     return float(found.fun), np.asarray(found.x)
 
 
+def with_scatter(campaign: Campaign, problem: Problem, z: np.ndarray, sigma: Mapping[str, float]) -> Campaign:
+    """The campaign with u² of every reading enlarged by a known scatter, at z; `problem`: of the campaign as it is."""
+    names = {direction: f"E{direction}{direction}" for direction in sigma}
+    return enlarged(campaign, squared_sensitivities(problem, campaign, z, names), names, sigma)
+
+
 def enlarged(campaign: Campaign, squares: np.ndarray, names: Mapping[str, str], sigma: Mapping[str, float]) -> Campaign:
     """The campaign with u² of every reading enlarged by the scatter; `squares` (d, n) as above."""
     weights = np.array([sigma.get(direction, 0.0) ** 2 for direction in names])

@@ -19,7 +19,7 @@ from volid.fitting.equations.engine import Engine
 from volid.fitting.equations.problem import Problem, build_problem, reweight, with_random_effects
 from volid.fitting.equations.solver import solve
 from volid.fitting.equations.system import System
-from volid.fitting.smoothness.scatter import enlarged, squared_sensitivities
+from volid.fitting.smoothness.scatter import with_scatter
 from volid.fitting.solution import Solution
 from volid.fitting.starts import find_starts
 from volid.observations.base import NuisanceTable
@@ -62,8 +62,7 @@ class Centre:
         problem = build_problem(campaign, self.solution.model, self.starts, engine=self.engine)
         theta, nuisance = np.asarray(self.solution.parameters), np.asarray(self.solution.nuisance)
         z = np.concatenate([self.solution.model.parametrisation @ theta, nuisance])
-        names = {d: f"E{d}{d}" for d in found}
-        return enlarged(campaign, squared_sensitivities(problem, campaign, z, names), names, found)
+        return with_scatter(campaign, problem, z, found)
 
     def _in_tiles(self) -> tuple[Problem, list[np.ndarray]]:
         """The problem, its blocks cut into tiles, and the readings' numbers at their places."""
