@@ -172,7 +172,7 @@ def attention(solution: Solution, named: bool = False) -> list[str]:
     messages = []
     if solution.adequacy.rejected:
         messages.append(
-            "the model is REJECTED by the data: the stated uncertainties do not hold (volid summary says where)"
+            "the model is REJECTED by the data: the stated uncertainties do not hold (volid summary names likely causes)"
         )
     if not solution.statistics.converged:
         messages.append("the fit has not converged: do not use its numbers")

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -11,12 +13,23 @@ from scipy.linalg import cho_factor, cho_solve
 from volid.backend.rms import rms
 from volid.campaign import Campaign
 from volid.fitting.change_of_datum import held_constants
-from volid.fitting.diagnosis.adequacy import Adequacy, SuspectReading, assess, suspect
+from volid.fitting.diagnosis.adequacy import Adequacy, SuspectReading, suspect
+from volid.fitting.diagnosis.around import Fit, around
+from volid.fitting.diagnosis.outcome import outcome_of
+from volid.fitting.diagnosis.tally import assess
+from volid.fitting.diagnosis.verdict import judge, untested
 from volid.fitting.equations.problem import Problem
 from volid.fitting.equations.solver import Optimum
 from volid.fitting.results import Residuals, Statistics, read_only
 from volid.fitting.smooth_fit import SmoothFit
 from volid.fitting.solution import Solution
+
+
+class Every(NamedTuple):
+    """Tests of all readings, and their number, where a solution holds some of them only."""
+
+    tested: Adequacy
+    n_readings: int
 
 
 class Assembly:
@@ -31,14 +44,21 @@ class Assembly:
         self.active = [~o for o in outliers]
         self.n_used = sum(int(a.sum()) for a in self.active)
 
-    def solution(self, warnings: tuple[str, ...], options: dict[str, Any]) -> Solution:
-        """The solution. `warnings`: of the checks before the fit; `options`: what was asked of it."""
+    def solution(
+        self,
+        warnings: tuple[str, ...],
+        options: dict[str, Any],
+        starts: Mapping[Any, float],
+        every: Every | None = None,
+    ) -> Solution:
+        """The solution. `warnings`: of the checks before the fit; `options`: what was asked of it; `starts`: of the unknowns;
+        `every`: the tests of all readings, where the campaign holds some of them."""
         theta, root = self._parameters()
         smooth = self.fitter.smooth_prior(theta, root)
         covariance = root @ root.T
         if smooth is not None:
             covariance += smooth.spread @ smooth.spread.T
-        return Solution(
+        found = Solution(
             parameters=read_only(theta),
             nuisance=read_only(self.optimum.z[self.problem.model.layout.n_coefficients :]),
             covariance=read_only(covariance),
@@ -47,7 +67,7 @@ class Assembly:
             model=self.problem.model,
             campaign=self.campaign,
             nuisance_table=self.problem.nuisance,
-            adequacy=self._adequacy(),
+            adequacy=self._tested() if every is None else every.tested,
             statistics=self._statistics(),
             readings=self._readings(),
             statements=self.fitter.found.statements,
@@ -56,6 +76,27 @@ class Assembly:
             options=options,
             prior_root=read_only(self.fitter.known.root) if options["prior"] else None,
             smooth=smooth,
+        )
+        adequacy = self._judged(found, root, starts, 1.0 if every is None else self.n_used / every.n_readings)
+        return replace(found, adequacy=adequacy, covariance=read_only(adequacy.factor**2 * covariance))
+
+    def _judged(self, found: Solution, root: np.ndarray, starts: Mapping[Any, float], share: float) -> Adequacy:
+        """The verdict on the tests of a solution. `root`: of the covariance of (θ, ν); `share`: of all readings that are here."""
+        tested, n = found.adequacy, found.model.n_parameters
+        if tested.degrees_of_freedom <= 0:
+            return untested(tested)
+        extra = found.smooth_spread[:n]
+        outcome = outcome_of(self.campaign, found.model, found.parameters, root[:n], extra, found.scatter_u())
+        fit = Fit(
+            self.problem, self.campaign, self.optimum.z, self.fitter.root(), self.fitter.factors, starts,
+            self.fitter.smooth_rows, share,
+        )  # fmt: skip
+        return judge(
+            around(fit, outcome, tested.chi_square, tested.degrees_of_freedom),
+            fit,
+            found.machine,
+            tested,
+            bool(found.scatter),
         )
 
     @cached_property
@@ -87,8 +128,8 @@ class Assembly:
         theta = cho_solve(factor, basis.T @ self.optimum.z[:n])
         return theta, np.vstack([cho_solve(factor, basis.T @ root[:n]), root[n:]])
 
-    def _adequacy(self) -> Adequacy:
-        """The verdict; what is known beforehand counts as readings."""
+    def _tested(self) -> Adequacy:
+        """Chi-square and group tests; what is known beforehand counts as readings."""
         system = self.problem.system
         pseudo = np.asarray(system.prior_residual(self.optimum.z))
         freedom = self.n_used + len(pseudo) - self.fitter.free.shape[1]

@@ -12,8 +12,10 @@ import numpy as np
 from volid.backend.threads import one_blas_thread
 from volid.campaign import Campaign
 from volid.exceptions import InputError
-from volid.fitting.assembly import Assembly
+from volid.fitting.assembly import Assembly, Every
+from volid.fitting.broken_beams import MOST, with_new_segments
 from volid.fitting.diagnosis.robust import down_weight, name_outliers, set_aside
+from volid.fitting.diagnosis.verdict import explained_otherwise
 from volid.fitting.equations.choice import engine_for_compiled_solver, engine_for_fit, engine_named
 from volid.fitting.equations.engine import Engine
 from volid.fitting.equations.problem import Problem, build_problem, nothing_known, with_random_effects
@@ -204,20 +206,27 @@ class Stages:
         fitter.solve_with_smoothness(fitter.factors, self.task.robust)
         return fitter
 
-    def solution(self, fitter: SmoothFit, outliers: list[np.ndarray] | None = None) -> Solution:
-        """The solution at the fitter's optimum."""
+    def solution(
+        self, fitter: SmoothFit, outliers: list[np.ndarray] | None = None, every: Every | None = None
+    ) -> Solution:
+        """The solution at the fitter's optimum; `every`: tests of all readings, where the campaign holds some of them."""
+        self.task.progress("testing the model")
         if outliers is None:
             outliers = [np.zeros(s.readings.shape, dtype=bool) for s in self.measured.sets]
         options: dict[str, Any] = {"robust": self.task.robust, "prior": self.task.prior is not None}
         if self.task.prior is not None:
             options[EARLIER_RANGES] = {a: list(r) for a, r in _measured_by(self.task.prior).items()}
             options[EARLIER_LEVELS] = {a: list(v) for a, v in self.task.prior.levels().items()}
-        if self.task.prior is not None and fitter.processes:
-            known = self.task.prior.scatter
-            fitter.scatter = {
-                n: max(known.get(n, 0.0), fitter.scatter.get(n, 0.0)) for n in {**known, **fitter.scatter}
-            }
-        found = in_open_frame(Assembly(fitter, outliers).solution(self.warnings, options))
+        own, earlier = fitter.scatter, {} if self.task.prior is None else self.task.prior.scatter
+        if fitter.processes:
+            fitter.scatter = {n: max(earlier.get(n, 0.0), own.get(n, 0.0)) for n in {**earlier, **own}}
+        found = Assembly(fitter, outliers).solution(self.warnings, options, self.task.starts, every)
+        if own and every is None and explained_otherwise(found.adequacy):
+            self.task.progress("testing the model without waves")
+            fitter = fitter.without_scatter()
+            fitter.scatter = dict(earlier)
+            found = Assembly(fitter, outliers).solution(self.warnings, options, self.task.starts, every)
+        found = in_open_frame(found)
         return replace(found, campaign=self.measured, notes=(*found.notes, *shape_notes(found, fitter.found.weak)))
 
 
@@ -232,9 +241,25 @@ def _fit(
     stages = Stages.begin(campaign, prior, progress, how, robust)
     fitter, outliers = stages.solved(), None
     if robust:
+        stages, fitter = _without_breaks(stages, fitter, how)
         progress("looking for outliers")
         factors = down_weight(fitter.residuals_only, fitter.factors)
         outliers = name_outliers(fitter.weighted, set_aside(fitter.weighted(factors)))
         fitter = fitter.without(outliers)
     solution = stages.solution(fitter, outliers)
     return solution if datum in (None, solution.datum) else solution.in_datum(datum)
+
+
+def _without_breaks(stages: Stages, fitter: SmoothFit, how: How) -> tuple[Stages, SmoothFit]:
+    """The stages of the campaign with new segments where beams were broken."""
+    task = stages.task
+    for _ in range(MOST):
+        task.progress("looking for broken beams")
+        campaign, notes = with_new_segments(stages.measured, fitter, stages.task.starts)
+        if not notes:
+            break
+        kept = (*stages.warnings, *notes)
+        stages = Stages.begin(campaign, task.prior, task.progress, how, task.robust)
+        stages.warnings = tuple(dict.fromkeys((*kept, *stages.warnings)))
+        fitter = stages.solved()
+    return stages, fitter

@@ -25,6 +25,7 @@ class Fitter:
         self.free = problem.free @ found.basis
         self.optimum: Optimum | None = None
         self.factors = [np.ones(s.readings.shape) for s in campaign.sets]
+        self._root: tuple[Optimum, np.ndarray] | None = None  # of that optimum
 
     def solve(self, factors: list[np.ndarray]) -> Optimum:
         """Optimum with square-root weights `factors` (m, k) per set. Raises `VolidError` when nothing converges."""
@@ -53,6 +54,12 @@ class Fitter:
 
     def root(self) -> np.ndarray:
         """Square root L of the covariance of z, C = L Lᵀ, shape (size, rank): by scaled Cholesky factorisation."""
+        assert self.optimum is not None
+        if self._root is None or self._root[0] is not self.optimum:
+            self._root = (self.optimum, self._factorised())
+        return self._root[1]
+
+    def _factorised(self) -> np.ndarray:
         assert self.optimum is not None
         matrix = self.optimum.normal.matrix
         if not np.all(np.isfinite(matrix)) or np.any(np.diagonal(matrix) <= 0.0):

@@ -120,8 +120,7 @@ def _information_root(prior: Solution, there: np.ndarray) -> tuple[np.ndarray, n
     vectors, values, _ = np.linalg.svd(null, full_matrices=True)
     across = vectors[:, int(np.sum(values > 1e-9)) :]
     smooth = prior.smooth_rows[:, there] * units @ across
-    spread = prior.smooth_spread[there]
-    known = prior.parameter_covariance[np.ix_(there, there)] - spread @ spread.T
+    known = prior.bare_covariance[np.ix_(there, there)]
     variances, axes = np.linalg.eigh(across.T @ (known / np.outer(units, units)) @ across)
     seen = variances > EXACT * max(float(variances[-1]), 1e-300) if len(variances) else np.zeros(0, dtype=bool)
     inverse = (axes[:, seen] / variances[seen]) @ axes[:, seen].T
@@ -130,7 +129,7 @@ def _information_root(prior: Solution, there: np.ndarray) -> tuple[np.ndarray, n
     seen = weights > ROUNDING * max(float(np.diagonal(inverse).max(initial=0.0)), 1e-300)
     root = np.sqrt(weights[seen])
     rows = root[:, None] * (across @ axes[:, seen]).T / units
-    return np.asarray(rows), np.asarray((axes[:, seen].T @ vector) / root)
+    return np.asarray(rows / prior.factor), np.asarray((axes[:, seen].T @ vector) / root / prior.factor)
 
 
 def prior_notes(prior: Solution) -> tuple[str, ...]:

@@ -32,7 +32,7 @@ def scatter_u(solution: Solution, model: ErrorModel) -> np.ndarray:
         if any(np.any(model.parametrisation[:, f.parameters] != 0.0) for f in own):
             k = "XYZ".index(own[0].name[1])
             u[k] = np.hypot(u[k], size)
-    return u
+    return solution.factor * u
 
 
 def without_waves(solution: Solution) -> Solution:
@@ -46,7 +46,7 @@ def without_waves(solution: Solution) -> Solution:
         (spline,) = f.splines
         x = np.linspace(spline.low, spline.high, PHASES, endpoint=False)
         rows = design_matrix(spline, x) @ model.parametrisation[f.coefficients, f.parameters]
-        known = solution.parameter_covariance[f.parameters, f.parameters]
+        known = solution.parameter_covariance[f.parameters, f.parameters] / solution.factor**2
         square = float(np.mean((rows @ theta[f.parameters]) ** 2 + np.sum((rows @ known) * rows, axis=1)))
         scatter[f.name] = float(np.sqrt(scatter.get(f.name, 0.0) ** 2 + square))
         kept[f.parameters] = 0.0

@@ -96,14 +96,13 @@ class SmoothFit(Fitter):
             now = _joined([s.u for s in self.campaign.sets]) / _joined([s.u for s in measured.sets])
             v, left = _joined(self.whitened()) * now, 1.0 - _joined(self.leverages())
             self.scatter = estimated(v[active], left[active], squares[:, active], names)
-            if not self.scatter:
-                self.campaign, self.problem = measured, with_prior(bare, self.prior)
-                return
-            self.campaign = enlarged(measured, squares, names, self.scatter)
+            self.campaign = enlarged(measured, squares, names, self.scatter) if self.scatter else measured
             self.problem = reweight(bare, self.campaign, [np.ones(f.shape) for f in factors])
             self._take(self.smoothness)
             self.solve(factors)
             self._estimate(factors)
+            if not self.scatter:
+                return
 
     def _information(self) -> Information:
         assert self.optimum is not None
@@ -115,6 +114,14 @@ class SmoothFit(Fitter):
         refit = SmoothFit(self.measured, self.bare, self.known, self.processes, self.method, factors)
         refit._take(self.smoothness)
         refit.solve_with_smoothness(factors)
+        return refit
+
+    def without_scatter(self) -> SmoothFit:
+        """Refit with the readings' u as stated: something else explains what looked independent from position to position."""
+        refit = SmoothFit(self.measured, self.bare, self.known, self.processes, self.method, self.factors)
+        refit._take(self.smoothness)
+        refit.solve(self.factors)
+        refit._estimate(self.factors)
         return refit
 
     def smooth_prior(self, theta: np.ndarray, root: np.ndarray) -> SmoothPrior | None:

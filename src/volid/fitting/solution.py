@@ -52,7 +52,8 @@ class Solution:
     Args:
         parameters: The parameters θ of the error functions, shape (n,), in the order of `model` [mm, rad].
         nuisance: The other unknowns ν, shape (k,): stations, dead paths and other unknowns, as `nuisance_table` names them.
-        covariance: Covariance of (θ, ν), shape (n + k, n + k), from the stated uncertainties; zero along what is not determined.
+        covariance: Covariance of (θ, ν), shape (n + k, n + k), from the stated uncertainties, times `factor`²; zero along what is
+            not determined.
         null_space: Combinations of θ that are not determined, as columns, shape (n, d).
         held_directions: Directions of the s tool-frame constants that are not determined and held at 0, as columns, shape (s, r).
         model: The error model, with its datum.
@@ -144,7 +145,7 @@ class Solution:
 
     @property
     def smooth_spread(self) -> Float[np.ndarray, "n+k h"]:
-        """What the uncertainty of the estimated smoothness brings to the unknowns: its square is part of `covariance`."""
+        """What the uncertainty of the estimated smoothness brings to the unknowns: its square is in `covariance`/`factor`²."""
         return np.zeros((len(self.covariance), 0)) if self.smooth is None else self.smooth.spread
 
     @property
@@ -153,8 +154,18 @@ class Solution:
         return frozenset() if self.smooth is None else self.smooth.functions
 
     @property
+    def factor(self) -> float:
+        """What every u is multiplied by because the residuals are larger than u says; it is part of `covariance`."""
+        return self.adequacy.factor
+
+    @property
+    def bare_covariance(self) -> Float[np.ndarray, "n+k n+k"]:
+        """Covariance of (θ, ν) from the readings' u and the smoothness as it was estimated alone: the inverse of JᵀJ."""
+        return np.asarray(self.covariance) / self.factor**2 - self.smooth_spread @ self.smooth_spread.T
+
+    @property
     def scatter(self) -> Mapping[str, float]:
-        """Standard deviation of what is independent from position to position [mm]; part of every u.
+        """Standard deviation of what is independent from position to position [mm]; `factor` times it is part of every u.
 
         By direction ("X"), since nothing tells which axis it comes from, or, of waves left out of the values, by error motion.
         """
@@ -170,7 +181,8 @@ class Solution:
 
     def scatter_of(self, name: str) -> float:
         """The same for one error motion: it may all be of that one [mm]."""
-        return float(np.sqrt(sum(size**2 for key, size in self.scatter.items() if short_waves.carries(name, key))))
+        own = [size for key, size in self.scatter.items() if short_waves.carries(name, key)]
+        return self.factor * float(np.linalg.norm(own))
 
     def without_waves(self) -> Solution:
         """The solution whose short waves of a stated pitch are no part of the values, but of every u: for tables and grids.

@@ -18,8 +18,9 @@ from volid.backend.threads import one_blas_thread
 from volid.campaign import Campaign
 from volid.effects import TYPES
 from volid.exceptions import InputError
+from volid.fitting.assembly import Every
 from volid.fitting.change_of_datum import EXTRAPOLATED
-from volid.fitting.diagnosis.adequacy import Tally
+from volid.fitting.diagnosis.tally import Tally
 from volid.fitting.equations.choice import engine_for_fit, engine_for_stream
 from volid.fitting.equations.engine import Engine, Equations
 from volid.fitting.equations.free_directions import FreeDirections
@@ -167,10 +168,10 @@ def fit_streamed(
     objective = _StreamObjective(parts, fitter.free)
     fitter.optimum = solve(complete, fitter.optimum.z, fitter.free, objective)
     tally, squares = _residuals(parts, fitter, few, stream.n_readings)
-    solution = stages.solution(fitter)
     pseudo = np.asarray(complete.system.prior_residual(fitter.optimum.z))
     dof = stream.n_readings + len(pseudo) - fitter.free.shape[1]
-    solution = replace(solution, adequacy=tally.adequacy(dof, float(pseudo @ pseudo)))
+    every = Every(tally.adequacy(dof, float(pseudo @ pseudo)), stream.n_readings)
+    solution = stages.solution(fitter, every=every)
     solution = _of_all_readings(solution, stream.n_readings, few.n_readings, squares)
     return solution if datum in (None, solution.datum) else solution.in_datum(datum)
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from volid.campaign import Campaign
 from volid.exceptions import InputError
-from volid.fitting.diagnosis.adequacy import Adequacy, GroupTest, SuspectReading, reading_label
+from volid.fitting.diagnosis.adequacy import Adequacy, Cause, GroupTest, SuspectReading, reading_label
 from volid.fitting.results import Residuals, SmoothPrior, Statistics, read_only
 from volid.io.basics.hdf5_values import read_text, reading
 from volid.io.solution_writing import Row
@@ -166,6 +166,9 @@ def read_adequacy(group: h5py.Group, campaign: Campaign) -> Adequacy:
         suspects=read_suspects(group["suspects"], campaign),
         rejected=bool(attributes["rejected"]),
         verdict=attributes["verdict"],
+        grade=attributes.get("grade", ""),
+        factor=float(attributes.get("factor", 1.0)),
+        causes=read_rows(group["causes"], Cause) if "causes" in group else (),
     )
 
 

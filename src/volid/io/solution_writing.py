@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import h5py
 import numpy as np
 
-from volid.fitting.diagnosis.adequacy import Adequacy, GroupTest, SuspectReading
+from volid.fitting.diagnosis.adequacy import Adequacy, Cause, GroupTest, SuspectReading
 from volid.fitting.results import SmoothPrior
 from volid.fitting.solution import Solution
 from volid.io.basics.hdf5_values import to_json, write_array, write_text
@@ -22,7 +22,7 @@ from volid.uncertainty.trials.samples import Samples
 
 POINTS = 101  # of each function in `functions/`
 
-Row = TypeVar("Row", GroupTest, SuspectReading)
+Row = TypeVar("Row", Cause, GroupTest, SuspectReading)
 
 
 def write_samples(group: h5py.Group, samples: Samples, width: int) -> None:
@@ -135,8 +135,18 @@ def write_residuals(group: h5py.Group, solution: Solution) -> None:
 
 def write_adequacy(group: h5py.Group, adequacy: Adequacy) -> None:
     """The verdict with its tests by group."""
-    for name in ("verdict", "rejected", "chi_square", "degrees_of_freedom", "unit_weight", "probability"):
+    for name in (
+        "verdict",
+        "grade",
+        "rejected",
+        "factor",
+        "chi_square",
+        "degrees_of_freedom",
+        "unit_weight",
+        "probability",
+    ):
         group.attrs[name] = getattr(adequacy, name)
+    write_rows(group.create_group("causes"), Cause, adequacy.causes)
     write_rows(group.create_group("groups"), GroupTest, adequacy.groups)
     write_rows(group.create_group("suspects"), SuspectReading, adequacy.suspects)
 

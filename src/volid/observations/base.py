@@ -232,6 +232,10 @@ class Kind(ABC):
         for label in self.tested_by:
             yield from ((label, str(value)) for value in dict.fromkeys(like.labels[label]))
 
+    def runs_by(self, observations: ObservationSet) -> tuple[str, ...]:
+        """Labels of a run of readings that share an unknown constant because the beam was not interrupted; () where none is."""
+        return ()
+
     def advice(self, sets: Sequence[ObservationSet], campaign: Campaign) -> list[str]:
         """Facts about all `sets` of this kind because of which error functions are often not determined."""
         return []

@@ -147,6 +147,10 @@ class Distance(Kind):
         beams = zip(observations.labels["station"], observations.labels["segment"], strict=True)
         return np.array([[starts.get(("dead path", str(s), str(g)), 0.0)] for s, g in beams])
 
+    def runs_by(self, observations: ObservationSet) -> tuple[str, ...]:
+        """A segment of a station has one dead path, unless distances are absolute."""
+        return ("station", "segment") if observations.options.get("relative", True) else ()
+
     def advice(self, sets: Sequence[ObservationSet], campaign: Campaign) -> list[str]:
         """How many stations there are, and on what line the tool vectors lie."""
         sets = [s for s in sets if self.sees_tool(s)]

@@ -20,7 +20,7 @@ from volid.compensation.grids.parts import left_out
 from volid.compensation.grids.rotary import rotary_grids
 from volid.compensation.residual.volume import predict_residual, volumetric_summary
 from volid.exceptions import InputError, NotDeterminedError
-from volid.fitting.diagnosis.adequacy import SuspectReading
+from volid.fitting.diagnosis.adequacy import ACCEPTED, ENLARGED, SuspectReading
 from volid.fitting.diagnosis.hold_out import by_angle, total
 from volid.fitting.results import FunctionValue
 from volid.fitting.solution import Solution
@@ -72,7 +72,10 @@ def _verdict(solution: Solution) -> dict[str, Any]:
     """Whether the model agrees with the data, and the numbers of the fit."""
     adequacy, statistics, lack = solution.adequacy, solution.statistics, lack_of_fit(solution)
     return {
-        "accepted": adequacy.degrees_of_freedom > 0 and not adequacy.rejected,
+        "accepted": adequacy.grade in (ACCEPTED, ENLARGED),
+        "grade": adequacy.grade,
+        "factor": adequacy.factor,
+        "causes": [asdict(cause) for cause in adequacy.causes],
         "rejected": adequacy.rejected,
         "verdict": adequacy.verdict,
         "unit_weight": adequacy.unit_weight,

@@ -17,6 +17,7 @@ def format_summary(data: dict[str, Any]) -> str:
     """The text of `summary` from the numbers of `summary_data`."""
     blocks = [
         _verdict_lines(data),
+        _cause_lines(data),
         _head_lines(data),
         _set_lines(data),
         _held_out_lines(data),
@@ -45,6 +46,23 @@ def _verdict_lines(data: dict[str, Any]) -> list[str]:
     if not data["converged"]:
         lines.append("*** NOT CONVERGED: the iteration stopped early; do not use these numbers ***")
     return lines
+
+
+def _cause_lines(data: dict[str, Any]) -> list[str]:
+    """What explains the misfit, best first: itself, what it gains and does, and its cure."""
+    texts = []
+    for cause in data["causes"]:
+        numbers = []
+        if cause["unknowns"]:
+            several = "s" if cause["unknowns"] > 1 else ""
+            numbers.append(f"gain {cause['gain']:.0f} with {cause['unknowns']} unknown{several}")
+        elif cause["gain"]:
+            numbers.append(f"gain {cause['gain']:.0f}")
+        if cause["change"] is not None and cause["drop"] > 0.0:
+            numbers.append(f"changes results by up to {cause['change']:.1f} U")
+        more = f" ({'; '.join(numbers)})" if numbers else ""
+        texts.append(f"{cause['what']}{more}. What to do: {cause['cure']}.")
+    return bullets("likely causes of the misfit, the best first", texts)
 
 
 def _head_lines(data: dict[str, Any]) -> list[str]:

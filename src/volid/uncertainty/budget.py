@@ -26,6 +26,7 @@ from volid.uncertainty.outputs import Outputs
 from volid.uncertainty.trials.centre import Centre
 
 SMOOTHNESS = "between the positions (smoothness of the functions)"
+LACK = "lack of fit (residuals larger than u)"
 SCATTER = "independent from position to position (short waves)"
 COMPONENTS = ("ex", "ey", "ez", "ea", "eb", "ec")
 
@@ -34,13 +35,15 @@ COMPONENTS = ("ex", "ey", "ez", "ea", "eb", "ec")
 class Budget:
     """`sources`: names. `covariances`: (s, p, p), share of each source in the covariance of x = (θ, ν).
 
-    `u`, `units`: of each source as stated, where all its members have the same one; NaN and "" otherwise.
+    `u`, `units`: of each source as stated, where all its members have the same one; NaN and "" otherwise. `factor`: what every u
+    of the solution is multiplied by; what that adds is a source of its own.
     """
 
     sources: tuple[str, ...]
     covariances: np.ndarray
     u: np.ndarray
     units: tuple[str, ...]
+    factor: float = 1.0
 
     def contributions(self, rows: np.ndarray) -> np.ndarray:
         """Standard uncertainty that each source brings to linear outputs `rows` (q, p): (s, q), in the outputs' units."""
@@ -124,8 +127,11 @@ def budget_lines(found: Budget, rows: Rows) -> Iterator[Line]:
     """Every source of every output, the largest contribution of each output first."""
     values = found.contributions(rows.matrix)
     sources, stated_u, stated_units = list(found.sources), found.u, list(found.units)
+    lack = np.sqrt(1.0 - 1.0 / found.factor**2)
     if np.any(rows.scatter > 0.0):
-        values = np.vstack([values, rows.scatter])
+        if lack > 0.0:
+            values[sources.index(LACK)] = np.hypot(values[sources.index(LACK)], lack * rows.scatter)
+        values = np.vstack([values, rows.scatter / found.factor])
         sources, stated_u, stated_units = [*sources, SCATTER], np.append(stated_u, np.nan), [*stated_units, ""]
     total = np.sqrt(np.sum(values**2, axis=0))
     for q, (name, position, unit) in enumerate(zip(rows.names, rows.positions.tolist(), rows.units, strict=True)):
@@ -162,7 +168,12 @@ def budget(solution: Solution) -> Budget:
         parts.append(
             reach.T @ reach + (solution.smooth_spread @ solution.smooth_spread.T if name == SMOOTHNESS else 0.0)
         )
-    return Budget(tuple(sources), np.array(parts), np.array([u for u, _ in stated]), tuple(unit for _, unit in stated))
+    if solution.factor > 1.0:
+        sources.append(LACK)
+        stated.append((float("nan"), ""))
+        parts.append((1.0 - 1.0 / solution.factor**2) * np.asarray(solution.covariance))
+    numbers, units = np.array([u for u, _ in stated]), tuple(unit for _, unit in stated)
+    return Budget(tuple(sources), np.array(parts), numbers, units, solution.factor)
 
 
 def _one_u(u: np.ndarray, units: list[str]) -> tuple[float, str]:

@@ -82,7 +82,7 @@ def _scatter(solution: Solution, gradient: np.ndarray) -> np.ndarray:
         if any(np.any(seen[f.parameters]) for f in own):
             k = "XYZ".index(own[0].name[1])
             u[k] = np.hypot(u[k], size)
-    return u
+    return solution.factor * u
 
 
 def field_gradient(solution: Solution, request: GridRequest, place: Place) -> np.ndarray:

@@ -138,6 +138,13 @@ def gradient_matrix(
     return np.asarray(by_parameter.reshape(-1, rows.shape[0], by_parameter.shape[1]))
 
 
+def error_gradients(model: ErrorModel, theta: np.ndarray, positions: np.ndarray, tool: np.ndarray) -> np.ndarray:
+    """∂(deviation)/∂(error values) at m points, mean of both directions, (m, 6, 6 · (n_axes + 1))."""
+    still = np.zeros_like(positions)
+    rows = _over_points(_partials, model, model.parametrisation @ theta, _Points(positions, tool, still))
+    return np.ascontiguousarray(rows.transpose(2, 0, 1))
+
+
 def standard_uncertainties(
     model: ErrorModel,
     theta: np.ndarray,

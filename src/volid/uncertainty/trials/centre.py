@@ -47,7 +47,7 @@ class Centre:
         self.factors = _factors(solution, self.campaign)
         self.problem, self.numbers = self._in_tiles()
         self.centre = np.concatenate([np.asarray(solution.parameters), np.asarray(solution.nuisance)])
-        self.u = np.sqrt(np.maximum(np.diagonal(np.asarray(solution.covariance)), 0.0))
+        self.u = np.sqrt(np.maximum(np.diagonal(np.asarray(solution.covariance)), 0.0)) / solution.factor
         self.known = _known_nuisance(solution)
         self.nuisance_prior = self._nuisance_prior()
         self.n_readings = self.campaign.n_readings
@@ -102,9 +102,7 @@ class Centre:
             system=jax.tree.map(jnp.asarray, self.problem.system),
             z=jnp.asarray(z),
             basis=jnp.asarray(basis),
-            covariance=jnp.asarray(
-                self.solution.covariance - self.solution.smooth_spread @ self.solution.smooth_spread.T
-            ),
+            covariance=jnp.asarray(self.solution.bare_covariance),
             prior=jnp.asarray(np.vstack([self.nuisance_prior, earlier])),
             predictions=[jnp.asarray(p) for p in equations.predictions(z)],
             numbers=[jnp.asarray(n) for n in self.numbers],

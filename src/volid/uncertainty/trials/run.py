@@ -50,7 +50,10 @@ def run_trials(run: Run, first: int, count: int) -> dict[str, np.ndarray]:
         number = min(AT_ONCE, first + count - start)
         noise = trial_noise(run.seed, start, number, refitter.n_readings, refitter.n_prior, run.pseudo, room)
         found.append(refitter.refit(*noise))
-    return joined(found)._asdict()
+    refits = joined(found)
+    # what enlarges u enlarges the spread of the trials about the solution
+    enlarged = refitter.centre + refitter.solution.factor * (refits.x - refitter.centre)
+    return refits._replace(x=enlarged)._asdict()
 
 
 def batches_to_do(store: TrialFolder, first: int, last: int) -> list[int]:
