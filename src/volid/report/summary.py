@@ -19,7 +19,12 @@ from volid.compensation.grids.linear import linear_grid
 from volid.compensation.grids.parts import left_out
 from volid.compensation.grids.rotary import rotary_grids
 from volid.compensation.residual.tools import campaign_tools
-from volid.compensation.residual.volume import predict_residual, predict_uncompensated, volumetric_summary
+from volid.compensation.residual.volume import (
+    VolumeSummary,
+    predict_residual,
+    predict_uncompensated,
+    volumetric_summary,
+)
 from volid.exceptions import InputError, NotDeterminedError
 from volid.fitting.diagnosis.adequacy import SuspectReading
 from volid.fitting.diagnosis.hold_out import by_angle, total
@@ -190,16 +195,18 @@ def _before(solution: Solution, tool: tuple[float, float, float]) -> dict[str, A
         "without_rigid_motion": None,
     }
     if math.isfinite(before.before_max):
-        found["tools"] = _worst_tool(solution, tool)
+        found["tools"] = _worst_tool(solution, tool, before)
         free = predict_uncompensated(solution, tool)
         found["without_rigid_motion"] = {"max": free.maximum, "max_interval_95": free.interval, "rms": free.rms}
     return {"accuracy": dict(zip(DIRECTIONS, before.accuracy.tolist(), strict=True)), "before": found}
 
 
-def _worst_tool(solution: Solution, tool: tuple[float, float, float]) -> dict[str, Any] | None:
-    """The largest deviation in the stated datum of the campaign's tool vectors, `n` that are determined; None if it has one."""
-    tools = [tuple(t) for t in campaign_tools(solution, np.asarray(tool)).tolist()]
-    found = {t: volumetric_summary(solution, t) for t in tools} if len(tools) > 1 else {}
+def _worst_tool(solution: Solution, tool: tuple[float, float, float], own: VolumeSummary) -> dict[str, Any] | None:
+    """The largest deviation in the stated datum of the campaign's tool vectors, `n` that are determined; None if it has one.
+
+    `own`: the numbers for `tool` (3,) [mm]."""
+    others = [tuple(t) for t in campaign_tools(solution, np.asarray(tool))[1:].tolist()]
+    found = {tool: own} | {t: volumetric_summary(solution, t) for t in others}
     known = {t: v for t, v in found.items() if math.isfinite(v.before_max)}
     if len(known) < 2:
         return None

@@ -8,7 +8,7 @@ import numpy as np
 
 from volid.backend.rms import rms
 from volid.fitting.prediction.deviations import deviation_values, gradient_matrix
-from volid.fitting.prediction.largest import with_largest
+from volid.fitting.prediction.largest import values_at, with_largest
 from volid.fitting.solution import Solution
 from volid.model.iso230 import parse
 
@@ -91,7 +91,7 @@ def _field(solution: Solution, tool: np.ndarray | None) -> tuple[np.ndarray, np.
     places = with_largest(solution, vector)
     positions, still, count = places.positions, places.directions, len(places.positions)
     tools = np.broadcast_to(vector, (count, 3))
-    if not solution.evaluate(positions, tools).determined[:, :3].all():
+    if not np.isfinite(values_at(solution, places, vector)[:, :3]).all():
         p = len(solution.parameters) + len(solution.nuisance_table)
         return np.zeros((0, p)), np.zeros(0), 0
     theta = np.asarray(solution.parameters)

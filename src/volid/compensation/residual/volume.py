@@ -12,7 +12,7 @@ from volid.compensation.control import Control
 from volid.compensation.grids.grid import Grid, RotaryGrid
 from volid.compensation.residual.fields import Field, field_over, quantities, tool_axes
 from volid.compensation.residual.prediction import mean_left_by, parameter_draws, prediction, with_worst_places
-from volid.fitting.prediction.largest import whole_volume, with_largest
+from volid.fitting.prediction.largest import values_at, whole_volume, with_largest
 from volid.fitting.solution import Solution
 
 
@@ -61,9 +61,9 @@ def volumetric_summary(solution: Solution, tool: tuple[float, float, float]) -> 
     ((6,), (5,), True)
     """
     places = with_largest(solution, np.asarray(tool, dtype=float))
-    found = solution.evaluate(places.positions, np.asarray(tool, dtype=float))
-    size = np.linalg.norm(found.values[:, :3], axis=1)
-    accuracy = np.ptp(found.values, axis=0)
+    found = values_at(solution, places, np.asarray(tool, dtype=float))
+    size = np.linalg.norm(found[:, :3], axis=1)
+    accuracy = np.ptp(found, axis=0)
     if not np.isfinite(size).all():
         return VolumeSummary(accuracy, np.nan, np.nan, np.full(places.positions.shape[1], np.nan))
     worst = int(np.argmax(size))

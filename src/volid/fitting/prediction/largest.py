@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from volid.fitting.prediction.determination import known_deviations
 from volid.fitting.prediction.deviations import deviation_values
 from volid.fitting.prediction.working_volume import POINTS, border_positions, spread_positions
 from volid.fitting.solution import Solution
@@ -83,6 +84,14 @@ def with_largest(solution: Solution, tool: np.ndarray) -> Places:
         return np.column_stack([np.linalg.norm(found[:, :3], axis=1), found, -found])
 
     return start.and_also(largest_places(solution.machine, values, start))
+
+
+def values_at(solution: Solution, places: Places, tool: np.ndarray) -> np.ndarray:
+    """Values of `Solution.evaluate` for a tool vector (3,) [mm], without u: (m, 6) [mm, rad], NaN where not determined."""
+    q, way = places.positions, places.directions
+    tools, theta = np.broadcast_to(tool, (len(q), 3)), np.asarray(solution.parameters)
+    values, _, _ = known_deviations(solution.model, theta, None, np.asarray(solution.null_space), q, tools, way)
+    return np.where(solution.model.holds(q)[:, None], values, np.nan)
 
 
 def largest_places(machine: Machine, values: Values, start: Places, directed: Sequence[int] = ()) -> Places:
