@@ -124,15 +124,21 @@ def sampling_of(args: argparse.Namespace, spacing: str = "equal") -> Sampling:
     return Sampling(args.step, args.max_points, args.max_error, spacing, args.offset)
 
 
+def in_frame(solution: Solution, args: argparse.Namespace) -> Solution:
+    """The solution in the datum asked for."""
+    if not args.datum:
+        return solution
+    from volid.fitting.datum import parse_datum
+
+    return solution.in_datum(parse_datum(solution.machine, args.datum))
+
+
 def prepared(
     solution: Solution, args: argparse.Namespace, tools: Sequence[Sequence[float]]
 ) -> tuple[Solution, list[str]]:
     """The solution in the datum asked for, rigid, and beyond what was measured when asked for; notes about what that does."""
     notes: list[str] = []
-    if args.datum:
-        from volid.fitting.datum import parse_datum
-
-        solution = solution.in_datum(parse_datum(solution.machine, args.datum))
+    solution = in_frame(solution, args)
     if args.rigid:
         import numpy as np
 
@@ -142,7 +148,8 @@ def prepared(
         solution, left = best_rigid(solution, np.array(around))
         notes.append(
             f"best rigid functions: RMS {1e3 * left.rms_before:.2f} µm before, {1e3 * left.rms:.2f} µm after, largest "
-            f"{1e3 * left.maximum:.2f} µm, if the control knew them exactly"
+            f"{1e3 * left.maximum:.2f} µm, if the control knew them exactly; in the stated datum, for the tool vectors and "
+            "others 100 mm beside them"
         )
     return (solution.extrapolated() if args.extrapolate else solution), notes
 

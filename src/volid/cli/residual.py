@@ -19,7 +19,16 @@ from volid.cli.common import (
     tool_vector,
     write_sheet,
 )
-from volid.cli.compensation_options import add_base, add_range, assignments, base_from, prepared, ranges_from, rule_from
+from volid.cli.compensation_options import (
+    add_base,
+    add_range,
+    assignments,
+    base_from,
+    in_frame,
+    prepared,
+    ranges_from,
+    rule_from,
+)
 from volid.cli.progress import Progress
 
 if TYPE_CHECKING:
@@ -28,14 +37,17 @@ if TYPE_CHECKING:
 
 HELP = "what each compensation type leaves over the working volume, side by side, with intervals"
 LINEAR_FEED, ROTARY_FEED = 10_000.0, 3_600.0  # mm/min; °/min, ten turns
+FULL = "tables and grids are from the rigid functions; what remains is that of the full model, cross effects included"
 
 _EPILOG = """\
 Every --type is one row of the table, types joined by a comma act together: --type L-VOL,R-VOL. The
 first row is "none". A simulated control applies tables and grids as they would be written. Stated
-are the deviation of the functional point and the orientation error that remain at points over the
-travels, with 95 % intervals from the Monte Carlo samples of the solution (volid uncertainty), else
-from its covariance. --tools adds rows for other tool lengths with the same compensation;
---tool-error gives the control a wrong tool vector.
+are the deviation of the functional point and the orientation error that remain over the working
+volume: the largest with corners, edges, both approach directions and, unless --tool or --tools name
+others, all tool vectors of the campaign; RMS and 95 % over the volume. 95 % intervals are from the
+Monte Carlo samples of the solution (volid uncertainty), else from its covariance. --tools adds other
+tool vectors with the same compensation; --tool-error gives the control a wrong one. --rigid makes
+tables and grids from single-axis functions; what remains is that of the full model.
 
 Limits: --limit and --speed-limit refuse a compensation that asks an axis for more; speeds for axes
 that move one at a time with --feed (linear, mm/min) and --turn (rotary, degrees/min).
@@ -135,21 +147,29 @@ def _forecast(solution: Solution, args: argparse.Namespace) -> tuple[Forecast, l
     from volid.compensation.orientation import PoleRule
     from volid.compensation.residual.forecast import forecast
     from volid.compensation.types import select
+    from volid.uncertainty.lack_of_fit import lack_of_fit
 
     lists = [[t.strip() for t in text.split(",")] for text in args.type]
     for names in lists:
         select(names, solution.machine)
     tool = solution.most_used_tool() if args.tool is None else args.tool
     tools = [tool, *(args.tools or [])]
-    solution, notes = prepared(solution, args, tools)
+    made_from, notes = prepared(solution, args, tools)
+    judged = _judged(solution, args) if args.rigid else made_from
     control: dict[str, Any] = {"poles": PoleRule(args.pole_margin, args.poles), "increment": args.increment or {}}
     control["clamped"] = tuple(a.strip() for a in args.clamp.split(",")) if args.clamp else ()
     found = forecast(
-        solution, lists, base_from(solution, args, tool), np.array(tools), points=args.points, rule=rule_from(args.rule),
+        judged, lists, base_from(made_from, args, tool), np.array(tools), points=args.points, rule=rule_from(args.rule),
         form="tables" if args.tables else None, control=control, tool_error=args.tool_error, seed=args.seed,
-        ranges=ranges_from(solution, args),
+        ranges=ranges_from(made_from, args), made_from=made_from, every_tool=args.tool is None and not args.tools,
     )  # fmt: skip
-    return found, notes
+    return found, [*notes, *([FULL] if args.rigid else []), f"lack of fit: {lack_of_fit(solution)}"]
+
+
+def _judged(solution: Solution, args: argparse.Namespace) -> Solution:
+    """The full solution, cross effects included: what a compensation from rigid functions leaves of it is what remains."""
+    full = in_frame(solution, args)
+    return full.extrapolated() if args.extrapolate else full
 
 
 def _check_limits(found: Forecast, solution: Solution, feeds: Any, args: argparse.Namespace) -> None:
@@ -189,6 +209,7 @@ def _write(found: Forecast, solution: Solution, feeds: Any, notes: list[str], ar
         write_sheet(Sheet(header, COLUMNS, forecast_rows(found)), args)
         args.json = as_json
     if args.json:
-        print_json(forecast_data(found, solution.machine, feeds))
+        print_json(forecast_data(found, solution.machine, feeds) | {"notes": notes})
         return
-    print("\n".join([*forecast_text(found, solution.machine, feeds), *notes]))
+    shown = 1 + len(args.tools or [])
+    print("\n".join([*forecast_text(found, solution.machine, feeds, shown), *notes]))

@@ -14,7 +14,9 @@ import numpy as np
 
 from volid.backend.rms import rms
 from volid.compensation.base import deviation_rows
-from volid.compensation.residual.fields import Places, volume_places
+from volid.compensation.residual.fields import volume_places
+from volid.fitting.prediction.deviations import deviation_values
+from volid.fitting.prediction.largest import Places, axes_with_reversal, largest_places, whole_volume
 from volid.fitting.solution import Solution
 from volid.model.error_model import build_model
 from volid.model.machine import FunctionSettings, ModelSettings
@@ -28,7 +30,7 @@ RELATIVE_RANK = 1e-9  # of the singular values of scaled columns
 
 class Remaining(NamedTuple):
     """What the best rigid functions leave of the functional point's deviation over the volume [mm]: RMS and largest length,
-    and the same before compensation."""
+    and the same before compensation. The largest ones are of all tool vectors, corners and edges included."""
 
     rms: float
     maximum: float
@@ -70,10 +72,8 @@ def best_rigid(solution: Solution, tools: Float[np.ndarray, "k 3"]) -> tuple[Sol
     scale = np.linalg.norm(after, axis=0)
     scale = np.where(scale > 0, scale, 1.0)
     mapping = (np.linalg.pinv(after / scale, rcond=RELATIVE_RANK) @ before) / scale[:, None]
-    theta = np.asarray(solution.parameters)
-    remaining = (before @ theta - after @ (mapping @ theta)).reshape(-1, 3)
     found = replace(solution.mapped(model, mapping), campaign=rigid.campaign)
-    return found, Remaining(*_sizes(remaining), *_sizes((before @ theta).reshape(-1, 3)))
+    return found, _remaining(solution, found, places, tool)
 
 
 def _own_segments(settings: FunctionSettings) -> int | str | None:
@@ -86,6 +86,24 @@ def _translations(solution: Solution, places: Places, tool: np.ndarray) -> np.nd
     return rows.reshape(-1, rows.shape[2])
 
 
-def _sizes(field: np.ndarray) -> tuple[float, float]:
-    size = np.linalg.norm(field, axis=1)
-    return rms(size), float(size.max())
+def _remaining(solution: Solution, rigid: Solution, places: Places, tool: np.ndarray) -> Remaining:
+    """RMS at the places, each with its tool vector (m, 3); largest over the volume, for all of these tool vectors."""
+    tools, start = np.unique(tool, axis=0), whole_volume(solution.model)
+
+    def left(q: np.ndarray, way: np.ndarray, tool: np.ndarray, compensated: bool) -> np.ndarray:
+        """Length of what remains, (m,) [mm]."""
+        vectors = np.broadcast_to(tool, (len(q), 3))
+        full, single = (
+            deviation_values(s.model, np.asarray(s.parameters), q, vectors, way)[:, :3] for s in (solution, rigid)
+        )
+        return np.asarray(np.linalg.norm(full - compensated * single, axis=1))
+
+    found = []
+    for compensated in (True, False):
+
+        def sizes(q: np.ndarray, way: np.ndarray, compensated: bool = compensated) -> np.ndarray:
+            return np.column_stack([left(q, way, t, compensated) for t in tools])
+
+        worst = largest_places(solution.machine, sizes, start, axes_with_reversal(solution.model))
+        found += [rms(left(*places[:2], tool, compensated)), float(sizes(*worst[:2]).max())]
+    return Remaining(*found)

@@ -12,37 +12,48 @@ from volid.model.machine import Machine
 if TYPE_CHECKING:
     from jaxtyping import Float
 
+EVERY = slice(None)
 DEPENDENT = 1e-9  # of the largest singular value: below, a combination of unit columns is rounding
 
 
 class WorkpieceMotion:
     """The rigid motion of the workpiece frame that is in fields over some places: what fits their translations best.
 
-    `rows` (m, 6, 6): deviations that the motion (t, ω) causes. `inverse` (6, 3m): the least-squares motion [mm, rad] of
-    translations (3m,) [mm]; the smallest one where the places leave a part of it open.
+    `rows` (m, 6, 6): deviations that the motion (t, ω) causes. `inverse` (6, 3 n): the least-squares motion [mm, rad] of
+    translations (3 n,) [mm] at the n places that it is fitted to; the smallest one where these leave a part of it open.
 
     Args:
         machine: whose nominal chain places the points.
         positions: of the axes, shape (m, n_axes) [mm or degrees].
         tool: tool vectors, shape (m, 3) or (3,) [mm].
+        fitted: the places that the motion is fitted to, all by default: those spread evenly, where others were added.
     """
 
     def __init__(
-        self, machine: Machine, positions: Float[np.ndarray, "m axes"], tool: Float[np.ndarray, "*m 3"]
+        self,
+        machine: Machine,
+        positions: Float[np.ndarray, "m axes"],
+        tool: Float[np.ndarray, "*m 3"],
+        fitted: slice = EVERY,
     ) -> None:
-        self.rows = rigid_motion_rows(machine, positions, tool)
-        scale = np.linalg.norm(self.translations, axis=0)
-        smallest = np.finfo(float).eps * len(self.translations)
-        self.inverse = np.linalg.pinv(self.translations / scale, rcond=smallest) / scale[:, None]
+        self.rows, self.fitted = rigid_motion_rows(machine, positions, tool), fitted
+        columns = self.rows[fitted, :3].reshape(-1, 6)
+        scale = np.linalg.norm(columns, axis=0)
+        smallest = np.finfo(float).eps * len(columns)
+        self.inverse = np.linalg.pinv(columns / scale, rcond=smallest) / scale[:, None]
 
     @property
     def translations(self) -> Float[np.ndarray, "m3 6"]:
         """Translations that the motion causes, (3m, 6)."""
         return np.asarray(self.rows[:, :3].reshape(-1, 6))
 
+    def motions(self, fields: np.ndarray) -> np.ndarray:
+        """The motions (s, 6) [mm, rad] that fit the translations of fields (s, m, 6) or (s, m, 3) best."""
+        return np.asarray(fields[:, self.fitted, :3].reshape(len(fields), -1) @ self.inverse.T)
+
     def removed_from(self, fields: np.ndarray) -> np.ndarray:
         """Fields (s, m, 6) or translations (s, m, 3) less the rigid motion that fits their translations best."""
-        motion = fields[:, :, :3].reshape(len(fields), -1) @ self.inverse.T
+        motion = self.motions(fields)
         return np.asarray(fields - np.einsum("mij,sj->smi", self.rows[:, : fields.shape[2]], motion))
 
 

@@ -14,13 +14,15 @@ from volid.compensation.motion import asked_speed
 from volid.compensation.orientation import poles
 from volid.compensation.residual.fields import ANGLES, LENGTHS, QUANTITIES
 from volid.compensation.residual.forecast import Column, Forecast
+from volid.compensation.residual.prediction import Prediction
 from volid.model.machine import Machine
-from volid.report.text import table, vector
+from volid.report.text import paragraph, table, vector
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 COLUMNS = ("type", "tool_x", "tool_y", "tool_z", "quantity", "unit", "value", "low", "high", "exact")
+MOST_DRAWN = 3  # tool vectors in a figure
 
 
 def _scale(k: int) -> float:
@@ -31,20 +33,49 @@ def _number(value: float, scale: float) -> str:
     return "n.d." if np.isnan(value) else f"{scale * value:.2f}"
 
 
-def forecast_text(found: Forecast, machine: Machine, feeds: np.ndarray) -> list[str]:
-    """The lists of types side by side in one table per tool vector, "none" first; then what is asked of the axes."""
+def forecast_text(found: Forecast, machine: Machine, feeds: np.ndarray, shown: int = 1) -> list[str]:
+    """The lists of types side by side in one table per tool vector, "none" first, for the first `shown` tool vectors; the largest
+    of all tool vectors; then what is asked of the axes."""
     lines = []
-    for i, tool in enumerate(found.tools):
+    for i, tool in enumerate(found.tools[:shown]):
         lines += [f"remaining deviation over the working volume, tool {vector(tool.tolist())} mm"]
-        lines += [*_side_by_side(found.columns, i), ""]
-    lines.append(
-        f"95 % coverage intervals [ ] from {found.draws} draws of {found.source}; X … C: largest of each component."
-    )
-    lines.append(
-        "A rigid motion of the workpiece frame is taken out. Repeatability and thermal change of the machine come on top."
+        lines += [*_side_by_side(found.columns, i), *_bridge(found, i), ""]
+    if len(found.tools) > 1:
+        lines += [*_over_tools(found), ""]
+    lines += paragraph(
+        f"95 % coverage intervals [ ] from {found.draws} draws of {found.source}; X … C: largest of each component. "
+        "Largest values are those of the whole volume, corners, edges and both approach directions included; RMS and 95 % are "
+        "over its inside. A rigid motion of the workpiece frame is taken out. Repeatability and thermal change of the machine "
+        "come on top."
     )
     lines += found.notes
     return [*lines, "", *_motion(found.columns, machine, feeds), *_pole_lines(found, machine)]
+
+
+def _bridge(found: Forecast, i: int) -> list[str]:
+    """Why the row "none" is not the largest deviation of the summary."""
+    if np.isnan(found.in_datum[i]):
+        return []
+    free = found.columns[0].predictions[i].value[0]
+    return paragraph(
+        f"In the stated datum the largest deviation is {1e3 * found.in_datum[i]:.2f} µm, as volid summary has it: mean of both "
+        "approach directions, and with the rigid motion of the workpiece that its set-up takes away; the "
+        f"{1e3 * free:.2f} µm of the row none are without that motion."
+    )
+
+
+def largest_over_tools(found: Forecast) -> list[tuple[str, int, Prediction]]:
+    """For each list of types: its name, the number of the tool vector with which most remains, and what remains with it."""
+    worst = [int(np.argmax([p.value[0] for p in c.predictions])) for c in found.columns]
+    return [(c.name, i, c.predictions[i]) for c, i in zip(found.columns, worst, strict=True)]
+
+
+def _over_tools(found: Forecast) -> list[str]:
+    rows = []
+    for name, i, p in largest_over_tools(found):
+        low, high = (_number(v[0], _scale(0)) for v in (p.low, p.high))
+        rows.append([name, _number(p.value[0], _scale(0)), f"{low} … {high}", vector(found.tools[i].tolist())])
+    return table([f"largest of {len(found.tools)} tool vectors", "µm", "[95 %]", "tool  mm"], rows)
 
 
 def _side_by_side(columns: Sequence[Column], i: int) -> list[str]:
@@ -103,6 +134,16 @@ def forecast_data(found: Forecast, machine: Machine, feeds: np.ndarray) -> dict[
     named = [str(p) for p in poles(machine)] if len([a for a in machine.axes if not a.is_linear]) > 1 else []
     return {
         "tools": found.tools.tolist(),
+        "largest_in_datum": [None if np.isnan(v) else float(v) for v in found.in_datum],
+        "largest_over_tools": {
+            name: {
+                "tool": found.tools[i].tolist(),
+                "value": float(p.value[0]),
+                "low": float(p.low[0]),
+                "high": float(p.high[0]),
+            }
+            for name, i, p in largest_over_tools(found)
+        },
         "draws": found.draws,
         "source": found.source,
         "columns": columns,
@@ -141,12 +182,12 @@ def forecast_figure(found: Forecast, machine_name: str) -> Figure:
 def _draw_lengths(panel: Any, found: Forecast, x: np.ndarray) -> None:
     """Largest and RMS length after each type, with intervals, for every tool vector."""
     for k, colour in ((0, "#0b5fa5"), (2, "#2e8b57")):
-        for i, tool in enumerate(found.tools):
+        for i, tool in enumerate(found.tools[:MOST_DRAWN]):
             p = [c.predictions[i] for c in found.columns]
             value = 1e3 * np.array([v.value[k] for v in p])
             span = np.abs(1e3 * np.array([[v.low[k] for v in p], [v.high[k] for v in p]]) - value)
             style = {"fmt": "o" if i == 0 else "s", "color": colour, "alpha": 1 / (1 + 0.5 * i), "capsize": 3}
-            shift = 0.12 * (i - 0.5 * (len(found.tools) - 1))
+            shift = 0.12 * (i - 0.5 * (min(len(found.tools), MOST_DRAWN) - 1))
             label = f"{LENGTHS[k]}, tool {vector(tool.tolist())} mm"
             panel.errorbar(x + shift, value, yerr=span, label=label, **style)
     panel.set_yscale("log")

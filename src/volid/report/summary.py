@@ -18,7 +18,13 @@ from volid.campaign import Campaign
 from volid.compensation.grids.linear import linear_grid
 from volid.compensation.grids.parts import left_out
 from volid.compensation.grids.rotary import rotary_grids
-from volid.compensation.residual.volume import predict_residual, volumetric_summary
+from volid.compensation.residual.tools import campaign_tools
+from volid.compensation.residual.volume import (
+    VolumeSummary,
+    predict_residual,
+    predict_uncompensated,
+    volumetric_summary,
+)
 from volid.exceptions import InputError, NotDeterminedError
 from volid.fitting.diagnosis.adequacy import ACCEPTED, ENLARGED, SuspectReading
 from volid.fitting.diagnosis.hold_out import by_angle, total
@@ -162,11 +168,8 @@ def _volume(solution: Solution, tool: tuple[float, float, float]) -> dict[str, A
 
     `left_out`: error motions of the linear axes that are not in the model; `not_predicted`: why `after` is None.
     """
-    before = volumetric_summary(solution, tool)
-    place = dict(zip(solution.machine.letters, before.before_at.tolist(), strict=True))
     found = {
-        "accuracy": dict(zip(DIRECTIONS, before.accuracy.tolist(), strict=True)),
-        "before": {"max": before.before_max, "rms": before.before_rms, "at": place},
+        **_before(solution, tool),
         "after": None,
         "left_out": left_out(solution.machine, LINEAR_AXES),
         "not_predicted": "not determined for this tool vector",
@@ -182,11 +185,47 @@ def _volume(solution: Solution, tool: tuple[float, float, float]) -> dict[str, A
     return found | {"not_predicted": None, "after": after} if math.isfinite(after["max"]) else found
 
 
+def _before(solution: Solution, tool: tuple[float, float, float]) -> dict[str, Any]:
+    """`accuracy` and the deviation `before` compensation: in the stated datum, with which of the campaign's tool vectors it is
+    largest where there are several, and with the rigid motion of the workpiece taken out."""
+    before, letters = volumetric_summary(solution, tool), solution.machine.letters
+    place = dict(zip(letters, before.before_at.tolist(), strict=True))
+    found = {
+        "max": before.before_max,
+        "rms": before.before_rms,
+        "at": place,
+        "tools": None,
+        "without_rigid_motion": None,
+    }
+    if math.isfinite(before.before_max):
+        found["tools"] = _worst_tool(solution, tool, before)
+        free = predict_uncompensated(solution, tool)
+        found["without_rigid_motion"] = {"max": free.maximum, "max_interval_95": free.interval, "rms": free.rms}
+    return {"accuracy": dict(zip(DIRECTIONS, before.accuracy.tolist(), strict=True)), "before": found}
+
+
+def _worst_tool(solution: Solution, tool: tuple[float, float, float], own: VolumeSummary) -> dict[str, Any] | None:
+    """The largest deviation in the stated datum of the campaign's tool vectors, `n` that are determined; None if it has one.
+
+    `own`: the numbers for `tool` (3,) [mm]."""
+    others = [tuple(t) for t in campaign_tools(solution, np.asarray(tool))[1:].tolist()]
+    found = {tool: own} | {t: volumetric_summary(solution, t) for t in others}
+    known = {t: v for t, v in found.items() if math.isfinite(v.before_max)}
+    if len(known) < 2:
+        return None
+    worst = max(known, key=lambda t: known[t].before_max)
+    place = dict(zip(solution.machine.letters, known[worst].before_at.tolist(), strict=True))
+    return {"n": len(known), "max": known[worst].before_max, "tool": list(worst), "at": place}
+
+
 def _expected(solution: Solution, tool: tuple[float, float, float]) -> dict[str, Any]:
     """What is expected to remain after L-VOL (and R-VOL) grids [mm]. Raises `NotDeterminedError`, `InputError`."""
     grid = linear_grid(solution, tool=tool)
     tables = () if all(axis.is_linear for axis in solution.machine.axes) else rotary_grids(solution)
-    after = predict_residual(solution, grid, rotary=tables)
+    try:
+        after = predict_residual(solution, grid, rotary=tables)
+    except InputError as blank:  # rotations of the grid, which a turned tool would need
+        raise NotDeterminedError(str(blank)) from None
     return {
         "type": " + ".join(dict.fromkeys([grid.type, *(t.type for t in tables)])),
         "nodes": [len(nodes) for nodes in grid.nodes],

@@ -9,7 +9,7 @@ from typing import Any
 from volid.model.iso230 import DIRECTIONS, ROTATIONS
 from volid.report.text import bullets, micro, paragraph, table, unit_of, vector
 
-_LISTED = 10
+_LISTED = {"outliers": 10, "suspects": 6}  # readings
 _NAMED = 6  # functions left out of the model
 
 
@@ -104,9 +104,10 @@ def _fit_lines(data: dict[str, Any]) -> list[str]:
     counts = f"{data['n_readings']} readings, {data['n_parameters']} parameters, "
     counts += f"{freedom} degrees of freedom, {data['iterations']} iterations"
     if freedom <= 0:
-        return paragraph(f"no redundancy, {counts}", "fit")
-    weight = f"unit weight {data['unit_weight']:.2f} (1: residuals agree with the stated u)"
-    lines = paragraph(f"{weight}, probability {data['probability']:.2g}, {counts}", "fit")
+        lines = paragraph(f"no redundancy, {counts}", "fit")
+    else:
+        weight = f"unit weight {data['unit_weight']:.2f} (1: residuals agree with the stated u)"
+        lines = paragraph(f"{weight}, probability {data['probability']:.2g}, {counts}", "fit")
     return lines + paragraph(f"lack of fit: {data['lack_of_fit']['words']}", " ")
 
 
@@ -212,7 +213,7 @@ def _volume_lines(data: dict[str, Any]) -> list[str]:
     lines, before = _range_lines(data), data["volume"]["before"]
     if before["max"] is None:
         return [*lines, "deviation of the functional point: not determined for this tool vector"]
-    return [*lines, *_deviation_lines(before, data["volume"])]
+    return [*lines, *_deviation_lines(data)]
 
 
 def _range_lines(data: dict[str, Any]) -> list[str]:
@@ -230,19 +231,44 @@ def _range_lines(data: dict[str, Any]) -> list[str]:
     return lines
 
 
-def _deviation_lines(before: dict[str, Any], volume: dict[str, Any]) -> list[str]:
+def _deviation_lines(data: dict[str, Any]) -> list[str]:
     """The deviation of the functional point before compensation, and as it is expected after it."""
-    after = volume["after"]
+    volume = data["volume"]
+    before, after = volume["before"], volume["after"]
     indent = 30 if after and "+" in after["type"] else 25
-    place = ", ".join(f"{letter} {before['at'][letter]:g}" for letter in sorted(before["at"], key=DIRECTIONS.index))
-    text = f"largest {micro(before['max'], 'mm', 1)} µm at {place}; RMS {micro(before['rms'], 'mm', 1)} µm"
-    lines = paragraph(text, "deviation", indent)
+    text = (
+        f"largest {micro(before['max'], 'mm', 1)} µm at {_place(before['at'])}; RMS {micro(before['rms'], 'mm', 1)} µm"
+    )
+    lines = paragraph(text, "deviation", indent) + _other_lines(before, data["tool"], indent)
     if after is None:
         return lines + paragraph(f"not predicted: {volume['not_predicted']}", "after L-VOL, expected", indent)
-    low, high = (micro(v, "mm", 1) for v in after["max_interval_95"])
-    text = f"largest {micro(after['max'], 'mm', 1)} µm (95 %: {low} … {high}); RMS {micro(after['rms'], 'mm', 1)} µm"
     nodes = " × ".join(str(n) for n in after["nodes"])
-    return lines + paragraph(f"{text}; {nodes} nodes", f"after {after['type']}, expected", indent)
+    return lines + paragraph(f"{_with_interval(after)}; {nodes} nodes", f"after {after['type']}, expected", indent)
+
+
+def _other_lines(before: dict[str, Any], tool: Sequence[float], indent: int) -> list[str]:
+    """The same with the campaign's other tool vectors, and without the rigid motion that a user's set-up takes away."""
+    lines, tools, free = [], before["tools"], before["without_rigid_motion"]
+    if tools and tools["tool"] == tool:
+        lines += paragraph(f"no larger with any other of {tools['n']} tool vectors of the campaign", " ", indent)
+    elif tools:
+        text = (
+            f"of {tools['n']} tool vectors: largest {micro(tools['max'], 'mm', 1)} µm with {vector(tools['tool'])} mm"
+        )
+        lines += paragraph(text, " ", indent)
+    if free:
+        text = "the deviation above contains the workpiece's motion, what follows and volid residual do not"
+        lines += paragraph(f"{_with_interval(free)}; {text}", "rigid motion taken out", indent)
+    return lines
+
+
+def _place(at: dict[str, float]) -> str:
+    return ", ".join(f"{letter} {at[letter]:.5g}" for letter in sorted(at, key=DIRECTIONS.index))
+
+
+def _with_interval(found: dict[str, Any]) -> str:
+    low, high = (micro(v, "mm", 1) for v in found["max_interval_95"])
+    return f"largest {micro(found['max'], 'mm', 1)} µm (95 %: {low} … {high}); RMS {micro(found['rms'], 'mm', 1)} µm"
 
 
 def _shape(function: dict[str, Any]) -> str:
@@ -282,7 +308,7 @@ def _reading_lines(data: dict[str, Any]) -> list[str]:
         readings = data[key]
         if not readings:
             continue
-        shown = readings[:_LISTED]
+        shown = readings[: _LISTED[key]]
         rows = [
             [
                 f"{micro(r['residual'], r['unit'], 1)} {unit_of(r['unit'])}",

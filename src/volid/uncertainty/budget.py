@@ -92,7 +92,7 @@ class Rows(NamedTuple):
 def headline_rows(solution: Solution, outputs: Outputs) -> Rows:
     """Functions, location errors and the numbers of the deviation field, these linearised at the solution.
 
-    The largest length |e| at its place has the gradient eᵀG/|e|, the RMS over P points Σ eᵀG/(P·RMS), a range G_max - G_min.
+    The largest length |e| at its place has the gradient eᵀG/|e|, the RMS over P even points Σ eᵀG/(P·RMS), a range G_max - G_min.
     """
     x = np.concatenate([np.asarray(solution.parameters), np.asarray(solution.nuisance)])
     matrix, scatter = outputs.rows, outputs.scatter
@@ -103,9 +103,11 @@ def headline_rows(solution: Solution, outputs: Outputs) -> Rows:
         along = np.einsum("pk,pkn->pn", e, gradient)
         worst = int(np.argmax(size))
         ends = [gradient[np.argmax(e[:, k]), k] - gradient[np.argmin(e[:, k]), k] for k in range(3)]
-        matrix = np.vstack([matrix, along[worst] / size[worst], along.sum(axis=0) / (len(e) * rms(size)), *ends])
+        even = slice(outputs.n_even)
+        total = outputs.n_even * rms(size[even])
+        matrix = np.vstack([matrix, along[worst] / size[worst], along[even].sum(axis=0) / total, *ends])
         own = np.linalg.norm(e * outputs.directions, axis=1)
-        mean = float(np.linalg.norm(own)) / (len(e) * rms(size))
+        mean = float(np.linalg.norm(own[even])) / total
         scatter = np.concatenate([scatter, [own[worst] / size[worst], mean], np.sqrt(2.0) * outputs.directions])
     return Rows(outputs.names, outputs.positions, outputs.units, matrix, scatter)
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from volid.backend.rms import rms
 from volid.fitting.prediction.deviations import deviation_values, gradient_matrix
-from volid.fitting.prediction.working_volume import volume_positions
+from volid.fitting.prediction.largest import values_at, with_largest
 from volid.fitting.solution import Solution
 from volid.model.iso230 import parse
 
@@ -21,8 +21,8 @@ class Outputs:
 
     `names`, `units` (mm or rad), `positions` (NaN for constants): one entry each. `rows`: (l, p) linear outputs. `field`:
     (3 P, p) gradient of the deviation at P points, `offset` (3 P,) with deviation = offset + field · x; empty without a field.
-    `scatter`: (l,), standard deviation of what is independent from position to position, beside x; `directions` (3,): the same of
-    the deviation [mm].
+    The first `n_even` points are spread evenly, for the RMS; the others are where something is largest. `scatter`: (l,), standard
+    deviation of what is independent from position to position, beside x; `directions` (3,): the same of the deviation [mm].
     """
 
     names: tuple[str, ...]
@@ -33,6 +33,7 @@ class Outputs:
     offset: np.ndarray
     scatter: np.ndarray
     directions: np.ndarray
+    n_even: int
 
     def values(self, x: np.ndarray) -> np.ndarray:
         """Outputs of parameters x, (b, p) -> (b, q). The field's outputs: largest and RMS length, and three ranges."""
@@ -46,7 +47,7 @@ class Outputs:
         if rng is not None and np.any(self.directions > 0.0):
             vectors = vectors + self.directions * rng.standard_normal(vectors.shape)
         size = np.linalg.norm(vectors, axis=2)
-        return np.column_stack([size.max(axis=1), rms(size, axis=1), np.ptp(vectors, axis=1)])
+        return np.column_stack([size.max(axis=1), rms(size[:, : self.n_even], axis=1), np.ptp(vectors, axis=1)])
 
 
 FIELD = ("largest deviation", "RMS deviation", "V_X", "V_Y", "V_Z")
@@ -73,26 +74,28 @@ def headline_outputs(solution: Solution, tool: np.ndarray | None = None) -> Outp
         names += [name] * int(kept.sum())
         positions += at[kept].tolist()
     matrix = np.pad(np.array(rows).reshape(-1, n), ((0, 0), (0, k)))
-    field, offset = _field(solution, tool)
+    field, offset, n_even = _field(solution, tool)
     units = [parse(name).unit for name in names]
     if len(field):
         names, units, positions = names + list(FIELD), units + ["mm"] * len(FIELD), positions + [np.nan] * len(FIELD)
     sizes = [solution.scatter_of(n) if n not in FIELD else 0.0 for n in names]
     scatter = np.where(np.isnan(positions), 0.0, sizes)[: len(matrix)]
     directions = solution.scatter_u()[:3]
-    return Outputs(tuple(names), tuple(units), np.array(positions), matrix, field, offset, scatter, directions)
+    return Outputs(tuple(names), tuple(units), np.array(positions), matrix, field, offset, scatter, directions, n_even)
 
 
-def _field(solution: Solution, tool: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-    """Gradient (3 P, p) and offset (3 P,) of the deviation in the working volume; empty when it is not determined."""
-    positions = volume_positions(solution.machine)
-    count = len(positions)
+def _field(solution: Solution, tool: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, int]:
+    """Gradient (3 P, p), offset (3 P,) of the deviation in the working volume, and how many points are even; empty when it is not
+    determined."""
     vector = solution.campaign.sets[0].tool[0] if tool is None else np.asarray(tool, dtype=float)
-    tools, still = np.broadcast_to(vector, (count, 3)), np.zeros_like(positions)
-    if not solution.evaluate(positions, tools).determined[:, :3].all():
+    places = with_largest(solution, vector)
+    positions, still, count = places.positions, places.directions, len(places.positions)
+    tools = np.broadcast_to(vector, (count, 3))
+    if not np.isfinite(values_at(solution, places, vector)[:, :3]).all():
         p = len(solution.parameters) + len(solution.nuisance_table)
-        return np.zeros((0, p)), np.zeros(0)
+        return np.zeros((0, p)), np.zeros(0), 0
     theta = np.asarray(solution.parameters)
     values = deviation_values(solution.model, theta, positions, tools, still)[:, :3]
     gradient = gradient_matrix(solution.model, theta, positions, tools, still)[:, :3].reshape(3 * count, -1)
-    return np.pad(gradient, ((0, 0), (0, len(solution.nuisance_table)))), values.ravel() - gradient @ theta
+    offset = values.ravel() - gradient @ theta
+    return np.pad(gradient, ((0, 0), (0, len(solution.nuisance_table)))), offset, len(positions[places.even])

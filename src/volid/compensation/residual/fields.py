@@ -2,33 +2,26 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 
 from volid.backend.rms import rms
-from volid.compensation.base import Base, deviation_rows
+from volid.compensation.base import deviation_rows
 from volid.compensation.orientation import SPINDLE_AXIS, orientation_between
 from volid.exceptions import NotDeterminedError
 from volid.fitting.diagnosis.identifiability import parameter_units, undetermined_directions
 from volid.fitting.prediction.deviations import determined
-from volid.fitting.prediction.working_volume import spread_positions
+from volid.fitting.prediction.largest import Places
+from volid.fitting.prediction.working_volume import POINTS, spread_positions
 from volid.fitting.solution import Solution
 from volid.model.kinematics import nominal_point, side_rotation
 from volid.model.machine import Machine
-from volid.model.rigid_fields import WorkpieceMotion
+from volid.model.rigid_fields import EVERY, WorkpieceMotion
 
-POINTS = 512
 LENGTHS = ("largest", "95 %", "RMS", "X", "Y", "Z")
 ANGLES = ("A", "B", "C", "tool axis")
 QUANTITIES = (*LENGTHS, *ANGLES)
-
-
-class Places(NamedTuple):
-    """Where the deviation in the working volume is evaluated: positions and approach directions, (m, n_axes)."""
-
-    positions: np.ndarray
-    directions: np.ndarray
 
 
 def volume_places(machine: Machine, points: int = POINTS, seed: int = 0) -> Places:
@@ -37,32 +30,74 @@ def volume_places(machine: Machine, points: int = POINTS, seed: int = 0) -> Plac
     return Places(positions, np.random.default_rng(seed).choice([-1.0, 1.0], positions.shape))
 
 
+@dataclass(frozen=True, eq=False)
 class Field:
-    """The deviation field for one tool vector, linear in θ, and how to take its rigid motion out."""
+    """The deviation field of a solution for one tool vector (3,) [mm], linear in θ, over m places; `gradient` (m, 6, n).
 
-    def __init__(self, solution: Solution, places: Places, tool: np.ndarray, base: Base) -> None:
-        self.places, self.tool, self.machine = places, np.asarray(tool, dtype=float), solution.machine
-        self.gradient = deviation_rows(solution, places.positions, places.directions, self.tool, base.turn)
-        self.estimate = self.gradient @ np.asarray(solution.parameters)
-        self.scatter = solution.scatter_u()
-        self.tool_axis = side_rotation(self.machine, places.positions, False) @ SPINDLE_AXIS
-        self.without_rigid_motion = WorkpieceMotion(self.machine, places.positions, self.tool).removed_from
-        self.angles_known = self._require_determined(solution)
+    It is in the stated datum. A frame aligned otherwise, as a compensation may have it, moves the workpiece alone, and the rigid
+    motion of the workpiece is taken out of what remains.
+    """
 
-    def _require_determined(self, solution: Solution) -> bool:
-        """Whether the orientation is determined. Raises `NotDeterminedError` when the functional point's deviation is not."""
-        if not solution.null_space.shape[1]:
-            return True
-        units = parameter_units(solution.model)
-        null = undetermined_directions(solution.null_space, units)
-        moved = self.without_rigid_motion((self.gradient @ (units[:, None] * null)).transpose(2, 0, 1))
-        possible = np.abs(self.gradient * units)
-        if not determined(np.abs(moved[:, :, :3]).max(), possible[:, :3].max()):
-            where = ", ".join(f"{v:g}" for v in self.tool)
-            raise NotDeterminedError(
-                f"residual: the data do not determine the deviation for tool vector ({where}) mm. {' '.join(solution.statements)}"
-            )
-        return bool(determined(np.abs(moved[:, :, 3:]).max(), possible[:, 3:].max()))
+    solution: Solution
+    tool: np.ndarray
+    places: Places
+    gradient: np.ndarray
+
+    @property
+    def machine(self) -> Machine:
+        """The machine, every travel cut to the measured range."""
+        return self.solution.machine
+
+    @property
+    def estimate(self) -> np.ndarray:
+        """The deviation that the solution itself has, (m, 6) [mm, rad]."""
+        return np.asarray(self.gradient @ np.asarray(self.solution.parameters))
+
+    def motion(self) -> WorkpieceMotion:
+        """The rigid motion of the workpiece frame, fitted to the places that are spread evenly."""
+        return WorkpieceMotion(self.machine, self.places.positions, self.tool, self.places.even)
+
+    def and_also(self, more: Places) -> Field:
+        """The field over more places too, which the rigid motion, means and quantiles do not refer to."""
+        if not len(more.positions):
+            return self
+        added = deviation_rows(self.solution, more.positions, more.directions, self.tool)
+        gradient = np.concatenate([self.gradient, added])
+        return Field(self.solution, self.tool, self.places.and_also(more), gradient)
+
+
+def field_over(solution: Solution, places: Places, tool: np.ndarray) -> Field:
+    """The deviation field over some places. Raises `NotDeterminedError`: the functional point's deviation is not determined."""
+    tool = np.asarray(tool, dtype=float)
+    found = Field(solution, tool, places, deviation_rows(solution, places.positions, places.directions, tool))
+    if not _known(found, slice(0, 3)):
+        where = ", ".join(f"{v:g}" for v in tool)
+        raise NotDeterminedError(
+            f"residual: the data do not determine the deviation for tool vector ({where}) mm. {' '.join(solution.statements)}"
+        )
+    return found
+
+
+def angles_known(field: Field) -> bool:
+    """Whether the data determine the orientation too."""
+    return _known(field, slice(3, 6))
+
+
+def _known(field: Field, rows: slice) -> bool:
+    """Whether the data determine some components of the field, its rigid motion taken out."""
+    null_space = field.solution.null_space
+    if not null_space.shape[1]:
+        return True
+    units = parameter_units(field.solution.model)
+    null = undetermined_directions(null_space, units)
+    moved = field.motion().removed_from((field.gradient @ (units[:, None] * null)).transpose(2, 0, 1))
+    possible = np.abs(field.gradient[:, rows] * units).max()
+    return bool(determined(np.abs(moved[:, :, rows]).max(), possible))
+
+
+def tool_axes(machine: Machine, positions: np.ndarray) -> np.ndarray:
+    """Nominal directions of the tool's axis, machine frame, unit vectors (m, 3)."""
+    return np.asarray(side_rotation(machine, positions, False) @ SPINDLE_AXIS)
 
 
 def moved_by(machine: Machine, commanded: np.ndarray, altered: np.ndarray, tool: np.ndarray) -> np.ndarray:
@@ -72,9 +107,18 @@ def moved_by(machine: Machine, commanded: np.ndarray, altered: np.ndarray, tool:
     return np.concatenate([point, orientation_between(machine, commanded, altered)], axis=1)
 
 
-def quantities(fields: np.ndarray, tool_axis: np.ndarray) -> np.ndarray:
-    """The numbers of `QUANTITIES` of fields (s, m, 6), (s, 10); `tool_axis`: unit vectors (m, 3), machine frame."""
-    size = np.linalg.norm(fields[:, :, :3], axis=2)
-    overall = [size.max(axis=1), np.quantile(size, 0.95, axis=1), rms(size, axis=1)]
+def sizes(fields: np.ndarray, tool_axis: np.ndarray) -> np.ndarray:
+    """Place by place of fields (s, m, 6): length, |X|, |Y|, |Z| [mm], |A|, |B|, |C|, tilt of the tool's axis [rad]; (s, m, 8)."""
+    length = np.linalg.norm(fields[:, :, :3], axis=2)
     tilt = np.linalg.norm(np.cross(tool_axis, fields[:, :, 3:]), axis=2)
-    return np.column_stack([*overall, np.abs(fields).max(axis=1), tilt.max(axis=1)])
+    return np.concatenate([length[..., None], np.abs(fields), tilt[..., None]], axis=2)
+
+
+def quantities(fields: np.ndarray, tool_axis: np.ndarray, even: slice = EVERY) -> np.ndarray:
+    """The numbers of `QUANTITIES` of fields (s, m, 6), (s, 10); `tool_axis`: unit vectors (m, 3), machine frame.
+
+    The largest of all places, RMS and 95 % of the `even` ones.
+    """
+    found = sizes(fields, tool_axis)
+    largest, spread = found.max(axis=1), found[:, even, 0]
+    return np.column_stack([largest[:, 0], np.quantile(spread, 0.95, axis=1), rms(spread, axis=1), largest[:, 1:]])

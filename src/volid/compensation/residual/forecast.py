@@ -1,15 +1,15 @@
 """What each compensation type leaves over the working volume, with coverage intervals (ISO/TR 16907 11.1).
 
-At points over the travel, for every draw of the parameters,
+Over the working volume, for every draw of the parameters,
 
     remaining = e(draw) + what the altered command moves,    the command from tables and grids of the estimate, as a control
     holds them,
 
 so that the result includes the uncertainty of the solution, interpolation, least increment, wrong tool data, poles, and all
-errors that a type does not correct. The least-squares rigid motion of the workpiece frame is subtracted from the translations of
-the functional point, and its rotation from the orientation. The draws are the Monte Carlo samples of the solution when it has
-them, else normal draws from its covariance. Not included: repeatability and thermal change of the machine, which limit what can
-be reached.
+errors that a type does not correct. Where the compensation is made from a simpler solution, e is still that of the full one. The
+least-squares rigid motion of the workpiece frame is subtracted from the translations of the functional point, and its rotation
+from the orientation. The draws are the Monte Carlo samples of the solution when it has them, else normal draws from its
+covariance. Not included: repeatability and thermal change of the machine, which limit what can be reached.
 """
 
 from __future__ import annotations
@@ -24,34 +24,21 @@ from volid.compensation.base import Base
 from volid.compensation.grids.request import Rule
 from volid.compensation.motion import Motion, asked_motion
 from volid.compensation.package import Compensation, CompensationRequest, compensation_of
-from volid.compensation.residual.fields import LENGTHS, Field, Places, moved_by, quantities, volume_places
+from volid.compensation.residual.fields import Field, field_over
+from volid.compensation.residual.prediction import Prediction, parameter_draws, prediction, with_worst_places
+from volid.compensation.residual.tools import campaign_tools
+from volid.compensation.residual.volume import volumetric_summary
 from volid.compensation.reversal import NONE as NO_REVERSAL
 from volid.compensation.reversal import reversal_text
 from volid.compensation.tables.sampling import Sampling
-from volid.fitting.prediction.spread import covariance_root
+from volid.exceptions import NotDeterminedError
+from volid.fitting.prediction.largest import Places, whole_volume
 from volid.fitting.solution import Solution
-from volid.uncertainty.coverage import coverage_intervals
 
 if TYPE_CHECKING:
     from jaxtyping import Float
 
-DRAWS = 400
-MOST_SAMPLES = 2000
 NONE = "none"
-
-
-class Prediction(NamedTuple):
-    """What one compensation leaves for one tool vector, each (10,) in the order of `QUANTITIES` [mm, rad].
-
-    `value`: mean over the draws of the largest and RMS length, the length that 95 % of the points keep, the largest |X|, |Y|,
-    |Z| and the largest |A|, |B|, |C| of the orientation and the largest tilt of the tool axis, which is what a turning tool
-    feels; `low`, `high`: 95 % coverage interval; `exact`: if the solution were exact. NaN: not determined by the data.
-    """
-
-    value: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
-    exact: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,10 +62,12 @@ class Forecast:
         tools: The tool vectors that the predictions hold for, shape (k, 3) [mm].
         draws: Number of draws of the parameters.
         source: Where the draws come from, in words.
+        in_datum: Largest deviation before compensation in the stated datum, its rigid motion included, as `volumetric_summary`
+            finds it, shape (k,) [mm]; NaN where the data do not determine it.
         notes: What else a user should know.
 
     >>> import numpy as np
-    >>> Forecast((), np.zeros((1, 3)), 400, "the covariance of the solution").draws
+    >>> Forecast((), np.zeros((1, 3)), 400, "the covariance of the solution", np.array([0.058])).draws
     400
     """
 
@@ -86,6 +75,7 @@ class Forecast:
     tools: Float[np.ndarray, "k 3"]
     draws: int
     source: str
+    in_datum: Float[np.ndarray, " k"]
     notes: tuple[str, ...] = field(default_factory=tuple)
 
 
@@ -105,6 +95,8 @@ def forecast(
     tool_error: Sequence[float] = (0.0, 0.0, 0.0),
     seed: int = 0,
     ranges: Mapping[str, tuple[float, float]] | None = None,
+    made_from: Solution | None = None,
+    every_tool: bool = False,
 ) -> Forecast:
     """Predictions for each list of types, after "none", for each tool vector.
 
@@ -113,11 +105,16 @@ def forecast(
         lists: Lists of types of ISO/TR 16907, such as [["L-VOL"], ["L-POS", "L-STR"]].
         base: What the types are based on, as `volid.compensation_base` makes it.
         tools: Tool vectors for which the predictions are made, shape (k, 3) [mm]; the base tool by default.
-        places: Where the deviation is evaluated; 512 places over the travels by default.
+        places: Where the deviation is evaluated. By default the entire working volume: RMS and 95 % over 1024 places spread
+            evenly, the largest values also over corners, edges and faces, and over the places that a search finds.
         tables, grids, points, form, rule, ranges: The same as in `compensate`.
         control: Options of `Control`: increment, clamped, poles, correct_motion.
         tool_error: Tool vector that the control uses minus the true one, (3,) [mm].
         seed: Seed of the random numbers that the draws of the parameters come from.
+        made_from: The solution that tables and grids are computed from, and `base`, such as that of `best_rigid`; by default
+            `solution` itself. What remains is always that of `solution`.
+        every_tool: Whether the predictions are made for the other tool vectors of the campaign too, at most 8 in all, as far as
+            the data determine the deviation for them.
 
     Raises:
         InputError: as `compensate` and `Control` raise it.
@@ -133,15 +130,31 @@ def forecast(
     ('R-VOL', True)
     """
     request = CompensationRequest(base, tables, grids, points, form, rule, uncertainty=False, ranges=ranges)
-    places = volume_places(solution.machine) if places is None else places
-    tools = base.tool[None] if tools is None else np.atleast_2d(tools)
+    given = base.tool[None] if tools is None else np.atleast_2d(tools)
+    fields, notes = _fields(solution, places, given, every_tool)
     draws, source = parameter_draws(solution, seed)
-    fields = [Field(solution, places, tool, base) for tool in tools]
-    believed = _Believed(control or {}, np.asarray(tool_error))
-    columns = [
-        _column(names, compensation_of(solution, names, request), fields, draws, believed) for names in ((), *lists)
-    ]
-    return Forecast(tuple(columns), tools, len(draws), source, _notes(solution, columns))
+    task = _Task(fields, draws, _Believed(control or {}, np.asarray(tool_error)), places is None)
+    source_of_values = solution if made_from is None else made_from
+    columns = [_column(names, compensation_of(source_of_values, names, request), task) for names in ((), *lists)]
+    used = np.array([f.tool for f in fields])
+    in_datum = np.array([volumetric_summary(solution, tuple(t)).before_max for t in used.tolist()])
+    return Forecast(tuple(columns), used, len(draws), source, in_datum, (*notes, *_notes(solution, columns)))
+
+
+def _fields(
+    solution: Solution, places: Places | None, tools: np.ndarray, every_tool: bool
+) -> tuple[list[Field], list[str]]:
+    """Fields for the tool vectors given, and for others of the campaign that the data determine; what is left out, in words."""
+    where = whole_volume(solution.model) if places is None else places
+    found, lost = [field_over(solution, where, t) for t in tools], 0
+    for tool in campaign_tools(solution, tools[0])[1:] if every_tool else ():
+        if any(np.allclose(tool, f.tool) for f in found):
+            continue
+        try:
+            found.append(field_over(solution, where, tool))
+        except NotDeterminedError:
+            lost += 1
+    return found, [f"tool vectors left out, for which the data do not determine the deviation: {lost}"] if lost else []
 
 
 class _Believed(NamedTuple):
@@ -160,44 +173,27 @@ def _notes(solution: Solution, columns: Sequence[Column]) -> tuple[str, ...]:
     return tuple(f"grids hold no reversal, what is left is predicted: {t}" for t in texts if t != NO_REVERSAL)
 
 
-def parameter_draws(solution: Solution, seed: int = 0) -> tuple[np.ndarray, str]:
-    """Draws of θ less its estimate, (s, n), and from where they are."""
-    theta = np.asarray(solution.parameters)
-    if solution.samples is not None:
-        values = solution.samples.outputs(lambda x: x[:, : len(theta)])[:MOST_SAMPLES]
-        return values - theta, "Monte Carlo samples of the solution"
-    root = covariance_root(solution.parameter_covariance)
-    return np.random.default_rng(seed).standard_normal(
-        (DRAWS, root.shape[1])
-    ) @ root.T, "the covariance of the solution"
+class _Task(NamedTuple):
+    """What all columns share: fields, one per tool vector; draws of θ less its estimate (s, n); what a control believes; whether
+    to `search` for the largest."""
+
+    fields: Sequence[Field]
+    draws: np.ndarray
+    believed: _Believed
+    search: bool
 
 
-def _column(
-    names: Sequence[str], made: Compensation, fields: Sequence[Field], draws: np.ndarray, believed: _Believed
-) -> Column:
+def _column(names: Sequence[str], made: Compensation, task: _Task) -> Column:
     """Predictions for each tool vector, the motions asked for with the first one, and the largest unintended motion."""
-    machine, first = fields[0].machine, fields[0]
-    found, unintended = [], 0.0
-    for of_tool in fields:
-        q, acting = of_tool.places.positions, made.control(machine, **believed.of(of_tool.tool))
-        altered = acting.command(q, of_tool.tool, of_tool.places.directions)
-        found.append(_prediction(of_tool, moved_by(machine, q, altered, of_tool.tool), draws))
-        unintended = max(unintended, float(np.linalg.norm(acting.unintended_motion(q, of_tool.tool), axis=1).max()))
+    machine, believed, found, unintended = task.fields[0].machine, task.believed, [], 0.0
+    for plain in task.fields:
+        acting = made.control(machine, **believed.of(plain.tool))
+        of_tool = with_worst_places(plain, acting) if task.search else plain
+        found.append(prediction(of_tool, acting, task.draws))
+        moved = np.linalg.norm(acting.unintended_motion(of_tool.places.positions, of_tool.tool), axis=1)
+        unintended = max(unintended, float(moved.max()))
     # without the steps of the least increment, which have no speed
+    first = task.fields[0]
     smooth = {k: v for k, v in believed.of(first.tool).items() if k != "increment"}
     motion = asked_motion(made.control(machine, **smooth), first.places.positions, first.tool)
     return Column(" + ".join(names) or NONE, tuple(found), motion, unintended, made)
-
-
-def _prediction(field: Field, moved: np.ndarray, draws: np.ndarray) -> Prediction:
-    centre = (field.estimate + moved)[None]
-    exact = quantities(field.without_rigid_motion(centre), field.tool_axis)[0]
-    spread = (draws @ field.gradient.reshape(-1, draws.shape[1]).T).reshape(len(draws), -1, 6)
-    spread += field.scatter * np.random.default_rng(len(draws)).standard_normal(spread.shape)
-    values = quantities(field.without_rigid_motion(centre + spread), field.tool_axis)
-    bounds = coverage_intervals(values)
-    result = [values.mean(axis=0), bounds.low, bounds.high, exact]
-    if not field.angles_known:
-        for numbers in result:
-            numbers[len(LENGTHS) :] = np.nan
-    return Prediction(*result)

@@ -8,24 +8,20 @@ from typing import NamedTuple
 import numpy as np
 
 from volid.backend.rms import rms
+from volid.compensation.control import Control
 from volid.compensation.grids.grid import Grid, RotaryGrid
-from volid.compensation.grids.rotary import deviation_from_grids
-from volid.compensation.residual.fields import volume_places
-from volid.fitting.prediction.deviations import deviation_values, gradient_matrix
-from volid.fitting.prediction.spread import covariance_root
-from volid.fitting.prediction.working_volume import volume_positions
+from volid.compensation.residual.fields import Field, field_over, quantities, tool_axes
+from volid.compensation.residual.prediction import mean_left_by, parameter_draws, prediction, with_worst_places
+from volid.fitting.prediction.largest import values_at, whole_volume, with_largest
 from volid.fitting.solution import Solution
-from volid.model.rigid_fields import WorkpieceMotion
-
-POINTS = 512
-SAMPLES = 200
 
 
 class VolumeSummary(NamedTuple):
     """The working volume in a few numbers, for one tool vector; lengths [mm], rotations [rad], NaN where not determined.
 
-    `accuracy`: ranges of the six components, ISO 230-1 V_XYZ. `before_max`, `before_rms`: deviation of the functional point
-    (3-D length) in the stated datum, `before_at` its place, machine axis order.
+    `accuracy`: ranges of the six components, ISO 230-1 V_XYZ. `before_max`, `before_rms`: largest and RMS deviation of the
+    functional point (3-D length) in the stated datum, mean of both approach directions; `before_at` the place of the largest,
+    machine axis order.
     """
 
     accuracy: np.ndarray
@@ -37,9 +33,10 @@ class VolumeSummary(NamedTuple):
 class ResidualPrediction(NamedTuple):
     """Deviation (3-D length, [mm]) expected to remain after a grid is active, a rigid motion of the workpiece removed.
 
-    It comes from the uncertainty of the solution (`SAMPLES` draws), the grid's linear interpolation, and the half of the reversal
-    that a grid leaves. `rms` and `maximum` are means over the draws, `interval` is the central 95 % interval of the maximum, and
-    `interpolation` is the largest interpolation deviation alone.
+    It comes from the uncertainty of the solution, the grid's linear interpolation, and the half of the reversal that a grid
+    leaves. `rms` and `maximum` are means over the draws, `interval` is the 95 % coverage interval of the maximum, and
+    `interpolation` is the largest interpolation deviation alone. They are those of the column "L-VOL" of `forecast` for the
+    same grids.
     """
 
     rms: float
@@ -49,7 +46,7 @@ class ResidualPrediction(NamedTuple):
 
 
 def volumetric_summary(solution: Solution, tool: tuple[float, float, float]) -> VolumeSummary:
-    """Volumetric accuracy and largest deviation over the travel, at the positions of `volume_positions`.
+    """Volumetric accuracy and largest deviation over the working volume, corners and edges included.
 
     Args:
         solution: A solution, as `volid.fit` makes it.
@@ -63,14 +60,14 @@ def volumetric_summary(solution: Solution, tool: tuple[float, float, float]) -> 
     >>> found.accuracy.shape, found.before_at.shape, bool(found.before_rms < found.before_max)
     ((6,), (5,), True)
     """
-    positions = volume_positions(solution.machine)
-    found = solution.evaluate(positions, np.asarray(tool, dtype=float))
-    size = np.linalg.norm(found.values[:, :3], axis=1)
-    accuracy = np.ptp(found.values, axis=0)
+    places = with_largest(solution, np.asarray(tool, dtype=float))
+    found = values_at(solution, places, np.asarray(tool, dtype=float))
+    size = np.linalg.norm(found[:, :3], axis=1)
+    accuracy = np.ptp(found, axis=0)
     if not np.isfinite(size).all():
-        return VolumeSummary(accuracy, np.nan, np.nan, np.full(positions.shape[1], np.nan))
+        return VolumeSummary(accuracy, np.nan, np.nan, np.full(places.positions.shape[1], np.nan))
     worst = int(np.argmax(size))
-    return VolumeSummary(accuracy, float(size[worst]), rms(size), positions[worst])
+    return VolumeSummary(accuracy, float(size[worst]), rms(size[places.even]), places.positions[worst])
 
 
 def predict_residual(
@@ -78,15 +75,19 @@ def predict_residual(
 ) -> ResidualPrediction:
     """The deviation that is expected to remain when a control applies `grid`, from uncertainty and interpolation together.
 
-    e_after = e_true - e_interpolated, with e_true drawn from the solution's covariance, for the tool vector of `grid` and random
-    approach directions, because a grid does not compensate reversal. Least increment, repeatability and temperature are not
-    included.
+    e_after = e_true - e_interpolated, with e_true from the Monte Carlo samples of the solution or drawn from its covariance, for
+    the tool vector of `grid` and both approach directions, because a grid does not compensate reversal. Least increment,
+    repeatability and temperature are not included.
 
     Args:
         solution: A solution, as `volid.fit` makes it.
         grid: Grid of the linear axes, over their entire travel.
-        seed: Seed of the random numbers for the draws, the places and the approach directions.
+        seed: Seed of the random numbers for the draws.
         rotary: Grids of the rotary axes; without them a five-axis machine keeps the errors of its rotary axes.
+
+    Raises:
+        NotDeterminedError: the data do not determine the deviation for this tool vector.
+        InputError: the grid needs rotations that are blank.
 
     Source: ISO/TR 16907 11.1.
 
@@ -97,21 +98,28 @@ def predict_residual(
     >>> 0.0 < found.rms < found.interval[0] < found.maximum < found.interval[1] < 0.1
     True
     """
-    machine, (positions, ways) = solution.machine, volume_places(solution.machine, POINTS, seed)
-    tool = np.broadcast_to(np.asarray(grid.tool), (POINTS, 3))
-    theta, still = np.asarray(solution.parameters), np.zeros_like(positions)
-    compensated = deviation_from_grids(machine, grid, rotary, positions, tool)[:, :3]
-    mean, exact = (
-        deviation_values(solution.model, theta, positions, tool, d)[:, :3] - compensated for d in (still, ways)
-    )
-    without = WorkpieceMotion(machine, positions, tool).removed_from
-    gradient = gradient_matrix(solution.model, theta, positions, tool, ways)
-    root = covariance_root(solution.parameter_covariance)
-    draws = np.random.default_rng(seed).standard_normal((SAMPLES, root.shape[1])) @ root.T
-    spread = (draws @ gradient[:, :3].reshape(-1, draws.shape[1]).T).reshape(SAMPLES, POINTS, 3)
-    spread += solution.scatter_u()[:3] * np.random.default_rng([seed, 1]).standard_normal(spread.shape)
-    size = np.linalg.norm(without(spread + exact), axis=2)
-    largest = size.max(axis=1)
-    low, high = np.quantile(largest, [0.025, 0.975]).tolist()
-    interpolation = float(np.linalg.norm(without(mean[None])[0], axis=1).max())
-    return ResidualPrediction(rms(size), float(largest.mean()), (low, high), interpolation)
+    acting = Control(solution.machine, grids=(grid, *rotary))
+    return _predicted(solution, np.asarray(grid.tool, dtype=float), acting, seed)
+
+
+def predict_uncompensated(solution: Solution, tool: tuple[float, float, float]) -> ResidualPrediction:
+    """The same without any compensation, for a tool vector (3,) [mm]: the column "none" of `forecast`.
+
+    It differs from `volumetric_summary` by the rigid motion of the workpiece, and holds for both approach directions. Raises
+    `NotDeterminedError`.
+    """
+    return _predicted(solution, np.asarray(tool, dtype=float), Control(solution.machine), 0)
+
+
+def _predicted(solution: Solution, tool: np.ndarray, acting: Control, seed: int) -> ResidualPrediction:
+    field = with_worst_places(field_over(solution, whole_volume(solution.model), tool), acting)
+    found = prediction(field, acting, parameter_draws(solution, seed)[0])
+    (largest, _, mean, *_), (low, *_), (high, *_) = found.value, found.low, found.high
+    return ResidualPrediction(float(mean), float(largest), (float(low), float(high)), _interpolation(field, acting))
+
+
+def _interpolation(field: Field, acting: Control) -> float:
+    """The largest length [mm] that is left of the mean of both approach directions, if the solution were exact."""
+    q, machine = field.places.positions, field.machine
+    left = mean_left_by(field, acting)[None]
+    return float(quantities(field.motion().removed_from(left), tool_axes(machine, q))[0, 0])

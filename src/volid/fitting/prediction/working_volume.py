@@ -1,4 +1,8 @@
-"""Positions that stand for the working volume: wherever its largest deviation is asked for, the same ones are looked at."""
+"""Positions that stand for the working volume: wherever its largest deviation is asked for, the same ones are looked at.
+
+Means and quantiles are taken over positions spread evenly, largest values over these and a grid that contains the corners, edges
+and faces, and over the places that a search finds from the largest of them (`volid.fitting.prediction.largest`).
+"""
 
 from __future__ import annotations
 
@@ -7,8 +11,9 @@ import numpy as np
 from volid.backend.even_points import even_points
 from volid.model.machine import Machine
 
-NODES = 9  # per axis, of up to three axes
-MANY = 2048  # points with more than three axes, beside the corners
+POINTS = 1024  # spread evenly, over which means and quantiles are taken
+BORDER = {1: 33, 2: 17, 3: 7, 4: 4}  # nodes per axis of the grid with the ends, by number of axes
+FEWEST = 3  # nodes per axis: ends and middle
 
 
 def spread_positions(machine: Machine, n: int, seed: int = 0) -> np.ndarray:
@@ -16,17 +21,14 @@ def spread_positions(machine: Machine, n: int, seed: int = 0) -> np.ndarray:
     return _over_travels(machine, even_points(n, len(machine.axes), seed))
 
 
-def volume_positions(machine: Machine) -> np.ndarray:
-    """Positions (m, n_axes) [mm or degrees] over the whole travels, corners included, machine axis order.
+def border_positions(machine: Machine) -> np.ndarray:
+    """A grid (m, n_axes) [mm or degrees] over the travels that contains both ends of every axis: corners, edges and faces.
 
-    A grid of 9 nodes per axis; with more than three axes, where a grid would be too large, the corners and 2048 points spread
-    evenly (Halton).
+    Up to seven nodes per axis with three axes, three (243 in all) with five.
     """
     n_axes = len(machine.axes)
-    nodes = np.linspace(0.0, 1.0, NODES if n_axes <= 3 else 2)
+    nodes = np.linspace(0.0, 1.0, BORDER.get(n_axes, FEWEST))
     unit = np.stack([m.ravel() for m in np.meshgrid(*([nodes] * n_axes), indexing="ij")], axis=1)
-    if n_axes > 3:
-        unit = np.concatenate([unit, even_points(MANY, n_axes)])
     return _over_travels(machine, unit)
 
 

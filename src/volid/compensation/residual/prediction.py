@@ -1,0 +1,115 @@
+"""What a control leaves of a deviation field: largest, RMS and more, with intervals from draws of the parameters.
+
+    remaining = e(draw) + what the altered command moves,    the command from tables and grids of the estimate.
+
+The largest values are those over the whole working volume: over places spread evenly, corners, edges and faces, and where a
+search finds what the solution itself leaves to be largest. RMS, 95 % quantile and the rigid motion of the workpiece frame, which
+is taken out, refer to the places spread evenly.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from volid.compensation.control import Control
+from volid.compensation.residual.fields import (
+    LENGTHS,
+    Field,
+    angles_known,
+    moved_by,
+    quantities,
+    sizes,
+    tool_axes,
+)
+from volid.fitting.prediction.deviations import deviation_values
+from volid.fitting.prediction.largest import Places, axes_with_reversal, largest_places
+from volid.fitting.prediction.spread import covariance_root
+from volid.fitting.solution import Solution
+from volid.model.jacobian import rigid_motion_rows
+from volid.uncertainty.coverage import coverage_intervals
+
+DRAWS = 400
+MOST_SAMPLES = 2000
+AT_ONCE = 100  # draws
+
+
+class Prediction(NamedTuple):
+    """What one compensation leaves for one tool vector, each (10,) in the order of `QUANTITIES` [mm, rad].
+
+    `value`: mean over the draws of the largest and RMS length, the length that 95 % of the points keep, the largest |X|, |Y|,
+    |Z| and the largest |A|, |B|, |C| of the orientation and the largest tilt of the tool axis, which is what a turning tool
+    feels; `low`, `high`: 95 % coverage interval; `exact`: if the solution were exact. NaN: not determined by the data.
+    """
+
+    value: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    exact: np.ndarray
+
+
+def parameter_draws(solution: Solution, seed: int = 0) -> tuple[np.ndarray, str]:
+    """Draws of θ less its estimate, (s, n), and from where they are."""
+    theta = np.asarray(solution.parameters)
+    if solution.samples is not None:
+        values = solution.samples.outputs(lambda x: x[:, : len(theta)])[:MOST_SAMPLES]
+        return values - theta, "Monte Carlo samples of the solution"
+    root = covariance_root(solution.parameter_covariance)
+    return np.random.default_rng(seed).standard_normal(
+        (DRAWS, root.shape[1])
+    ) @ root.T, "the covariance of the solution"
+
+
+def left_by(field: Field, acting: Control) -> np.ndarray:
+    """What a control leaves of the field that the solution itself has, (m, 6) [mm, rad]."""
+    return field.estimate + _moved(field, acting, field.places)
+
+
+def mean_left_by(field: Field, acting: Control) -> np.ndarray:
+    """The same of the mean of both approach directions, (m, 6) [mm, rad]."""
+    q = field.places.positions
+    still, tool = np.zeros_like(q), np.broadcast_to(field.tool, (len(q), 3))
+    theta = np.asarray(field.solution.parameters)
+    return deviation_values(field.solution.model, theta, q, tool, still) + _moved(field, acting, Places(q, still))
+
+
+def _moved(field: Field, acting: Control, places: Places) -> np.ndarray:
+    altered = acting.command(places.positions, field.tool, places.directions)
+    return moved_by(field.machine, places.positions, altered, field.tool)
+
+
+def with_worst_places(field: Field, acting: Control) -> Field:
+    """The field over the places too where what the control leaves, rigid motion taken out, is largest by any of `sizes`."""
+    machine, solution = field.machine, field.solution
+    (motion,) = field.motion().motions(left_by(field, acting)[None])
+    theta = np.asarray(solution.parameters)
+
+    def values(q: np.ndarray, way: np.ndarray) -> np.ndarray:
+        tool = np.broadcast_to(field.tool, (len(q), 3))
+        left = deviation_values(solution.model, theta, q, tool, way) + _moved(field, acting, Places(q, way))
+        left -= rigid_motion_rows(machine, q, tool) @ motion
+        return np.asarray(sizes(left[None], tool_axes(machine, q))[0])
+
+    return field.and_also(largest_places(machine, values, field.places, axes_with_reversal(solution.model)))
+
+
+def prediction(field: Field, acting: Control, draws: np.ndarray) -> Prediction:
+    """What a control leaves over the places of a field; `draws`: of θ less its estimate, (s, n)."""
+    centre, even = left_by(field, acting)[None], field.places.even
+    axis, without = tool_axes(field.machine, field.places.positions), field.motion().removed_from
+    exact = quantities(without(centre), axis, even)[0]
+    rng, found = np.random.default_rng(len(draws)), []
+    rows, scatter = field.gradient.reshape(-1, draws.shape[1]).T, field.solution.scatter_u()
+    for start in range(0, len(draws), AT_ONCE):
+        part = draws[start : start + AT_ONCE]
+        spread = (part @ rows).reshape(len(part), -1, 6)
+        spread += scatter * rng.standard_normal(spread.shape)
+        found.append(quantities(without(centre + spread), axis, even))
+    values = np.concatenate(found)
+    bounds = coverage_intervals(values)
+    result = [values.mean(axis=0), bounds.low, bounds.high, exact]
+    if not angles_known(field):
+        for numbers in result:
+            numbers[len(LENGTHS) :] = np.nan
+    return Prediction(*result)
