@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from volid.campaign import Campaign
+from volid.exceptions import VolidError
 from volid.fitting.diagnosis.robust import down_weight
 from volid.fitting.equations.problem import Prior, Problem, reweight, with_prior
 from volid.fitting.equations.solver import solve
@@ -78,9 +79,19 @@ class SmoothFit(Fitter):
             self._add_scatter(factors)
 
     def _estimate(self, factors: list[np.ndarray]) -> None:
-        """The smoothness from where the fit stands, and the optimum with it."""
-        self._take(estimate(self.processes, self._information(), self.smoothness.phi))
-        self.solve(factors)
+        """The smoothness from where the fit stands, and the optimum with it; where that breaks down, both stay as they are.
+
+        It does where functions would have to be as large as travels: readings of another machine, or positions that are wrong.
+        The verdict says so.
+        """
+        before, optimum = self.smoothness, self.optimum
+        try:
+            self._take(estimate(self.processes, self._information(), self.smoothness.phi))
+            self.solve(factors)
+            self.root()
+        except (np.linalg.LinAlgError, VolidError):
+            self._take(before)
+            self.optimum = optimum
 
     def _add_scatter(self, factors: list[np.ndarray]) -> None:
         """What is independent from position to position: u of the readings grows by it, where the residuals show it."""

@@ -87,6 +87,8 @@ class Smoothness:
         First order, the estimate of θ moving with φ, and the covariance of θ growing on average: along what is determined,
         Wᵀ G Gᵀ W = pull · pullᵀ + M, of which what is not positive is left out.
         """
+        if not len(self.units):  # not estimated
+            return np.zeros((len(self.rows(len(theta))), 0))
         directions = self.units[:, None] * self.basis
         pull = directions.T @ self.pull(theta)
         inverse = self._inverse(directions)

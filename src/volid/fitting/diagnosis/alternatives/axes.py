@@ -26,7 +26,7 @@ from volid.model.machine import Axis, Machine, parse_structure
 from volid.observations.base import NuisanceTable
 
 ORDER, SENSE, COLUMNS = "order or side of the axes", "sense of an axis", "exchanged columns"
-ROWS = 4000  # of a campaign that are compared
+ROWS, GROSS_ROWS = 4000, 1200  # of a campaign that are compared, the second where all of them are off by much
 GROSS = 5.0  # unit weight from which on readings may be of another nominal machine altogether
 RIDGE = 1e-10  # of scaled normal equations, for what the readings leave open
 
@@ -145,8 +145,8 @@ def _restructured(machine: Machine, structure: str) -> Machine:
 
 def judged_chains(fit: Fit, machine: Machine, chi_square: float, freedom: int) -> Iterator[Judged]:
     """Other chains with what they gain; `machine`: with travels cut to what was measured."""
-    campaign = _few(fit.campaign, fit.factors)
     gross = chi_square > GROSS**2 * max(freedom, 1)
+    campaign = _few(fit.campaign, fit.factors, GROSS_ROWS if gross else ROWS)
     same = Other("", "", "", machine, list(range(len(machine.axes))), np.ones(len(machine.axes)), gross)
     share = campaign.n_readings / fit.campaign.n_readings
     now = min(_chi_square(fit, campaign, same), _chi_square(fit, campaign, same._replace(elsewhere=False)))
@@ -163,9 +163,9 @@ def judged_chains(fit: Fit, machine: Machine, chi_square: float, freedom: int) -
         yield Judged(alternative, (now - found) / share, gain, 0, chance, np.zeros(0), beyond)
 
 
-def _few(campaign: Campaign, factors: list[np.ndarray]) -> Campaign:
+def _few(campaign: Campaign, factors: list[np.ndarray], rows: int) -> Campaign:
     """Some of the rows that take part, evenly over each set."""
-    share, sets = min(ROWS / max(sum(len(s) for s in campaign.sets), 1), 1.0), []
+    share, sets = min(rows / max(sum(len(s) for s in campaign.sets), 1), 1.0), []
     for s, f in zip(campaign.sets, factors, strict=True):
         used = np.flatnonzero(np.all(f > 0.0, axis=1))
         count = max(int(share * len(used)), min(len(used), 2))

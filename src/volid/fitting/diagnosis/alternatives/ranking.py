@@ -26,6 +26,7 @@ from volid.model.machine import Machine
 
 CHANCE = 1e-3  # that any alternative is named on a sound campaign, all of them together
 LISTED = 5
+WORTH = 0.03  # of the best score: an alternative with less only retells a little of what the best one explains
 TRIED = (DRIFT, GROWTH, WARMTH, BREAK, CROSS, LEFT_OUT, TOOL, ORDER, SENSE, COLUMNS, PITCH, REVERSAL, OUTLIERS)
 
 
@@ -41,7 +42,7 @@ def named(around: Around, fit: Fit, machine: Machine, doubtful: bool, scattered:
     kept = [j for j in found if j.log_probability < limit and j.score > 0.0]
     kept.sort(key=lambda j: -j.score)
     best: dict[str, Judged] = {}
-    for j in kept:
+    for j in (j for j in kept if j.score > WORTH * kept[0].score):
         best.setdefault(j.alternative.cause, j)
     return list(best.values())[:LISTED]
 
