@@ -59,7 +59,9 @@ def test_location_tables_say_location_and_how_the_line_stands(layout):
 def test_tables_with_both_say_both_and_others_are_as_before():
     _, solution, base = made("tilting table C'A'", '"E?[XYZ]" = false\n"E?0[XYZS]" = false')
     both = {t.function: meaning(t, solution) for t in error_tables(solution, [TYPES["R-VOL"]], base)}
-    assert both["EXC"].startswith("radial error motion of C in X direction, and error of the position of C in X direction (")
+    assert both["EXC"].startswith(
+        "radial error motion of C in X direction, and error of the position of C in X direction ("
+    )
     assert both["EBA"].startswith("tilt error motion of A about Y, and error of the orientation of A about Y (")
     assert both["EXC"].endswith("the axis average line has EX(0A)C = minus the mean error value)")
     assert both["EZC"] == "axial error motion of C" and both["EXA"] == "axial error motion of A"

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 def assignments(text: str) -> dict[str, float]:
     """ "X=500,Y=300" as numbers by axis letter, for argparse."""
-    found = {}
+    found: dict[str, float] = {}
     try:
         for part in text.split(","):
             key, value = part.split("=")
@@ -103,7 +103,7 @@ def add_sampling(parser: argparse.ArgumentParser, kind: str) -> None:
 
 def spans(text: str) -> dict[str, tuple[float, float]]:
     """ "X=0:500,Y=0:300" as lowest and highest position by axis letter, for argparse."""
-    found = {}
+    found: dict[str, tuple[float, float]] = {}
     try:
         for part in text.split(","):
             key, value = part.split("=")

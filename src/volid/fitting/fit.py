@@ -21,6 +21,7 @@ from volid.fitting.equations.solver import solve
 from volid.fitting.fitter import Method
 from volid.fitting.open_frame import in_open_frame
 from volid.fitting.prior import check_prior, prior_notes, prior_of, stated_segments
+from volid.fitting.remarks import remarks
 from volid.fitting.segments import segments_of
 from volid.fitting.shape_notes import shape_notes
 from volid.fitting.smooth_fit import SmoothFit
@@ -218,7 +219,9 @@ class Stages:
                 n: max(known.get(n, 0.0), fitter.scatter.get(n, 0.0)) for n in {**known, **fitter.scatter}
             }
         found = in_open_frame(Assembly(fitter, outliers).solution(self.warnings, options))
-        return replace(found, campaign=self.measured, notes=(*found.notes, *shape_notes(found, fitter.found.weak)))
+        notes = (*found.notes, *shape_notes(found, fitter.found.weak))
+        found = replace(found, campaign=self.measured)
+        return replace(found, notes=(*notes, *remarks(found)))
 
 
 def _fit(
