@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from volid.campaign import Campaign
+from volid.fitting.equations.choice import INTERPRETED, engine_named
 from volid.fitting.equations.engine import Equations
-from volid.fitting.equations.interpreted import Interpreted
 from volid.fitting.equations.problem import build_problem
 from volid.fitting.solution import Solution
 from volid.model.error_model import ErrorModel, build_model
@@ -69,7 +69,9 @@ def found_starts(solution: Solution) -> dict[Any, float]:
 
 def trial_of(solution: Solution) -> Trial:
     """The thinned campaign of a solution as a linear problem."""
-    problem = build_problem(thin(solution), few_coefficients(solution), found_starts(solution), engine=Interpreted())
+    problem = build_problem(
+        thin(solution), few_coefficients(solution), found_starts(solution), engine=engine_named(INTERPRETED)
+    )
     system, z = problem.system, problem.start
     root, value = np.asarray(system.prior_root), np.asarray(system.prior_value)
     parts = _whitened(problem.equations, z)

@@ -19,7 +19,7 @@ import numpy as np
 from volid.campaign import Campaign, ObservationSet
 from volid.fitting.change_of_datum import held_constants
 from volid.fitting.diagnosis.identifiability import analyse
-from volid.fitting.equations.interpreted import Interpreted
+from volid.fitting.equations.choice import INTERPRETED, engine_named
 from volid.fitting.equations.problem import build_problem
 from volid.fitting.linear_trial import Trial, few_coefficients, thin, trial_of
 from volid.fitting.location_errors import location_parameter
@@ -119,7 +119,7 @@ def _by_deflection(solution: Solution) -> list[str]:
     model, measured = few_coefficients(solution, FEW), thin(solution)
     unknowns = model.n_parameters + len(solution.nuisance_table)
     campaign = in_the_nest(spread_out(measured, unknowns), measured)
-    found = analyse(build_problem(campaign, model, engine=Interpreted()), campaign)
+    found = analyse(build_problem(campaign, model, engine=engine_named(INTERPRETED)), campaign)
     lost = {*found.undetermined, *held_constants(model, found.tool_rotation)}
     return [name for name in model.names if name in lost and _has_value(solution, name)]
 
