@@ -15,7 +15,7 @@ import volid
 from volid.cli import main
 from volid.fitting.results import Residuals, Statistics
 from volid.io.functions_csv import functions_sheet, read_functions, write_csv
-from volid.model.axis_lines import line_values
+from volid.model.axis_lines import is_of_a_line, line_values
 from volid.uncertainty.intervals import function_rows
 from volid.uncertainty.outputs import headline_outputs
 from volid.virtual.comparison import compare
@@ -157,3 +157,21 @@ def test_the_hdf5_file_says_the_same_and_what_it_refers_to(tmp_path):
     assert parameter == float(np.asarray(solution.parameters)[labels.index("EX0C")])
     again = volid.load_solution(tmp_path / "S.h5")
     assert {n: again.location(n) for n in lines} == {n: solution.location(n) for n in lines}
+
+
+def test_statement_and_budget_say_what_location_errors_refer_to():
+    from volid.report.budget_text import format_budget
+    from volid.uncertainty.budget import Line
+    from volid.uncertainty.lack_of_fit import lack_of_fit
+    from volid.uncertainty.statement import Row, Statement, format_statement
+
+    _, solution, _, lines = known("tilting table C'A'")
+    found, said = lack_of_fit(solution), "location errors: axis average line in the machine frame, other axes at 0"
+    row = Row("EX(0A)C", "mm", np.nan, *[0.001] * 8, True, True)
+    line = Line("EX0C", np.nan, "mm", 1e-4, "readings", 1e-3, "mm", 0.1, 1e-4, 1.0)
+    assert said in format_statement(Statement((row,), 100, 0, 0, np.nan, found))
+    assert said not in format_statement(Statement((row._replace(name="EC0Y"),), 100, 0, 0, np.nan, found))
+    assert said in format_budget([line], found)
+    assert said not in format_budget([line._replace(output="EXC")], found)
+    assert {is_of_a_line(n) for n in lines} == {True}
+    assert not any(map(is_of_a_line, ("EXC", "EC0Y", "EA0S", "V_X", "EC(0X)Y")))

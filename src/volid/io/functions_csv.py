@@ -236,6 +236,7 @@ def budget_sheet(lines: Sequence[Line], solution: Solution, source: str | Path |
     """The uncertainty budget, one row per output and source; NaN where a source has no single u."""
     meaning = {
         "values": "contributions to the standard uncertainty u (k = 1), in the unit of the output; their squares add up to u²",
+        "location errors": AXIS_LINE,
         "sensitivity": "contribution / u_source; an empty cell: the source has members of several u",
     }
     return Sheet(meaning | source_lines(solution, source), BUDGET_COLUMNS, [tuple(line) for line in lines])

@@ -11,13 +11,14 @@ errors and constants of the tool frame are their parameters themselves.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
 
 from volid.model.error_model import LOCATION, ErrorModel
-from volid.model.iso230 import DIRECTIONS, ROTARY_AXES, parse
+from volid.model.iso230 import DIRECTIONS, parse
 from volid.model.machine import Axis, Machine
 
 MACHINE = "machine"
@@ -43,10 +44,9 @@ def full_symbol(name: str, relative_to: str) -> str:
     return name if relative_to == MACHINE else f"{name[:2]}(0{relative_to}){name[3]}"
 
 
-def is_of_a_line(name: str) -> bool:
-    """Whether a symbol is that of a location error or zero of a rotary axis."""
-    error = parse(name)
-    return error.location and error.axis in ROTARY_AXES
+def is_of_a_line(symbol: str) -> bool:
+    """Whether a symbol is that of a location error or zero of a rotary axis, EX0C or EX(0A)C."""
+    return re.fullmatch(r"E[XYZABC](0|\(0[ABC]\))[ABC]", symbol) is not None
 
 
 def line_parameters(machine: Machine, axis: Axis, at: tuple[float, float, float]) -> dict[str, np.ndarray]:
