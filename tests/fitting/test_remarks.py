@@ -159,3 +159,12 @@ def test_in_the_nest_the_functional_point_stands_on_one_place_of_each_sphere():
         assert np.ptp(points[rows], axis=0).max() < 1e-9
         assert np.abs(points[rows][0] - place).max() < 0.1  # where it stands, but for the machine's errors
     assert not still.readings.any()
+
+
+def test_what_is_weak_and_has_no_value_is_not_said_to_have_a_u():
+    """A head with one tool vector: weakly determined combinations contain constants that are not determined by themselves."""
+    solution = volid.fit(measured("fork head CB", off=(0.6, -0.5, 0.4), tools=ONE_TOOL))
+    (note,) = [n for n in solution.notes if n.startswith("weakly determined")]
+    assert "u up to nan" not in note
+    for name, words in re.findall(r"(E[XYZABC]0[BCS]) \(([^)]*)\)", note):
+        assert (words == "no value in the machine frame") == (not np.isfinite(solution.location(name).u)), name
