@@ -33,6 +33,7 @@ from support.rtests import NO_LINEAR, SPHERES, r_test, r_test_campaign, rotary_o
 from support.trackers import distance_campaign, volid_machine
 
 import volid
+from volid.fitting.location_errors import location_parameter
 from volid.fitting.prediction.deviations import gradient_matrix
 
 POINTS = 256  # of a field
@@ -127,7 +128,7 @@ def five_axis(layout: str, levels: int | None, seed: int) -> dict[str, Any]:
         for row in solution.motion(name, np.linspace(*exact.travel[name[2]], PLACES))
         if row.u > 1e-9
     ]
-    places = [solution.location(n) for n in solution.model.names if n[2] == "0" and n[3] in "ABC"]
+    places = [location_parameter(solution, n) for n in solution.model.names if n[2] == "0" and n[3] in "ABC"]
     locations = [(row.value - truth.constants.get(row.name, 0.0)) / row.u for row in places if np.isfinite(row.value)]
     return _row(solution, seconds) | {
         "functions": float(np.mean(np.abs(functions) <= 1.96)),

@@ -81,14 +81,15 @@ true_locations = {row["function"]: float(row["value"]) for row in table if not r
 figure = location_errors(solution, true_locations)
 
 # %% [markdown]
-# A location error describes the tool relative to the workpiece. Under the workpiece the physical line of the axis is
-# displaced the other way, and C rides on A: in the machine frame its line has the errors of both.
+# These are axis average lines in the machine frame, as ISO 230-1 means EX0C and EA0C. The parameters of the model describe
+# the tool relative to the workpiece: of an axis that carries the workpiece they have the other sign. C rides on A: in the
+# machine frame its line has the errors of both.
 
 # %%
-print("error       parameter        line    U (k = 2)")
+print("error            line   parameter    U (k = 2)")
 for row in table_of_location_errors(solution):
     scale, unit = (1e6, "µrad") if row.name[1] in "ABC" else (1e3, "µm")
-    print(f"{row.symbol:8s} {scale * row.parameter:11.2f} {scale * row.line:11.2f} {2 * scale * row.u:8.2f} {unit}")
+    print(f"{row.symbol:8s} {scale * row.line:11.2f} {scale * row.parameter:11.2f} {2 * scale * row.u:8.2f} {unit}")
 
 # %% [markdown]
 # ## Error motions

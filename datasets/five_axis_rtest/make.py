@@ -139,7 +139,17 @@ def functions(truth: Truth) -> list[str]:
                 f"{name},{axis},{x:g},0,{round(v, digits) + 0.0:.{digits}f}"
                 for x, v in zip(q, truth.functions[name](q), strict=True)
             ]
-    return rows + [f"{name},{name[-1]},,0,{value:.12f}" for name, value in truth.constants.items()]
+    return rows + [f"{name},{name[-1]},,0,{value:.12f}" for name, value in axis_lines(truth).items()]
+
+
+def axis_lines(truth: Truth) -> dict[str, float]:
+    """Location errors as ISO 230-1 means them: where the axis average lines stand in the machine frame.
+
+    Minus what the truth adds to the tool relative to the workpiece, because both axes carry the workpiece; C rides on A, and
+    both lines meet in the origin, so that there is no lever arm.
+    """
+    carried = {name: truth.constants.get(name[:3] + "A", 0.0) if name[3] == "C" else 0.0 for name in truth.constants}
+    return {name: -(value + carried[name]) for name, value in truth.constants.items()}
 
 
 def points(machine: ExactMachine, truth: Truth, rng: np.random.Generator) -> list[str]:

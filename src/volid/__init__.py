@@ -51,6 +51,7 @@ _PUBLIC = {  # public name: where it comes from, in the order of the work
     "summary": "volid.report.summary:summary",
     "location_errors": "volid.fitting.location_errors:location_errors",
     "LocationError": "volid.fitting.location_errors:LocationError",
+    "location_parameter": "volid.fitting.location_errors:location_parameter",
     "monte_carlo": "volid.uncertainty.trials.monte_carlo:monte_carlo",
     # compensation
     "linear_grid": "volid.compensation.grids.linear:linear_grid",

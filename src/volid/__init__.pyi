@@ -16,7 +16,7 @@ from volid.compensation.types import TYPES as COMPENSATION_TYPES
 from volid.exceptions import InputError, NotDeterminedError, OutputError, VolidError
 from volid.fitting.datum import parse_datum
 from volid.fitting.fit import fit
-from volid.fitting.location_errors import LocationError, location_errors
+from volid.fitting.location_errors import LocationError, location_errors, location_parameter
 from volid.fitting.solution import Solution
 from volid.fitting.streamed import fit_streamed
 from volid.io import load_campaign
@@ -63,6 +63,7 @@ __all__ = [  # noqa: RUF022
     "summary",
     "location_errors",
     "LocationError",
+    "location_parameter",
     "monte_carlo",
     "linear_grid",
     "Grid",

@@ -52,10 +52,10 @@ def test_parameter_and_axis_line_with_u_in_the_machine_frame(tilting, tmp_path, 
         assert float(row["axis_line"]) == -float(row["parameter"])  # a table: the line moves the other way
         assert row["relative_to"] == "machine" and float(row["u"]) > 0
         if name[3] == "A":  # next to the bed: its own parameter
-            assert float(row["parameter"]) == pytest.approx(solution.location(name).value, rel=1e-12)
+            assert float(row["parameter"]) == pytest.approx(volid.location_parameter(solution, name).value, rel=1e-12)
             assert float(row["u"]) == pytest.approx(solution.location(name).u, rel=1e-9)
     # EA0C in the machine frame: the parameter of C and the zero of A, which is 0 by the datum
-    tilt = {n: solution.location(n).value for n in ("EA0C", "EB0C", "EB0A")}
+    tilt = {n: volid.location_parameter(solution, n).value for n in ("EA0C", "EB0C", "EB0A")}
     assert float(rows["EB0C"]["parameter"]) == pytest.approx(tilt["EB0C"] + tilt["EB0A"], rel=1e-12)
     text = (tmp_path / "L.csv").read_text()
     assert text.startswith("# values: location errors") and "# datum: " in text
@@ -68,7 +68,7 @@ def test_relative_to_another_axis_and_as_json(tilting, capsys):
     rows = {row[0]: dict(zip(found["columns"], row, strict=True)) for row in found["rows"]}
     assert set(rows) == {"EX(0A)C", "EY(0A)C", "EA(0A)C", "EB(0A)C"}
     for symbol, row in rows.items():
-        own = solution.location(f"{symbol[:2]}0C")
+        own = volid.location_parameter(solution, f"{symbol[:2]}0C")
         assert (row["parameter"], row["u"]) == pytest.approx((own.value, own.u), rel=1e-9)
         assert ("refers to its zero" in row["remark"]) == (symbol[1] in "XA")
     assert volid.location_errors(solution, "A")[0].symbol == "EX(0A)C"

@@ -8,6 +8,7 @@ from support.machines import exact_of
 from support.places import MODELS
 
 from volid.exceptions import InputError, OutputError
+from volid.fitting.location_errors import location_parameter
 from volid.io import load_campaign, read_machine, write_manifest
 from volid.io.solutions import read_solution
 from volid.io.truths import load_truth
@@ -85,7 +86,7 @@ def test_from_plan_to_fit(run, tmp_path):
     assert run("fit", tmp_path / "c.h5", "-o", tmp_path / "s.h5")[0] == 0
     solution, truth = read_solution(tmp_path / "s.h5"), load_truth(tmp_path / "c.truth.h5")
     for name in ("EX0C", "EY0C", "EA0C", "EB0C", "EY0A", "EZ0A", "EB0A", "EC0A"):
-        found = solution.location(name)
+        found = location_parameter(solution, name)
         assert abs(found.value - truth.constants[name]) < 4.0 * found.u < 0.2 * abs(truth.constants[name]), name
 
 

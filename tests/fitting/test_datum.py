@@ -196,6 +196,8 @@ def test_parse_datum():
         ("primary=Y", "primary and secondary axis are both Y; they must differ"),
         ("line=straight", "line = 'straight'; expected least_squares or end_point"),
         ("reference_X=left", "reference_X = 'left' is not a number"),
+        ("reference_X=nan", "reference_X = 'nan' is not a number; expected a position"),
+        ("reference_X=1,reference_X=2", "reference_X is given twice; expected every key once"),
         ("reference_B=0", "has no axis B; its axes are X, Y, Z"),
     ],
 )

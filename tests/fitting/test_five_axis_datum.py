@@ -6,14 +6,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from exact_chain import Truth, gauge_free
-from scipy.spatial.transform import Rotation
+from support.axis_lines import axis_line, line_error
 from support.machines import NUTATING, ROTARY_TABLE, STRUCTURES, exact_machine, resolved
 from support.made_up import made_up, truth_of
 from support.rtests import r_test, r_test_campaign
 
 from volid.exceptions import InputError
 from volid.fitting.equations.problem import build_problem
-from volid.fitting.location_errors import location_errors, motions_with_mean, split_mean
+from volid.fitting.location_errors import location_errors, location_parameter, motions_with_mean, split_mean
 from volid.fitting.prediction.deviations import gradient_rows
 from volid.model.machine import Datum
 
@@ -98,38 +98,6 @@ def test_spheres_move_with_the_workpiece_frame(layout):
 # ------------------------------------------------------------------------------------------------------ axis lines
 
 
-def axis_line(exact, truth, letter):
-    """Physical line of a rotary axis in the machine frame, other axes at 0: direction and a point, from exact poses alone.
-
-    For a table axis the workpiece is watched from the bed, for a head axis the tool: the other side is made perfect, so that its
-    frame is the bed's. The motion between two positions is a rotation about the line (Mozzi-Chasles).
-    """
-    own_side = [a for a in exact.axes if exact.primed[a] == exact.primed[letter]]
-    truth = Truth({}, {n: v for n, v in truth.constants.items() if n[3] in own_side})
-    positions = {a: 0.0 for a in exact.axes}
-    poses = [exact.pose(exact.in_axis_order(positions | {letter: x}), truth)[0] for x in (-60.0, 30.0)]
-    if exact.primed[letter]:
-        motion = (
-            np.linalg.inv(poses[1]) @ poses[0]
-        )  # carries workpiece-fixed points, tool frame; positive command turns by -q
-    else:
-        motion = poses[1] @ np.linalg.inv(poses[0])
-    vector = Rotation.from_matrix(motion[:3, :3]).as_rotvec()
-    vector *= -1.0 if exact.primed[letter] else 1.0
-    direction = vector / np.linalg.norm(vector)
-    point = np.linalg.lstsq(np.eye(3) - motion[:3, :3], motion[:3, 3], rcond=1e-8)[0]
-    return direction, point
-
-
-def line_error(exact, truth, letter):
-    """Displacement of the line at the axis's nominal point, across it, and its rotation across it: six numbers."""
-    nominal, at = exact.direction[letter], exact.point[letter]
-    direction, point = axis_line(exact, truth, letter)
-    foot = point + direction * ((at - point) @ nominal) / (direction @ nominal)
-    turn = exact.frame[letter].T  # components of an inclined axis stand in its own frame
-    return np.concatenate([turn @ (foot - at), turn @ np.cross(nominal, direction)])
-
-
 @pytest.mark.parametrize("layout", [*ALL, *NUTATING])
 def test_location_errors_are_those_of_the_exact_axis_lines(layout):
     exact = exact_machine((ALL | NUTATING)[layout])
@@ -150,7 +118,7 @@ def test_location_errors_are_those_of_the_exact_axis_lines(layout):
     outer = [a for a in rotary if exact.primed[a]][-1:] + [a for a in rotary if not exact.primed[a]][:1]
     for row in found:
         if row.axis in outer:
-            own = solution.location(row.name)
+            own = location_parameter(solution, row.name)
             assert (row.parameter, row.u) == pytest.approx((own.value, own.u), rel=1e-12)
 
 
@@ -164,7 +132,7 @@ def test_relative_to_its_carrier_an_axis_has_its_own_parameters(layout):
     found = location_errors(solution, relative_to=carrier)
     assert [r.axis for r in found] == [carried] * 4
     for row in found:
-        own = solution.location(row.name)
+        own = location_parameter(solution, row.name)
         assert (row.parameter, row.u) == pytest.approx((own.value, own.u), rel=1e-12)
         assert row.symbol == f"E{row.name[1]}(0{carrier}){carried}"
         along = exact.direction[carrier]["XYZABC".index(row.name[1]) % 3] != 0
@@ -213,7 +181,7 @@ def test_motions_with_mean_split_into_location_errors_and_zero_mean_motions(lett
     values = np.array([r.value for r in rows]).reshape(6, -1).T
     split = split_mean(solution, letter, x, values)
     for name, value in split.location.items():
-        known = solution.location(name).value if name in solution.model.names else 0.0
+        known = location_parameter(solution, name).value if name in solution.model.names else 0.0
         assert value == pytest.approx(known, abs=2e-8)  # trapezoidal rule against exact quadrature
     assert np.abs(split.corotating).max() < 2e-8
     for k, d in enumerate("XYZABC"):

@@ -11,6 +11,7 @@ from support.rtests import r_test, r_test_campaign
 from support.trackers import distance_campaign
 
 from volid.campaign import Campaign
+from volid.fitting.location_errors import location_parameter
 from volid.fitting.prediction.spread import linear_uncertainty
 from volid.model.linear_maps import function_rows
 
@@ -62,7 +63,7 @@ def test_linear_axes_as_prior_recover_the_rotary_axes_and_equal_the_joint_fit(me
     assert np.abs(scaled).max() < 5e-3
     normalised = []
     for name in truth.constants:
-        row = after.location(name)
+        row = location_parameter(after, name)
         normalised.append((row.value - truth.constants[name]) / row.u)
         assert abs(normalised[-1]) < 4.0, name
     assert 0.4 < np.sqrt(np.mean(np.square(normalised))) < 1.6  # 14 constants

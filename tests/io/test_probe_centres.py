@@ -8,6 +8,7 @@ from support.probe_centres import ORIGIN, SPHERE, TCP, TRUE, probed, write
 
 from volid.exceptions import InputError
 from volid.fitting.fit import fit
+from volid.fitting.location_errors import location_parameter
 from volid.io import read_manifest, write_manifest
 from volid.plausibility.checks import check_campaign, closures
 
@@ -54,7 +55,7 @@ def test_fit_finds_the_location_errors(head, tmp_path):
     solution = fit(read_manifest(write(tmp_path, exact, q)))
     assert not solution.adequacy.rejected
     for name, true in TRUE.items():
-        found = solution.location(name)
+        found = location_parameter(solution, name)
         assert abs(found.value - true) < (1e-3 if name == "EX0B" else 3e-6), name
         assert found.u > 0.0
     assert {"EX0C", "EY0C", "EZ0B"} <= set(solution.undetermined)

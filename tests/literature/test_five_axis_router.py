@@ -13,8 +13,11 @@ import pytest
 from support.places import DATASETS, reference_file
 
 from volid.cli import main
+from volid.fitting.location_errors import location_parameter
+from volid.fitting.tabulation import constant
 from volid.io import load_campaign
 from volid.io.solutions import read_solution
+from volid.model.axis_lines import constant_rows
 from volid.model.kinematics import nominal_point
 from volid.plausibility.checks import closures
 
@@ -29,6 +32,11 @@ def folder(tmp_path_factory):
     file = reference_file("five_axis_sphere_centres.csv")
     shutil.copy(file, path / file.name)
     return path
+
+
+def by_symbol(solution):
+    """Constants in the machine frame, and those of B relative to C, which carries it."""
+    return {line.symbol: constant(solution, line) for line in constant_rows(solution.model)}
 
 
 def test_centres_spread_and_repeat_as_published(folder):
@@ -73,21 +81,23 @@ def test_figures_of_the_readme_are_those_of_the_fit(folder):
     assert float(re.findall(r"[0-9.]+", row.split("|")[3])[0]) == pytest.approx(rms[0], abs=0.06)
     row = next(line for line in text.splitlines() if line.startswith("| rigid model, held out"))
     assert float(re.findall(r"[0-9.]+", row.split("|")[3])[0]) == pytest.approx(rms[1], abs=0.06)
-    for name in ("EA0C", "EB0C", "EA0B", "EC0B", "EB0B"):
+    values = by_symbol(solution)
+    for name in ("EA0C", "EB0C", "EA(0C)B", "EC(0C)B", "EB(0C)B"):
         cells = next(line for line in text.splitlines() if line.startswith(f"| {name} ")).split("|")
-        found = solution.location(name)
+        found = values[name]
         assert float(cells[2].replace("−", "-")) == pytest.approx(1e6 * found.value, abs=0.6)
         assert float(cells[3]) == pytest.approx(1e6 * found.u, abs=0.06)
 
 
 def test_best_location_errors_have_u_and_the_others_are_named(folder):
     solution = read_solution(folder / "S.h5")
-    found = {name: solution.location(name) for name in solution.model.names}
-    for name in ("EA0B", "EC0B", "EB0B", "EX0B", "EA0C", "EB0C"):
-        u = found[name].u * (1.0 if name == "EX0B" else 410.0)  # lever arm pivot to probe [mm]
+    found = by_symbol(solution)
+    for name in ("EA(0C)B", "EC(0C)B", "EB(0C)B", "EX(0C)B", "EA0C", "EB0C"):
+        u = found[name].u * (1.0 if name == "EX(0C)B" else 410.0)  # lever arm pivot to probe [mm]
         assert 0.0005 < u < 0.013, name  # 101 centres of 13 µm: better than one of them
-        assert abs(found[name].value) < (1.0 if name == "EX0B" else 2e-3), name  # a machine, not a mistake
-    lost = {name for name, row in found.items() if np.isnan(row.value)}
+        assert abs(found[name].value) < (1.0 if name == "EX(0C)B" else 2e-3), name  # a machine, not a mistake
+    lost = {n for n in solution.model.names if np.isnan(location_parameter(solution, n).value)}
     assert {"EX0C", "EY0C", "EZ0B"} <= lost
+    assert np.isnan(found["EX0B"].value)  # B rides on C, whose place is that of the sphere
     said = " ".join((*solution.statements, *solution.notes))
     assert all(name in said for name in lost)

@@ -22,6 +22,7 @@ from support.model_files import (
 )
 from support.quick_fit import quick_fit
 
+from volid.fitting.location_errors import location_parameter
 from volid.uncertainty.trials.refit import Refitter
 
 pytestmark = pytest.mark.slow
@@ -62,7 +63,7 @@ def compare(solution, rows, found, true) -> Comparison:
 def locations(solution, found, truths) -> Comparison:
     """Determined location errors of the rotary axes; their u is asserted, the rest is named."""
     names = [n for n in solution.model.names if n[2] == "0" and n[3] in "ABC"]
-    known = [solution.location(n) for n in names]
+    known = [location_parameter(solution, n) for n in names]
     lost = {v.name for v in known if np.isnan(v.value)}
     head = [a for a in solution.machine.axes if not a.is_linear and not a.primed]
     # three places of a head are those of sphere and table; a nutating one mixes its Z with Y, and so with EY0C

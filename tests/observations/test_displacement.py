@@ -13,6 +13,7 @@ from support.sets import assert_same_set
 from volid.campaign import Campaign, standard_uncertainty
 from volid.exceptions import InputError, OutputError
 from volid.fitting.fit import fit
+from volid.fitting.location_errors import location_parameter
 from volid.io import load_campaign, write_campaign, write_manifest
 from volid.observations import KINDS
 from volid.observations.base import NuisanceTable
@@ -77,7 +78,7 @@ def test_the_fit_finds_location_errors_and_motions_of_a_tilting_table():
     names = [n for n in solution.model.names if "0" in n]
     assert set(names) == set(truth.constants)
     for name in names:
-        found = solution.location(name)
+        found = location_parameter(solution, name)
         assert abs(found.value - truth.constants[name]) < 4 * found.u, name
         assert found.u < (8e-6 if name[1] in "ABC" else 8e-4), name
     for name in solution.model.segments:

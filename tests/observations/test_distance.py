@@ -13,6 +13,7 @@ from support.sets import assert_same_set
 
 from volid.campaign import Campaign, ObservationSet, Station
 from volid.exceptions import InputError
+from volid.fitting.location_errors import location_parameter
 from volid.io import load_campaign, write_campaign, write_manifest
 from volid.observations import KINDS
 from volid.observations.base import NuisanceTable
@@ -128,7 +129,7 @@ def test_reflectors_on_the_table_seen_from_the_bed_identify_both_rotary_axes():
     assert solution.statements == () and len(solution.nuisance_table) == 12 + 9  # stations held, reflectors shared
     assert abs(np.sqrt(solution.adequacy.chi_square / solution.adequacy.degrees_of_freedom) - 1.0) < 0.1
     for name, value in truth.constants.items():
-        row = solution.location(name)
+        row = location_parameter(solution, name)
         assert row.u < (2e-6 if name[1] in "ABC" else 0.0005)
         assert abs(row.value - value) < 3.5 * row.u, name
     normalised = []

@@ -8,6 +8,8 @@ from support.machines import exact_machine as usual
 from support.quick_fit import quick_fit
 from support.rtests import NOISE, r_test, r_test_campaign
 
+from volid.fitting.location_errors import location_parameter
+
 pytestmark = pytest.mark.slow
 
 TRAVEL = (-540.0, 540.0)  # C makes three turns: its errors repeat every 360°
@@ -51,7 +53,7 @@ def test_cross_effects_over_the_tilt_and_three_turns_of_the_table():
     weight = np.sqrt(solution.adequacy.chi_square / solution.adequacy.degrees_of_freedom)
     assert 0.95 < weight < 1.05, weight  # 2520 readings of 0.5 µm: the functions leave less than a tenth of that
     for name, value in CONSTANTS.items():
-        row = solution.location(name)
+        row = location_parameter(solution, name)
         assert row.u < (1e-6 if name[1] in "ABC" else 0.0002) and abs(row.value - value) < 4.0 * row.u, name
     # the functions as the machine shows them: deviation at pairs of rotary positions, a turn apart as well
     rng = np.random.default_rng(8)

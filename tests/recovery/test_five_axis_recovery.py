@@ -13,6 +13,7 @@ from support.rtests import r_test, r_test_campaign, rotary_only
 
 from volid.compensation.grids.rotary import rotary_grids
 from volid.fitting.fit import fit
+from volid.fitting.location_errors import location_parameter
 
 # 13 positions of the tilting axis carry no more than 13 coefficients
 FINE_ENOUGH = "\n{} = {{ segments = 9 }}"
@@ -31,7 +32,7 @@ def identified(layout, seed):
 
 def normalised(solution, truth, exact):
     """(value - truth)/u of the determined location errors, and of the error motions at 25 positions each."""
-    locations = [solution.location(n) for n in solution.model.names if n[2] == "0"]
+    locations = [location_parameter(solution, n) for n in solution.model.names if n[2] == "0"]
     locations = [v for v in locations if np.isfinite(v.value)]
     constants = np.array([(v.value - truth.constants.get(v.name, 0.0)) / v.u for v in locations])
     motions = []
@@ -47,7 +48,7 @@ def grids_exist(solution):
     """Grids can be made although a head's place is a matter of datum; what is held is named."""
     grids = rotary_grids(solution, points=5)
     assert all(g.determined.all() and np.isfinite(g.u).all() for g in grids)
-    held = [n for n in solution.model.names if n[2] == "0" and np.isnan(solution.location(n).value)]
+    held = [n for n in solution.model.names if n[2] == "0" and np.isnan(location_parameter(solution, n).value)]
     for name in (n for n in held if n[3] in "ABC"):
         assert any(name in note for grid in grids for note in grid.notes)
 

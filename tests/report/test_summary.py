@@ -147,7 +147,9 @@ def test_micrometres_and_microradians_with_their_uncertainty(text, data):
     numbers = re.findall(r"-?\d+\.\d+", row)
     assert float(numbers[0]) == pytest.approx(constant["value"] * 1e6, abs=0.06)
     assert float(numbers[1]) == pytest.approx(constant["U"] * 1e6, abs=0.06)
-    assert "µm/m" in row
+    assert "µm/m" in row and "EC(0X)Y, angle between +X and +Y" in row
+    assert constant["symbol"] == "EC(0X)Y" and abs(constant["value"]) > constant["U"]
+    assert ("larger than 90°" in row) == (constant["value"] > 0)  # +Y leans to -X
     function = next(f for f in data["functions"] if f["name"] == "EXX")
     words = line(text, "EXX").split()
     assert words[1:4] == ["positioning", "of", "X"]
@@ -215,9 +217,10 @@ def test_location_errors_of_a_rotary_axis(rotary_solution):
     found = rotary_solution.location("EX0C").value
     row = line(text, "EX0C")
     assert "error of the position of C in X direction" in row
-    value, of_line = (float(x) for x in row.split("direction")[1].split()[:2])
-    assert value == pytest.approx(1e3 * found, abs=0.06) and of_line == -value  # C' carries the workpiece
-    assert "axis line" in line(text, "location") and all(len(row) <= WIDTH for row in text.splitlines())
+    value = float(row.split("direction")[1].split()[0])
+    parameter = float(rotary_solution.parameters[rotary_solution.model.by_name["EX0C", "location"].parameters.start])
+    assert value == pytest.approx(1e3 * found, abs=0.06) and found == -parameter  # C' carries the workpiece
+    assert "axis average line in the machine frame" in text and all(len(row) <= WIDTH for row in text.splitlines())
     assert "V_XYZC, ranges" in text
     assert "not in the model: EXX, EYX, EZX, EAX, EBX, ECX, … (18 functions)" in text
     assert "not predicted: the model leaves out error functions" in text

@@ -8,6 +8,7 @@ from exact_chain import Truth
 
 from volid.campaign import Campaign, ObservationSet
 from volid.fitting.diagnosis.adequacy import Adequacy
+from volid.fitting.location_errors import location_parameter
 from volid.fitting.results import Residuals, Statistics
 from volid.fitting.solution import Solution
 from volid.model.error_functions import spline_axes
@@ -64,5 +65,5 @@ def truth_of(solution: Solution) -> Truth:
     def function(name: str):
         return lambda q: (solution.motion_rows(name, np.ravel(q), 0) @ theta).reshape(np.shape(q))
 
-    constants = {n: solution.location(n).value for n in solution.model.names if parse(n).location}
+    constants = {n: location_parameter(solution, n).value for n in solution.model.names if parse(n).location}
     return Truth({n: function(n) for n in solution.model.names if not parse(n).location}, constants)

@@ -41,7 +41,7 @@ VERBS = {
     "tables": ("tables", "error or compensation tables per function, for controls that know single-axis functions"),
     "locations": (
         "locations",
-        "location errors of the rotary axes: parameter and axis line, relative to the machine or to another axis",
+        "location errors of the rotary axes: axis average lines, relative to the machine or to another axis",
     ),
     "grid": ("grid", "spatial grid of compensation (or error) values over the working volume"),
     "residual": (

@@ -17,14 +17,39 @@ if TYPE_CHECKING:
 
 def assignments(text: str) -> dict[str, float]:
     """ "X=500,Y=300" as numbers by axis letter, for argparse."""
-    found = {}
+    found: dict[str, float] = {}
     try:
         for part in text.split(","):
             key, value = part.split("=")
+            _refuse_twice(key.strip(), found)
             found[key.strip()] = float(value)
     except ValueError:
         raise argparse.ArgumentTypeError(f"'{text}' is no list of positions; expected such as X=500,Y=300") from None
     return found
+
+
+def _refuse_twice(letter: str, found: dict[str, Any]) -> None:
+    """Raises `ArgumentTypeError` for an axis that already has a value, which the new one would replace unseen."""
+    if letter in found:
+        raise argparse.ArgumentTypeError(f"{letter} is given twice; expected every axis once")
+
+
+class ByAxis(argparse.Action):
+    """Values by axis letter; a repeated option adds its axes to those of the first, and an axis twice is refused."""
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: Any,
+        option_string: str | None = None,
+    ) -> None:
+        """Called by argparse for every occurrence of the option."""
+        before = getattr(namespace, self.dest) or {}
+        twice = sorted(set(before) & set(values))
+        if twice:
+            parser.error(f"argument {option_string}: {', '.join(twice)} is given twice; expected every axis once")
+        setattr(namespace, self.dest, {**before, **values})
 
 
 def add_types(parser: argparse.ArgumentParser) -> None:
@@ -44,6 +69,7 @@ def add_base(parser: argparse.ArgumentParser, tool_help: str) -> None:
         "--at",
         metavar="X=..,Y=..",
         type=assignments,
+        action=ByAxis,
         help="where the specific lines cross; default: the datum's origin",
     )
     parser.add_argument("--tool", metavar="x,y,z", type=tool_vector, help=tool_help)
@@ -77,11 +103,12 @@ def add_sampling(parser: argparse.ArgumentParser, kind: str) -> None:
 
 def spans(text: str) -> dict[str, tuple[float, float]]:
     """ "X=0:500,Y=0:300" as lowest and highest position by axis letter, for argparse."""
-    found = {}
+    found: dict[str, tuple[float, float]] = {}
     try:
         for part in text.split(","):
             key, value = part.split("=")
             low, high = value.split(":")
+            _refuse_twice(key.strip(), found)
             found[key.strip()] = (float(low), float(high))
     except ValueError:
         raise argparse.ArgumentTypeError(f"'{text}' is no list of ranges; expected such as X=0:500,Y=0:300") from None
@@ -94,7 +121,8 @@ def add_range(parser: argparse.ArgumentParser, kind: str) -> None:
         "--range",
         metavar="X=0:500",
         type=spans,
-        help=f"lowest and highest of the {kind} by axis; default: the part of the travel that was measured",
+        action=ByAxis,
+        help=f"lowest and highest of the {kind} by axis, repeated or in one list; default: what was measured",
     )
     parser.add_argument(
         "--extrapolate",
@@ -114,7 +142,7 @@ def add_rounding(parser: argparse.ArgumentParser, kind: str) -> None:
     """--increment, --angle-increment, --zero."""
     parser.add_argument("--increment", metavar="D", type=float, help="least increment of lengths, mm")
     parser.add_argument("--angle-increment", metavar="D", type=float, help="least increment of rotations, degrees")
-    parser.add_argument("--zero", metavar="X=..", type=assignments, help=f"where {kind} are zero")
+    parser.add_argument("--zero", metavar="X=..", type=assignments, action=ByAxis, help=f"where {kind} are zero")
 
 
 def sampling_of(args: argparse.Namespace, spacing: str = "equal") -> Sampling:
@@ -138,7 +166,9 @@ def prepared(
 ) -> tuple[Solution, list[str]]:
     """The solution in the datum asked for, rigid, and beyond what was measured when asked for; notes about what that does."""
     notes: list[str] = []
+    known = len(solution.notes)
     solution = in_frame(solution, args)
+    notes += solution.notes[known:]
     if args.rigid:
         import numpy as np
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 
-from volid.cli.common import add_output, add_solution, attention, check_output, conclude, explain, print_json
+from volid.cli.common import add_output, add_solution, attention, check_output, conclude, explain, print_json, tell
 from volid.cli.progress import Progress
 
 HELP = "the same solution in another datum, without a new fit"
@@ -14,7 +14,8 @@ _EPILOG = """\
 An S-transformation of parameters, stations and covariance: deviations change by a rigid motion of
 the workpiece frame only. Keys: primary, secondary (axis letters), line (least_squares or
 end_point), reference_X, reference_Y, reference_Z (mm, where the functions are zero). What is left
-out stays as the machine file has it.
+out stays as the machine file has it. A reference outside the measured range is moved to its nearest
+end, and said.
 
 example:
   volid datum solution.h5 --to primary=Z,secondary=X -o solution_z.h5
@@ -51,8 +52,10 @@ def run(args: argparse.Namespace) -> int:
         moved = replace(moved, provenance=dict(solution.provenance) | record)
         write_solution(moved, args.output, args.force)
     old, new = (describe_datum(s.machine, s.datum) for s in (solution, moved))
+    notes = moved.notes[len(solution.notes) :]
     if args.json:
-        print_json({"output": args.output, "from": old, "to": new, "attention": attention(moved)})
+        print_json({"output": args.output, "from": old, "to": new, "notes": notes, "attention": attention(moved)})
     else:
         print(f"from: {old}\nto:   {new}\nwritten: {args.output}")
+    tell(args, notes)
     return conclude(args, attention(moved))

@@ -10,9 +10,10 @@ HELP = "table of the error functions and location errors with their uncertainty"
 
 _EPILOG = """\
 Columns function,axis,position,direction,value,u: translations in mm, rotations in rad, positions
-in mm or degrees over the measured range; location errors have an empty position; functions with
-reversal have direction +1 and -1, others 0; a cell is empty where the data do not determine the
-value. Functions of two axes are tabulated at the other axis's reference. From a solution with Monte
+in mm or degrees over the measured range; functions with reversal have direction +1 and -1, others
+0; a cell is empty where the data do not determine the value. Location errors have an empty
+position, and as value that of the axis average line in the machine frame, as ISO 230-1 means it and
+volid locations has it as axis_line. Functions of two axes are tabulated at the other axis's reference. From a solution with Monte
 Carlo samples (volid uncertainty): also U = 2 u and the 95 % coverage intervals low … high
 (symmetric in probability) and shortest_low … shortest_high.
 

@@ -1,4 +1,4 @@
-"""`volid locations`: location errors of the rotary axes, parameter and axis line."""
+"""`volid locations`: location errors of the rotary axes, axis line and parameter."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ import argparse
 
 from volid.cli.common import add_output, add_solution, attention, check_output, conclude, explain, write_sheet
 
-HELP = "location errors of the rotary axes: parameter and axis line, relative to the machine or to another axis"
+HELP = "location errors of the rotary axes: axis average lines, relative to the machine or to another axis"
 
 _EPILOG = """\
 Columns location_error,axis,relative_to,parameter,axis_line,u,remark: two positions (mm) and two
-orientations (rad) of every rotary axis. parameter: error of the tool relative to the workpiece, as
-ISO 230-1 names it (EX0C, EA0C); axis_line: where the physical axis line stands, machine directions,
-other axes at 0: for an axis that carries the workpiece, minus the parameter. u holds for both; a
-cell is empty where the data do not determine the value. Relative to the machine frame an axis that
-another one carries has the errors of both; relative to that one, EX(0A)C, it has its own.
+orientations (rad) of every rotary axis. axis_line: what ISO 230-1 means by the symbol (EX0C, EA0C):
+where the axis average line stands, machine directions, other axes at 0. parameter: parameter, tool
+relative to workpiece; for an axis that carries the workpiece, minus the axis line. u holds for
+both; a cell is empty where the data do not determine the value. Relative to the machine frame an
+axis that another one carries has the errors of both; relative to that one, EX(0A)C, its own.
 
 example:
   volid locations solution.h5 --relative-to A -o locations.csv

@@ -20,6 +20,7 @@ from volid.cli.common import (
     write_sheet,
 )
 from volid.cli.compensation_options import (
+    ByAxis,
     add_base,
     add_range,
     assignments,
@@ -88,7 +89,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def _add_motion(parser: argparse.ArgumentParser) -> None:
     """What the axes can do, and may be asked for."""
     parser.add_argument(
-        "--increment", metavar="X=..", type=assignments, help="least increments of the axes, mm or degrees"
+        "--increment",
+        metavar="X=..",
+        type=assignments,
+        action=ByAxis,
+        help="least increments of the axes, mm or degrees",
     )
     parser.add_argument("--clamp", metavar="A,C", help="axes that stay clamped")
     parser.add_argument("--poles", choices=("limit", "keep out"), default="limit", help="near kinematic poles")
@@ -96,9 +101,11 @@ def _add_motion(parser: argparse.ArgumentParser) -> None:
         "--pole-margin", metavar="D", type=float, default=5.0, help="where that begins, degrees; default 5"
     )
     parser.add_argument(
-        "--limit", metavar="X=..", type=assignments, default={}, help="largest correction, mm or degrees"
+        "--limit", metavar="X=..", type=assignments, action=ByAxis, default={}, help="largest correction, mm or degrees"
     )
-    parser.add_argument("--speed-limit", metavar="X=..", type=assignments, default={}, help="largest speed, per minute")
+    parser.add_argument(
+        "--speed-limit", metavar="X=..", type=assignments, action=ByAxis, default={}, help="largest speed, per minute"
+    )
     parser.add_argument("--feed", metavar="F", type=float, default=LINEAR_FEED, help=f"mm/min; default {LINEAR_FEED:g}")
     parser.add_argument(
         "--turn", metavar="F", type=float, default=ROTARY_FEED, help=f"degrees/min; default {ROTARY_FEED:g}"

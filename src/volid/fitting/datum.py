@@ -29,7 +29,7 @@ def parse_datum(machine: Machine, text: str) -> Datum:
         text: pairs of key and value: primary, secondary, line, and reference_ with an axis letter [mm or degrees].
 
     Raises:
-        InputError: an unknown key, an axis that the machine does not have, or primary equal to secondary.
+        InputError: an unknown key or one given twice, an axis that the machine does not have, or primary equal to secondary.
 
     >>> import volid
     >>> volid.parse_datum(volid.load_machine("models/wYXbZt_vertical.toml"), "primary=Z,secondary=X").primary
@@ -37,8 +37,12 @@ def parse_datum(machine: Machine, text: str) -> Datum:
     """
     values = {"primary": machine.datum.primary, "secondary": machine.datum.secondary, "line": machine.datum.line}
     reference = dict(machine.datum.reference)
+    seen: set[str] = set()
     for part in filter(None, (p.strip() for p in text.split(","))):
         key, _, value = (x.strip() for x in part.partition("="))
+        if key in seen:
+            raise InputError(f"datum: {key} is given twice; expected every key once")
+        seen.add(key)
         if key.startswith("reference_"):
             reference[machine.axis(key.removeprefix("reference_")).letter] = _number(key, value)
         elif key in values:
@@ -57,9 +61,12 @@ def parse_datum(machine: Machine, text: str) -> Datum:
 
 def _number(key: str, value: str) -> float:
     try:
-        return float(value)
+        number = float(value)
     except ValueError:
-        raise InputError(f"datum: {key} = '{value}' is not a number") from None
+        number = np.nan
+    if not np.isfinite(number):
+        raise InputError(f"datum: {key} = '{value}' is not a number; expected a position in mm or degrees")
+    return number
 
 
 def sample_points(machine: Machine, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -23,6 +23,7 @@ from volid.fitting.equations.solver import solve
 from volid.fitting.fitter import Method
 from volid.fitting.open_frame import in_open_frame
 from volid.fitting.prior import check_prior, prior_notes, prior_of, stated_segments
+from volid.fitting.remarks import remarks
 from volid.fitting.segments import segments_of
 from volid.fitting.shape_notes import shape_notes
 from volid.fitting.smooth_fit import SmoothFit
@@ -227,7 +228,9 @@ class Stages:
             fitter.scatter = dict(earlier)
             found = Assembly(fitter, outliers).solution(self.warnings, options, self.task.starts, every)
         found = in_open_frame(found)
-        return replace(found, campaign=self.measured, notes=(*found.notes, *shape_notes(found, fitter.found.weak)))
+        notes = (*found.notes, *shape_notes(found, fitter.found.weak))
+        found = replace(found, campaign=self.measured)
+        return replace(found, notes=(*notes, *remarks(found)))
 
 
 def _fit(

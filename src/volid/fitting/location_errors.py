@@ -1,8 +1,6 @@
-"""Location errors of rotary axes as a table in ISO notation: the parameter and the axis line, relative to what was asked for.
+"""Location errors of rotary axes as a table in ISO notation: the axis average line, relative to what was asked for.
 
-Every stator error between the bed and an axis displaces and tilts its line: δ(x) = ± Σ (e + ω × (x - p)). The sign is + on the
-tool side, and - on the workpiece side, because parameters describe the tool relative to the workpiece and the physical line
-moves the other way (CONVENTIONS 3). The error motions have zero mean, so these are axis average lines (ISO 230-7).
+`volid.model.axis_lines` has the formula and the sign: minus that of the parameter for an axis that carries the workpiece.
 """
 
 from __future__ import annotations
@@ -16,12 +14,12 @@ from volid.exceptions import InputError
 from volid.fitting.prediction.spread import linear_uncertainty
 from volid.fitting.results import FunctionValue
 from volid.fitting.solution import Solution
+from volid.model.axis_lines import MACHINE, full_symbol, line_row
 from volid.model.error_functions import reference_of
+from volid.model.error_model import LOCATION
 from volid.model.geometry import skew
-from volid.model.iso230 import DIRECTIONS, ROTARY_AXES
+from volid.model.iso230 import DIRECTIONS, ROTARY_AXES, parse
 from volid.model.machine import Axis
-
-MACHINE = "machine"
 
 
 @dataclass(frozen=True)
@@ -32,9 +30,10 @@ class LocationError:
         name: ISO 230-1 symbol, such as EX0C.
         axis: letter of the axis.
         relative_to: "machine" or the letter of a rotary axis.
-        parameter: the error, tool relative to workpiece.
-        line: displacement or tilt of the physical axis line at the nominal `point` of the axis, machine frame directions, other
-            axes at 0; minus the parameter for an axis that carries the workpiece.
+        parameter: parameter, tool relative to workpiece: minus `line` for an axis that carries the workpiece. An axis that
+            another one carries has the sum of both relative to the machine frame, lever arm included.
+        line: what the symbol means: displacement or tilt of the axis average line at the nominal `point` of the axis, machine
+            frame directions, other axes at 0.
         u: standard uncertainty of both; NaN where the data do not determine them.
         remark: what else a reader should know.
 
@@ -55,9 +54,7 @@ class LocationError:
     @property
     def symbol(self) -> str:
         """The symbol with its datum axis in brackets, EB(0A)C, or as ISO 230-1 has it for the machine frame, EB0C."""
-        if self.relative_to == MACHINE:
-            return self.name
-        return f"{self.name[:2]}(0{self.relative_to}){self.axis}"
+        return full_symbol(self.name, self.relative_to)
 
 
 def location_errors(solution: Solution, relative_to: str | None = None) -> list[LocationError]:
@@ -101,42 +98,41 @@ def location_errors(solution: Solution, relative_to: str | None = None) -> list[
 
 
 def _of_axis(solution: Solution, axis: Axis, datum: Axis | None) -> list[LocationError]:
-    functional = _line_rows(solution, axis, axis.point)
-    if datum is not None:
-        functional = functional - _line_rows(solution, datum, axis.point)
-    functional = np.concatenate([axis.frame.T @ functional[:3], axis.frame.T @ functional[3:]])
     sign = -1.0 if axis.primed else 1.0
     along = ROTARY_AXES.index(axis.letter)
-    result = []
+    to, result = MACHINE if datum is None else datum.letter, []
     for k in (i for i in range(6) if i % 3 != along):
-        row = functional[k]
+        name = f"E{DIRECTIONS[k]}0{axis.letter}"
+        row = line_row(solution.model, name, to)
         line = float(row @ np.asarray(solution.parameters))
         u = float(linear_uncertainty(row, solution.parameter_covariance))
         if solution.is_not_determined(row[None])[0]:
             line, u = np.nan, np.nan
-        name, to = f"E{DIRECTIONS[k]}0{axis.letter}", MACHINE if datum is None else datum.letter
         result.append(LocationError(name, axis.letter, to, sign * line, line, u, _remark(axis, k, datum)))
     return result
 
 
-def _line_rows(solution: Solution, axis: Axis, at: tuple[float, float, float]) -> np.ndarray:
-    """Displacement of the axis's physical line at point `at` and its rotation, machine frame, as rows on θ; (6, n)."""
-    machine, rows = solution.machine, np.zeros((6, solution.model.n_parameters))
-    first = machine.index(axis.letter)
-    for i, carrier in enumerate(machine.axes):
-        between = i >= first if axis.primed else i <= first
-        if carrier.is_linear or carrier.primed != axis.primed or not between:
-            continue
-        constants = np.zeros_like(rows)
-        for k, d in enumerate(DIRECTIONS):
-            f = solution.model.by_name.get((f"E{d}0{carrier.letter}", "location"))
-            if f is not None:
-                constants[k, f.parameters] = 1.0
-        translation, rotation = carrier.frame @ constants[:3], carrier.frame @ constants[3:]
-        lever = np.asarray(at) - np.asarray(carrier.error_point)
-        rows[:3] += translation + np.cross(rotation, lever[:, None], axis=0)
-        rows[3:] += rotation
-    return -rows if axis.primed else rows
+def location_parameter(solution: Solution, name: str) -> FunctionValue:
+    """The model's parameter of a constant, tool relative to workpiece, with its standard uncertainty; NaN if not determined.
+
+    This is what a virtual machine takes (`volid.Truth`) and what adds to the error motions of the axis. ISO 230-1 means the axis
+    average line by the symbol, `Solution.location`, which for an axis that carries the workpiece has the other sign.
+
+    Args:
+        solution: A solution.
+        name: Symbol of a constant in the model (KeyError for another one).
+
+    >>> import volid
+    >>> solution = volid.fit(volid.load_campaign("datasets/five_axis_rtest/campaign.toml"))
+    >>> round(1e3 * volid.location_parameter(solution, "EX0C").value, 1), round(1e3 * solution.location("EX0C").value, 1)
+    (-19.6, 19.6)
+    """
+    i = solution.model.by_name[name, LOCATION].parameters.start
+    unit = np.eye(solution.model.n_parameters)[i : i + 1]
+    value, u = float(np.asarray(solution.parameters)[i]), float(np.sqrt(np.asarray(solution.covariance)[i, i]))
+    if solution.is_not_determined(unit)[0] or name in solution.held_tool_rotation:
+        value, u = np.nan, np.nan
+    return FunctionValue(name, parse(name).axis, np.nan, 0, value, u)
 
 
 def _remark(axis: Axis, component: int, datum: Axis | None) -> str:
@@ -155,8 +151,9 @@ def _remark(axis: Axis, component: int, datum: Axis | None) -> str:
 class Split(NamedTuple):
     """Error motions of a rotary axis taken apart (CONVENTIONS 4): `location` and `corotating` by symbol, `motions` (m, 6).
 
-    `location`: constants EX0C, …, the zero included. `corotating`: the vectors fixed in the rotor, radial [mm] and tilt
-    [rad], at position 0, shape (2, 3): errors of the neighbouring axis, of the workpiece's or the tool's place.
+    `location`: parameters, tool relative to workpiece, by the symbols of the model, the zero included. `corotating`: the vectors
+    fixed in the rotor, radial [mm] and tilt [rad], at position 0, shape (2, 3): errors of the neighbouring axis, of the
+    workpiece's or the tool's place.
     """
 
     location: dict[str, float]

@@ -20,7 +20,7 @@ POINTS = 21  # of a function, and of a wave
 def shape_notes(solution: Solution, weak: Sequence[Weak]) -> Iterator[str]:
     """Sentences for the notes of a solution."""
     for found in weak:
-        named = ", ".join(f"{n} (u up to {_largest_u(solution, n)})" for n in found.names)
+        named = ", ".join(f"{n} ({_largest_u(solution, n)})" for n in found.names)
         yield f"weakly determined, with a large u: {named}: {found.reason}"
     yield from _equidistant(solution)
     waves = [f.name for f in solution.model.functions if f.part == WAVES]
@@ -49,13 +49,16 @@ def _equidistant(solution: Solution) -> Iterator[str]:
 
 
 def _largest_u(solution: Solution, name: str) -> str:
+    """ "u up to 3 µm"; of a constant that has no value in the machine frame, such as that of a carried axis, only this."""
     if (name, LOCATION) in solution.model.by_name:
         u = solution.location(name).u
     else:
         travel = solution.machine.axis(parse(name).axis).travel
         rows = solution.motion_rows(name, np.linspace(*travel, POINTS), 0)
         u = float(linear_uncertainty(rows, solution.parameter_covariance).max())
-    return f"{1e6 * u:.3g} µrad" if parse(name).is_rotation else f"{1e3 * u:.3g} µm"
+    if not np.isfinite(u):
+        return "no value in the machine frame"
+    return f"u up to {1e6 * u:.3g} µrad" if parse(name).is_rotation else f"u up to {1e3 * u:.3g} µm"
 
 
 def _wave(solution: Solution, name: str) -> str:

@@ -9,6 +9,8 @@ import numpy as np
 from volid.backend.even_points import every_step
 from volid.fitting.prediction.spread import linear_uncertainty
 from volid.fitting.results import FunctionValue
+from volid.model.axis_lines import MACHINE, LineRow, line_row
+from volid.model.error_model import LOCATION
 from volid.model.iso230 import describe, parse
 
 if TYPE_CHECKING:
@@ -21,7 +23,7 @@ def functions(solution: Solution, step: float | None, points: int) -> list[Funct
     """All functions: motions tabulated over the travels, and constants."""
     rows = []
     for name in solution.model.names:
-        if (name, "location") in solution.model.by_name:
+        if (name, LOCATION) in solution.model.by_name:
             rows.append(location(solution, name))
         else:
             rows += motion(solution, name, _positions(solution, name, step, points))
@@ -38,13 +40,19 @@ def _positions(solution: Solution, name: str, step: float | None, points: int) -
 
 
 def location(solution: Solution, name: str) -> FunctionValue:
-    """A constant with its standard uncertainty; NaN when the data do not determine it."""
-    i = solution.model.by_name[name, "location"].parameters.start
-    fixed = name in solution.held_tool_rotation
-    unknown = bool(solution.is_not_determined(np.eye(solution.model.n_parameters)[i : i + 1])[0]) or fixed
-    value, u = float(np.asarray(solution.parameters)[i]), float(np.sqrt(np.asarray(solution.covariance)[i, i]))
+    """A constant with its standard uncertainty, location errors as axis average line in the machine frame; NaN when the data do
+    not determine it. Raises `KeyError` for a constant that is not in the model."""
+    _ = solution.model.by_name[name, LOCATION]
+    return constant(solution, LineRow(name, name, MACHINE, line_row(solution.model, name)))
+
+
+def constant(solution: Solution, line: LineRow) -> FunctionValue:
+    """The value of one of the rows of `volid.model.axis_lines.constant_rows`, under its symbol."""
+    unknown = bool(solution.is_not_determined(line.row[None])[0]) or line.name in solution.held_tool_rotation
+    value = float(line.row @ np.asarray(solution.parameters))
+    u = float(linear_uncertainty(line.row, solution.parameter_covariance))
     value, u = (np.nan, np.nan) if unknown else (value, u)
-    return FunctionValue(name, parse(name).axis, np.nan, 0, value, u)
+    return FunctionValue(line.symbol, parse(line.name).axis, np.nan, 0, value, u)
 
 
 def motion(solution: Solution, name: str, positions: Float[np.ndarray, " m"]) -> list[FunctionValue]:

@@ -27,6 +27,7 @@ from volid.io.basics.csv_table import CsvTable, read_csv
 from volid.io.basics.hdf5_values import to_json
 from volid.io.basics.provenance import sha256
 from volid.io.campaign.sets import TOOL_COLUMNS, read_directions
+from volid.model.axis_lines import AXIS_LINE
 from volid.model.error_functions import describe_datum
 from volid.model.iso230 import parse
 from volid.model.machine import Machine
@@ -211,12 +212,13 @@ def functions_sheet(
     source: str | Path | None = None,
     intervals: Intervals | None = None,
 ) -> Sheet:
-    """Tabulated error functions and location errors; a location error has an empty position.
+    """Tabulated error functions and location errors; a location error has an empty position, and the value of its axis line.
 
     `intervals`: coverage intervals, from a solution with samples.
     """
     meaning = {
-        "values": "error functions and location errors of the tool relative to the workpiece; translations mm, rotations rad",
+        "values": "error functions, tool relative to workpiece, and constants; translations mm, rotations rad",
+        "location errors": f"{AXIS_LINE} (ISO 230-1), at the axis's nominal point",
         "u": "standard uncertainty (k = 1); an empty cell is not determined by the data",
         "direction": "approach direction, +1 or -1; 0: both alike (mean)",
     }
@@ -234,6 +236,7 @@ def budget_sheet(lines: Sequence[Line], solution: Solution, source: str | Path |
     """The uncertainty budget, one row per output and source; NaN where a source has no single u."""
     meaning = {
         "values": "contributions to the standard uncertainty u (k = 1), in the unit of the output; their squares add up to u²",
+        "location errors": AXIS_LINE,
         "sensitivity": "contribution / u_source; an empty cell: the source has members of several u",
     }
     return Sheet(meaning | source_lines(solution, source), BUDGET_COLUMNS, [tuple(line) for line in lines])

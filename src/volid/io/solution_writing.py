@@ -14,6 +14,7 @@ from volid.fitting.results import SmoothPrior
 from volid.fitting.solution import Solution
 from volid.io.basics.hdf5_values import to_json, write_array, write_text
 from volid.io.nuisance import write_nuisance
+from volid.model.axis_lines import AXIS_LINE, is_of_a_line
 from volid.model.error_model import LOCATION, MEAN
 from volid.model.iso230 import describe, parse
 from volid.model.machine import Datum
@@ -63,6 +64,8 @@ def write_functions(group: h5py.Group, solution: Solution) -> None:
         function = group.create_group(name)
         function.attrs["description"] = describe(name)
         function.attrs["axis"], function.attrs["unit"] = error.axis, error.unit
+        if is_of_a_line(name):
+            function.attrs["refers_to"] = AXIS_LINE
         axis = None if error.location else solution.machine.axis(error.axis)
         write_array(function, "position", [row.position for row in rows], unit="" if axis is None else axis.unit)
         write_array(function, "direction", [row.direction for row in rows], np.int8)

@@ -6,14 +6,16 @@ Root attributes: `format`; `machine_name`; `axes` (letters, machine axis order);
 - `machine`: text of the machine file, scalar. `campaign/`: the complete campaign, laid out as a `volid-campaign/1` file.
 - `datum/`: attributes `primary`, `secondary`, `line`; `reference` (JSON text: axis -> position that overrides its own).
 - `functions/<ISO 230-1 symbol>/`, for those who only want to read: attributes `description`, `axis`, `unit`, `segments`;
-  `position` (p,) (NaN for a constant), `direction` (p,), `value` and `u` (p,), NaN where the data do not determine it; a
-  function of two axes stands at the other's reference. An error motion also has `coefficients`, one dimension per entry of its
-  attributes `spline_axes`, `spline_low`, `spline_high`, `spline_segments`, `spline_degree`, `spline_periodic`:
+  `position` (p,) (NaN for a constant), `direction` (p,), `value` and `u` (p,), NaN where the data do not determine it. A location
+  error is that of the axis average line in the machine frame, as its attribute `refers_to` says; a function of two axes stands at
+  the other's reference. An error motion also has `coefficients`, one dimension per entry of its attributes `spline_axes`,
+  `spline_low`, `spline_high`, `spline_segments`, `spline_degree`, `spline_periodic`:
   f(q) = Σ c_i B_i(q) with uniform knots low + (high - low)/segments · (i - degree); when periodic, q is taken into
   [low, high) and c_i goes on with c_(i - segments).
   `reversal_coefficients` likewise: B = E(+) - E(-); a single number when B is constant.
 - `parameters/`: `label`, `function` (several, joined by +, when their datum rules couple them), `part`, `unit`, `value`, `u`,
-  each (n,): coordinates of the coefficients in a basis that keeps to the datum. `model/`: attributes `segments` and `carrier`
+  each (n,): coordinates of the coefficients in a basis that keeps to the datum; constants as parameters, tool relative to
+  workpiece. `model/`: attributes `segments` and `carrier`
   (JSON texts: symbol -> intervals within the measured range, and in which coefficients are stored) and `ranges` (JSON text: axis
   letter -> measured range, which functions and datum refer to), `parametrisation` P (c, n) and `coefficients` P θ (c,).
 - `nuisance/`: `name`, `unit`, `value`, `u`, each (k,), and what the fit began with: `start`, `prior_u` (inf: unknown, 0:

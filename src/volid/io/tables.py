@@ -22,11 +22,12 @@ import numpy as np
 
 from volid.compensation.rounding import round_to
 from volid.compensation.tables.error_table import COLUMNS, DIFFERENCE, ITSELF, MODEL, VALUE, ErrorTable
+from volid.compensation.tables.meaning import meaning_of
 from volid.exceptions import InputError
 from volid.fitting.solution import Solution
 from volid.io.functions_csv import OUTSIDE, Sheet
 from volid.io.record import COMPENSATION, ERROR, SIGN, closing_lines, values_lines
-from volid.model.iso230 import LINEAR_AXES, describe, parse
+from volid.model.iso230 import LINEAR_AXES, parse
 
 FORMAT = "volid-table/1"
 ABSOLUTE, INCREMENTAL = "absolute", "incremental"
@@ -101,7 +102,7 @@ def table_header(
         "format": FORMAT,
         "type": table.type,
         "function": table.function,
-        "meaning": describe(table.function),
+        "meaning": meaning_of(table, solution.machine),
         **values_lines(values),
         "rows": INCREMENTAL if form.incremental else ABSOLUTE,
         "rows mean": _ROWS[INCREMENTAL if form.incremental else ABSOLUTE],

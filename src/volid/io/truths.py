@@ -7,7 +7,8 @@ Root attributes: `format`; `seed` (-1: none); `source` (text). Units: mm, rad, p
   3, cubic with not-a-knot ends (scipy.interpolate.make_interp_spline), or 1, straight lines.
 - `cross/<name>`: functions of two axes, added to `functions`: attribute `axis` (letter of the second one), `positions`
   (n,), `across` (p,) of the second axis, `values` (n, p), tensor product of the same splines.
-- `constants/`: `name` (k,), `value` (k,): squareness, location errors, tool-frame constants.
+- `constants/`: `name` (k,), `value` (k,): squareness, location errors, tool-frame constants, as parameters of the model: tool
+  relative to workpiece, as attribute `refers_to` says. An axis that carries the workpiece has its line on the other side.
 - `stations/`: `name` (k,), `position` (k, 3), true positions on their bodies. `instruments/`: `name` (k,), `value` (k,):
   dead paths, offsets and the like, by the names they have in a solution.
 """
@@ -27,6 +28,7 @@ from volid.io.basics.atomic import atomic_output
 from volid.io.basics.hdf5_values import is_hdf5, read_text, reading, write_array, write_text
 from volid.io.machines import format_machine, parse_machine
 from volid.io.solutions import read_solution
+from volid.model.axis_lines import PARAMETER
 from volid.virtual.truth import CrossTable, Table, Truth, truth_of_solution
 
 FORMAT = "volid-truth/1"
@@ -52,7 +54,9 @@ def write_truth(truth: Truth, path: str | Path, *, overwrite: bool = False) -> N
             group = parent.create_group(name)
             _write_table(group, cross)
             group.attrs["axis"] = other
-        _write_values(file.create_group("constants"), "value", truth.constants)
+        constants = file.create_group("constants")
+        constants.attrs["refers_to"] = PARAMETER
+        _write_values(constants, "value", truth.constants)
         _write_values(file.create_group("stations"), "position", truth.stations)
         _write_values(file.create_group("instruments"), "value", truth.instruments)
 

@@ -76,7 +76,9 @@ def motion(direction: str, axis: str) -> str:
 
 
 def describe(name: str) -> str:
-    """The symbol in words, as ISO 230-1 puts it; all describe the tool relative to the workpiece.
+    """The symbol in words, as ISO 230-1 puts it.
+
+    Error motions describe the tool relative to the workpiece, location errors where the line of a rotary axis stands.
 
     >>> describe("EYX")
     'straightness of X in Y direction'

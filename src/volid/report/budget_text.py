@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
+from volid.model.axis_lines import AXIS_LINE, is_of_a_line
 from volid.report.text import micro, paragraph, unit_of
 from volid.uncertainty.budget import Line
 from volid.uncertainty.lack_of_fit import LackOfFit
@@ -21,6 +22,7 @@ def format_budget(lines: Iterable[Line], lack_of_fit: LackOfFit) -> str:
     text = ["standard uncertainty u, k = 1, and what it is made of (share of u²); functions: RMS over the travel", ""]
     for name, lines_of_output in outputs.items():
         text += _entry(name, lines_of_output, width)
+    text += [f"location errors: {AXIS_LINE}"] if any(map(is_of_a_line, outputs)) else []
     text += ["", *paragraph(str(lack_of_fit), "lack of fit", 13)]
     return "\n".join(text)
 

@@ -73,7 +73,10 @@ def _function_panel(panel: Any, solution: Solution, name: str, truth: Mapping[st
 def location_errors(solution: Solution, truth: Mapping[str, float] | None = None) -> Figure:
     """Location errors of the rotary axes with bars of ± U (k = 2), positions and orientations in separate panels.
 
-    `truth`: true values by symbol. With it, panels below show the identified value minus `truth`, at a scale that shows the bars.
+    They are those of the axis average lines in the machine frame, as `Solution.location` has them.
+
+    `truth`: true values by symbol, likewise (`volid.model.axis_lines.line_values`). With it, panels below show the identified
+    value minus `truth`, at a scale that shows the bars.
     """
     rows = [solution.location(n) for n in solution.model.names if parse(n).location and parse(n).axis in ROTARY_AXES]
     figure, panels = _subplots(2 if truth else 1, 2, figsize=(10, 5.6 if truth else 3.2), squeeze=False)

@@ -30,11 +30,14 @@ from volid.fitting.diagnosis.adequacy import ACCEPTED, ENLARGED, SuspectReading
 from volid.fitting.diagnosis.hold_out import by_angle, total
 from volid.fitting.results import FunctionValue
 from volid.fitting.solution import Solution
+from volid.fitting.tabulation import constant
+from volid.model.axis_lines import MACHINE, LineRow, constant_rows
 from volid.model.error_functions import describe_datum
 from volid.model.iso230 import DIRECTIONS, LINEAR_AXES, ROTARY_AXES, SPINDLE, describe, parse
 from volid.observations import KINDS
 from volid.observations.base import DEGREES
 from volid.plausibility.checks import closures
+from volid.report.squareness import angle_in_words, squareness_symbol
 from volid.report.summary_text import format_summary
 from volid.uncertainty.lack_of_fit import lack_of_fit
 
@@ -57,7 +60,7 @@ def summary_data(solution: Solution, tool: Sequence[float] | None = None) -> dic
         **_verdict(solution),
         **_origin(solution),
         "tool": [x, y, z],
-        **_constants(solution, [name for name in table if parse(name).location]),
+        **_constants(solution),
         "volume": _volume(solution, (x, y, z)),
         "functions": [_function(solution, n, rows) for n, rows in table.items() if not parse(n).location],
         "weakest": _weakest(row for rows in table.values() for row in rows),
@@ -107,13 +110,18 @@ def _origin(solution: Solution) -> dict[str, Any]:
     }
 
 
-def _constants(solution: Solution, names: Sequence[str]) -> dict[str, Any]:
-    """The constants by what they belong to."""
-    by_axis = {name: parse(name).axis for name in names}
+def _constants(solution: Solution) -> dict[str, Any]:
+    """The constants by what they belong to, axis by axis."""
+    order = (*DIRECTIONS, SPINDLE)
+    lines = sorted(
+        constant_rows(solution.model),
+        key=lambda line: (order.index(parse(line.name).axis), line.relative_to != MACHINE, parse(line.name).component),
+    )
+    by_axis = [(line, parse(line.name).axis) for line in lines]
     return {
-        "squareness": [_constant(solution, n) for n, axis in by_axis.items() if axis in LINEAR_AXES],
-        "location_errors": [_location_error(solution, n) for n, axis in by_axis.items() if axis in ROTARY_AXES],
-        "tool_frame": [_constant(solution, n) for n, axis in by_axis.items() if axis == SPINDLE],
+        "squareness": [_squareness(solution, line) for line, axis in by_axis if axis in LINEAR_AXES],
+        "location_errors": [_location_error(solution, line) for line, axis in by_axis if axis in ROTARY_AXES],
+        "tool_frame": [_constant(solution, line) for line, axis in by_axis if axis == SPINDLE],
     }
 
 
@@ -150,17 +158,25 @@ def _set_rows(solution: Solution, i: int) -> Iterator[dict[str, Any]]:
         }
 
 
-def _constant(solution: Solution, name: str) -> dict[str, Any]:
-    found = solution.location(name)
-    words = {"name": name, "description": describe(name), "unit": parse(name).unit}
+def _constant(solution: Solution, line: LineRow) -> dict[str, Any]:
+    found = constant(solution, line)
+    words = {"name": line.symbol, "description": describe(line.name), "unit": parse(line.name).unit}
     return words | {"value": found.value, "u": found.u, "U": K * found.u, "k": K}
 
 
-def _location_error(solution: Solution, name: str) -> dict[str, Any]:
-    """A location error with `line`: how its physical axis line stands on what carries the axis (CONVENTIONS 3)."""
-    found = _constant(solution, name)
-    sign = -1.0 if solution.machine.axis(parse(name).axis).primed else 1.0
-    return found | {"line": sign * found["value"]}
+def _squareness(solution: Solution, line: LineRow) -> dict[str, Any]:
+    """A squareness error with its full `symbol` and the `angle` in words, "" where it is not determined."""
+    found = _constant(solution, line)
+    angle = angle_in_words(line.name, found["value"], found["U"])
+    return found | {"symbol": squareness_symbol(line.name), "angle": angle}
+
+
+def _location_error(solution: Solution, line: LineRow) -> dict[str, Any]:
+    """A location error: `value` and `line` are the axis average line's, relative to `relative_to`; `parameter`: tool relative to
+    workpiece."""
+    found = _constant(solution, line)
+    sign = -1.0 if solution.machine.axis(parse(line.name).axis).primed else 1.0
+    return found | {"relative_to": line.relative_to, "line": found["value"], "parameter": sign * found["value"]}
 
 
 def _volume(solution: Solution, tool: tuple[float, float, float]) -> dict[str, Any]:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+from volid.model.axis_lines import AXIS_LINE, MACHINE, PARAMETER
 from volid.model.iso230 import DIRECTIONS, ROTATIONS
 from volid.report.text import bullets, micro, paragraph, table, unit_of, vector
 
@@ -171,33 +172,35 @@ def _constant_lines(data: dict[str, Any]) -> list[str]:
         rows = [
             [
                 c["name"],
-                c["description"].removeprefix("squareness: "),
+                _said_of(c),
                 micro(c["value"], c["unit"], digits),
                 micro(c["U"], c["unit"], digits),
                 "µm/m" if key == "squareness" else unit_of(c["unit"]),
             ]
             for c in data[key]
         ]
-        if not rows:
-            continue
-        if key == "location_errors":
-            lines += _location_lines(data, rows, digits)
-        else:
+        if rows:
             lines += table([title.ljust(10), "", "value", "U (k = 2)", ""], rows, left=2, right=1)
+            lines += _location_lines(data) if key == "location_errors" else []
     return lines
 
 
-def _location_lines(data: dict[str, Any], rows: list[list[str]], digits: int) -> list[str]:
-    """Location errors, with how the axis line stands on its carrier beside the parameter; a zero has no line."""
-    lines = []
-    for row, c in zip(rows, data["location_errors"], strict=True):
-        zero = c["name"][1] == c["name"][3]
-        row.insert(3, "" if zero else micro(c["line"], c["unit"], digits))
-        lines.append(row)
-    found = table(["location".ljust(10), "", "value", "axis line", "U (k = 2)", ""], lines, left=2, right=1)
-    return found + paragraph(
-        "value: tool relative to workpiece; axis line: on what carries it (see volid locations)", ""
-    )
+def _said_of(constant: dict[str, Any]) -> str:
+    """A constant in words; a squareness error by its full symbol and the angle, where it has a value."""
+    if constant.get("angle"):
+        return f"{constant['symbol']}, {constant['angle']}"
+    symbol = f"{constant['symbol']}, " if "symbol" in constant else ""
+    return symbol + str(constant["description"]).removeprefix("squareness: ")
+
+
+def _location_lines(data: dict[str, Any]) -> list[str]:
+    """What the values under the symbols of location errors refer to."""
+    carried = [c for c in data["location_errors"] if c["relative_to"] != MACHINE]
+    text = f"{AXIS_LINE}, as ISO 230-1 has it"
+    if carried:
+        c = carried[0]
+        text += f"; {c['name']}: relative to the line of {c['relative_to']}, which carries {c['name'][-1]}"
+    return paragraph(f"{text} ({PARAMETER}: see volid locations)", "")
 
 
 def _in_micro(value: float, unit: str) -> float:

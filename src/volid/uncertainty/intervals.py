@@ -17,7 +17,8 @@ from scipy.stats import norm
 from volid.fitting.prediction.deviations import THREADS, gradient_matrix
 from volid.fitting.results import FunctionValue
 from volid.fitting.solution import Solution
-from volid.model.error_model import ErrorModel
+from volid.model.axis_lines import line_row
+from volid.model.error_model import LOCATION, ErrorModel
 from volid.uncertainty.coverage import Intervals, coverage_intervals
 from volid.uncertainty.trials.samples import Samples
 
@@ -38,8 +39,8 @@ def function_rows(solution: Solution, rows: Sequence[FunctionValue]) -> np.ndarr
     found = np.zeros((len(rows), solution.model.n_parameters))
     for name, direction in dict.fromkeys((r.name, r.direction) for r in rows):
         numbers = [i for i, r in enumerate(rows) if (r.name, r.direction) == (name, direction)]
-        if (name, "location") in solution.model.by_name:
-            found[numbers, solution.model.by_name[name, "location"].parameters.start] = 1.0
+        if (name, LOCATION) in solution.model.by_name:
+            found[numbers] = line_row(solution.model, name)
         else:
             found[numbers] = solution.motion_rows(name, np.array([rows[i].position for i in numbers]), direction)
     return found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,7 @@ from volid.backend.rms import rms
 from volid.fitting.prediction.deviations import deviation_values, gradient_matrix
 from volid.fitting.prediction.largest import values_at, with_largest
 from volid.fitting.solution import Solution
+from volid.model.axis_lines import LineRow, constant_rows
 from volid.model.iso230 import parse
 
 POSITIONS = 7  # of every error motion
@@ -54,34 +56,40 @@ FIELD = ("largest deviation", "RMS deviation", "V_X", "V_Y", "V_Z")
 
 
 def headline_outputs(solution: Solution, tool: np.ndarray | None = None) -> Outputs:
-    """Location errors, every error motion at `POSITIONS` places, and the deviation field for one tool vector.
+    """Constants, every error motion at `POSITIONS` places, and the deviation field for one tool vector.
 
-    What the data do not determine is left out. `tool`: (3,) [mm], the first set's first one by default.
+    Location errors are those of the axis average lines; a carried axis has them relative to its carrier too, as EX(0A)C. What the
+    data do not determine is left out. `tool`: (3,) [mm], the first set's first one by default.
     """
-    names: list[str] = []
-    positions: list[float] = []
-    rows: list[np.ndarray] = []
-    n, k = solution.model.n_parameters, len(solution.nuisance_table)
-    for name in solution.model.names:
-        error = parse(name)
-        if error.location:
-            motion, at = np.eye(n)[[solution.model.by_name[name, "location"].parameters.start]], np.array([np.nan])
-        else:
-            at = np.linspace(*solution.machine.axis(error.axis).travel, POSITIONS)
-            motion = solution.motion_rows(name, at, 0)
-        kept = ~solution.is_not_determined(motion) & (name not in solution.held_tool_rotation)
-        rows += list(motion[kept])
-        names += [name] * int(kept.sum())
+    names, units, positions, scatter, rows = [], [], [], [], []
+    for name, symbol, at, values in _linear(solution):
+        kept = ~solution.is_not_determined(values) & (name not in solution.held_tool_rotation)
+        number = int(kept.sum())
+        rows += list(values[kept])
+        names += [symbol] * number
+        units += [parse(name).unit] * number
         positions += at[kept].tolist()
+        scatter += [solution.scatter_of(name)] * number
+    n, k = solution.model.n_parameters, len(solution.nuisance_table)
     matrix = np.pad(np.array(rows).reshape(-1, n), ((0, 0), (0, k)))
     field, offset, n_even = _field(solution, tool)
-    units = [parse(name).unit for name in names]
     if len(field):
         names, units, positions = names + list(FIELD), units + ["mm"] * len(FIELD), positions + [np.nan] * len(FIELD)
-    sizes = [solution.scatter_of(n) if n not in FIELD else 0.0 for n in names]
-    scatter = np.where(np.isnan(positions), 0.0, sizes)[: len(matrix)]
-    directions = solution.scatter_u()[:3]
-    return Outputs(tuple(names), tuple(units), np.array(positions), matrix, field, offset, scatter, directions, n_even)
+    directions, sizes = solution.scatter_u()[:3], np.array(scatter, dtype=float)
+    return Outputs(tuple(names), tuple(units), np.array(positions), matrix, field, offset, sizes, directions, n_even)
+
+
+def _linear(solution: Solution) -> Iterator[tuple[str, str, np.ndarray, np.ndarray]]:
+    """Name, symbol, positions (m,) and rows (m, n) of every error motion and of every constant, in the order of the model."""
+    constants: dict[str, list[LineRow]] = {}
+    for line in constant_rows(solution.model):
+        constants.setdefault(line.name, []).append(line)
+    for name in solution.model.names:
+        for line in constants.get(name, ()):
+            yield name, line.symbol, np.array([np.nan]), line.row[None]
+        if name not in constants:
+            at = np.linspace(*solution.machine.axis(parse(name).axis).travel, POSITIONS)
+            yield name, name, at, solution.motion_rows(name, at, 0)
 
 
 def _field(solution: Solution, tool: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, int]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from volid.fitting.prediction.spread import linear_uncertainty
 from volid.fitting.solution import Solution
+from volid.model.axis_lines import AXIS_LINE, is_of_a_line
 from volid.uncertainty.coverage import PROBABILITY, Intervals, coverage_intervals, gum_validity
 from volid.uncertainty.lack_of_fit import LackOfFit, lack_of_fit
 from volid.uncertainty.outputs import FIELD, Outputs, headline_outputs
@@ -106,6 +107,7 @@ def format_statement(found: Statement) -> str:
         "",
         f"{'':20s} {'value':>9s} {'u':>8s} {'u (MC)':>8s} {'U (k=2)':>8s}   {'symmetric':^19s}   {'shortest':^19s}",
         *map(_line, worst.values()),
+        *([f"location errors: {AXIS_LINE}"] if any(map(is_of_a_line, worst)) else []),
         "",
         _validity(found),
         f"lack of fit: {found.lack_of_fit}",

@@ -16,7 +16,7 @@ from volid.fitting.prediction.deviations import deviation_values, gradient_matri
 from volid.fitting.prediction.spread import covariance_root, linear_uncertainty
 from volid.fitting.prediction.working_volume import spread_positions
 from volid.fitting.solution import Solution
-from volid.model.error_model import LOCATION
+from volid.model.axis_lines import line_row
 from volid.model.iso230 import parse
 from volid.model.jacobian import rigid_motion_rows, tool_rotation_rows
 from volid.model.rigid_fields import column_space, without
@@ -39,7 +39,7 @@ class Comparison(NamedTuple):
         field: Difference of the deviations at `POINTS` places, shape (POINTS, 3) [mm], without the gauge.
         field_u: Its standard uncertainty, shape (POINTS, 3) [mm], from the covariance without the gauge.
         functions: Difference by name, in the stated datum, at `POSITIONS` places of the travel, or one value of a constant
-            [mm or rad].
+            [mm or rad]; location errors are those of the axis average lines.
         functions_u: Their standard uncertainties, of the same shapes.
     """
 
@@ -151,8 +151,7 @@ def _function(solution: Solution, true: np.ndarray, name: str) -> tuple[np.ndarr
     error = parse(name)
     if error.location:
         found = solution.location(name)
-        place = solution.model.by_name[name, LOCATION].parameters.start
-        return np.array([found.value - true[place]]), np.array([found.u])
+        return np.array([found.value - line_row(solution.model, name) @ true]), np.array([found.u])
     at = np.linspace(*solution.machine.axis(error.axis).travel, POSITIONS)
     rows = solution.motion_rows(name, at, 0)
     u = linear_uncertainty(rows, solution.parameter_covariance)

@@ -101,7 +101,8 @@ class Truth:
             [mm or degrees -> mm or rad].
         cross: By symbol, the letter of a second axis and a function of own and other positions, added to `functions`.
         reversal: By symbol, a function B(q) with E(q, ±) = E(q) ± B(q)/2 for the direction of approach [mm or rad].
-        constants: Squareness, location errors and constants of the tool frame by symbol [mm or rad].
+        constants: Squareness, location errors and constants of the tool frame by symbol [mm or rad], as parameters of the
+            model: tool relative to workpiece. `volid.model.axis_lines.line_values` tells where the axis average lines stand.
         stations: True positions, (x, y, z) on the body of each station [mm].
         instruments: True dead paths, offsets and the like, by the names that they have in a solution.
         seed: Seed of the random numbers that the errors came from; None when they are not random.
