@@ -49,7 +49,7 @@ def test_chi_square_is_distributed_as_stated():
 
 @pytest.mark.slow
 def test_true_models_are_accepted():
-    """None is rejected. u is enlarged at a probability of about 2 % (1 % for chi-square, hold-outs): five of 60 would be 1 in 100."""
+    """None is rejected. u is enlarged at a probability of about 2 % (chi-square, hold-outs): five of 60 would be 1 in 100."""
     assert not any(v.rejected for v in verdicts_when_the_model_holds())
     enlarged = [v for v in verdicts_when_the_model_holds() if v.grade == ENLARGED]
     assert len(enlarged) <= 4 and all(v.factor < 1.7 for v in enlarged)

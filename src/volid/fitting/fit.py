@@ -14,8 +14,9 @@ from volid.campaign import Campaign
 from volid.exceptions import InputError
 from volid.fitting.assembly import Assembly, Every
 from volid.fitting.broken_beams import MOST, with_new_segments
+from volid.fitting.diagnosis.alternatives.readings import WHOLE
 from volid.fitting.diagnosis.robust import down_weight, name_outliers, set_aside
-from volid.fitting.diagnosis.verdict import explained_otherwise
+from volid.fitting.diagnosis.verdict import explained_otherwise, perhaps_u
 from volid.fitting.equations.choice import engine_for_compiled_solver, engine_for_fit, engine_named
 from volid.fitting.equations.engine import Engine
 from volid.fitting.equations.problem import Problem, build_problem, nothing_known, with_random_effects
@@ -37,6 +38,7 @@ from volid.plausibility.checks import check_campaign
 
 Progress = Callable[[str], None]
 CHORD, OPTIMISTIX = "chord", "optimistix"
+LARGER, SAME = 6, 0.02  # times that a larger u is tried, and relative change of it that is none
 
 
 def _silent(message: str) -> None:
@@ -227,10 +229,29 @@ class Stages:
             fitter = fitter.without_scatter()
             fitter.scatter = dict(earlier)
             found = Assembly(fitter, outliers).solution(self.warnings, options, self.task.starts, every)
+        if fitter.processes and every is None and not fitter.scatter and perhaps_u(found.adequacy):
+            found = self._with_larger_u(fitter, found, outliers, options)
         found = in_open_frame(found)
         notes = (*found.notes, *shape_notes(found, fitter.found.weak))
         found = replace(found, campaign=self.measured)
         return replace(found, notes=(*notes, *remarks(found)))
+
+    def _with_larger_u(
+        self, fitter: SmoothFit, found: Solution, outliers: list[np.ndarray], options: dict[str, Any]
+    ) -> Solution:
+        """The solution for readings that are all worse than stated, where that explains the misfit; else as it is.
+
+        The smoothness depends on u: with one that is too small, functions follow the noise, and hold-outs show it.
+        """
+        self.task.progress("testing the model with a larger u")
+        kappa, other = found.adequacy.unit_weight, found
+        for _ in range(LARGER):
+            now = fitter.with_larger_u(kappa)
+            other = Assembly(now, outliers).solution(self.warnings, options, self.task.starts)
+            kappa, last = other.adequacy.unit_weight, kappa
+            if abs(kappa / last - 1.0) < SAME:
+                break
+        return other if other.adequacy.causes and other.adequacy.causes[0].cause == WHOLE else found
 
 
 def _fit(

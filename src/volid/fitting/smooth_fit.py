@@ -46,6 +46,7 @@ class SmoothFit(Fitter):
         super().__init__(campaign, problem, found, method)
         self.known, self.processes = known, processes
         self.scatter: dict[str, float] = {}
+        self.kappa = 1.0  # by which all readings' u is taken to be too small
         self.measured, self.bare = campaign, problem
         self._take(first_guess(processes))
 
@@ -61,7 +62,8 @@ class SmoothFit(Fitter):
 
     def _take(self, smoothness: Smoothness) -> None:
         self.smoothness = smoothness
-        self.smooth_rows = smoothness.rows(self.problem.model.n_parameters)
+        # readings of κu and pseudo-readings W are, but for a common factor, readings of u and pseudo-readings κW
+        self.smooth_rows = self.kappa * smoothness.rows(self.problem.model.n_parameters)
         self.problem = with_prior(self.problem, self.prior)
 
     def solve_with_smoothness(self, factors: list[np.ndarray], robust: bool = False) -> None:
@@ -117,7 +119,8 @@ class SmoothFit(Fitter):
 
     def _information(self) -> Information:
         assert self.optimum is not None
-        return information(self.problem, self.found.basis, self.optimum.z, self.optimum.normal, self.smooth_rows)
+        found = information(self.problem, self.found.basis, self.optimum.z, self.optimum.normal, self.smooth_rows)
+        return found._replace(matrix=found.matrix / self.kappa**2, vector=found.vector / self.kappa**2)
 
     def without(self, outliers: list[np.ndarray]) -> SmoothFit:
         """Refit without the outliers; what is determined is decided again, since outliers alone may have determined it."""
@@ -130,6 +133,18 @@ class SmoothFit(Fitter):
     def without_scatter(self) -> SmoothFit:
         """Refit with the readings' u as stated: something else explains what looked independent from position to position."""
         refit = SmoothFit(self.measured, self.bare, self.known, self.processes, self.method, self.factors)
+        refit._take(self.smoothness)
+        refit.solve(self.factors)
+        refit._estimate(self.factors)
+        return refit
+
+    def with_larger_u(self, kappa: float) -> SmoothFit:
+        """Refit with the smoothness that the functions have when all readings are worse than stated by the factor κ.
+
+        u stays as it is: the covariance is that of the readings' stated u, and κ² times as large in truth.
+        """
+        refit = SmoothFit(self.measured, self.bare, self.known, self.processes, self.method, self.factors)
+        refit.kappa = kappa
         refit._take(self.smoothness)
         refit.solve(self.factors)
         refit._estimate(self.factors)

@@ -33,6 +33,7 @@ from volid.model.machine import Machine
 SIGNIFICANT = 1e-3  # probability of a misfit by chance, per family of tests
 CERTAIN = 1e-6  # the same, for a verdict that rejects
 LARGEST = 5.0**0.5  # factor from which on the misfit alone exceeds U = 2 u
+WORSE = 1.15  # unit weight from which on the smoothness is estimated anew with a larger u
 CONCENTRATED = 1.5  # unit weight of one group over that of all others
 PESSIMISTIC = 0.8  # unit weight below which u is said to be too large
 WORST = 4  # groups named in the verdict
@@ -83,11 +84,11 @@ def judge(around: Around, fit: Fit, machine: Machine, tested: Adequacy, scattere
     explained = [j for j in alternatives if j.log_probability < np.log(CERTAIN)]
     factor = max([found.factor, *(g.unit_weight for g in local)])
     outside = [j for j in explained if not (scattered and j.alternative.cause == PITCH)]  # waves are part of u then
-    reasons = _reasons(factor, found, local, outside)
+    reasons = _reasons(factor, found, tested.groups, outside)
     significant = doubtful or bool(alternatives)
     causes = [_cause(j) for j in alternatives]
     if tested.probability < SIGNIFICANT or local:
-        causes += _rest(tested, found, local, alternatives)
+        causes += _rest(tested, found, alternatives)
     larger = scattered or (significant and factor > 1.0)
     grade = REJECTED if reasons else ENLARGED if larger else ACCEPTED
     factor = factor if significant else 1.0
@@ -98,6 +99,12 @@ def judge(around: Around, fit: Fit, machine: Machine, tested: Adequacy, scattere
 def explained_otherwise(adequacy: Adequacy) -> bool:
     """Whether something else than waves explains best what a fit took as independent from position to position."""
     return bool(adequacy.causes) and adequacy.causes[0].cause not in (PITCH, WHOLE, NONE)
+
+
+def perhaps_u(adequacy: Adequacy) -> bool:
+    """Whether the misfit may be a u that is too small as a whole, which the functions followed."""
+    first = adequacy.causes[0].cause if adequacy.causes else WHOLE
+    return adequacy.unit_weight > WORSE and adequacy.probability < SIGNIFICANT and first in (WHOLE, NONE)
 
 
 def untested(tested: Adequacy) -> Adequacy:
@@ -124,7 +131,7 @@ def _concentrated(groups: tuple[GroupTest, ...]) -> list[GroupTest]:
     return sorted(found, key=lambda g: -g.unit_weight)
 
 
-def _reasons(factor: float, found: Misfit, local: list[GroupTest], explained: list[Judged]) -> list[str]:
+def _reasons(factor: float, found: Misfit, groups: tuple[GroupTest, ...], explained: list[Judged]) -> list[str]:
     """Why a misfit may move a result by more than its U, in words; empty where it does not."""
     reasons = []
     moving = [j for j in explained if largest(j.change) > 1.0]
@@ -132,7 +139,7 @@ def _reasons(factor: float, found: Misfit, local: list[GroupTest], explained: li
         size = largest(moving[0].change)
         by = f"changes results by up to {size:.1f} U" if np.isfinite(size) else "is another machine"
         reasons.append(f"{moving[0].alternative.what}, which {by}")
-    concentrated = _concentrated(tuple(local))
+    concentrated = _concentrated(groups)
     if concentrated:
         reasons.append(
             f"the misfit sits in one place: {concentrated[0].what} (unit weight {concentrated[0].unit_weight:.2f})"
@@ -149,7 +156,7 @@ def _cause(j: Judged) -> Cause:
     return Cause(a.cause, a.what, a.cure, j.drop, j.gain, j.k, j.log_probability / float(np.log(10.0)), change)
 
 
-def _rest(tested: Adequacy, found: Misfit, local: list[GroupTest], alternatives: list[Judged]) -> list[Cause]:
+def _rest(tested: Adequacy, found: Misfit, alternatives: list[Judged]) -> list[Cause]:
     """What is left of the misfit when the best alternative is taken out: u as a whole, or none of these."""
     best = alternatives[0] if alternatives else None
     chi = tested.chi_square - (best.drop if best else 0.0)
@@ -158,7 +165,7 @@ def _rest(tested: Adequacy, found: Misfit, local: list[GroupTest], alternatives:
     if best is not None and (probability > SIGNIFICANT or best.gain > chi - profile(chi, nu)):
         return []
     weight, log10 = float(np.sqrt(chi / max(nu, 1))), float(np.log10(max(probability, 1e-300)))
-    structured = found.is_significant or bool(_concentrated(tuple(local)))
+    structured = found.is_significant or bool(_concentrated(tested.groups))
     if structured or probability > SIGNIFICANT:
         what = f"none of these explains the rest of the misfit: {', '.join(TRIED)}"
         cure = "look at the residuals by station, place and time (volid residual --figure), and repeat what looks odd"
@@ -198,6 +205,6 @@ def verdict_text(adequacy: Adequacy, reasons: list[str]) -> str:
 def _worst(groups: tuple[GroupTest, ...]) -> list[GroupTest]:
     """Groups whose unit weight is far above that of the others, one of each sort."""
     found: dict[str, GroupTest] = {}
-    for group in _concentrated(tuple(_local(groups))):
+    for group in _concentrated(groups):
         found.setdefault(group.sort, group)
     return list(found.values())[:WORST]
