@@ -2,6 +2,7 @@
 
 python -m benchmarks.verdicts causes --seeds 20 -o causes.csv      # every mistake at 1, 3 and 10 u of the field, three machines
 python -m benchmarks.verdicts sound --seeds 200 -o sound.csv       # nothing wrong, from 1,200 readings on
+python -m benchmarks.verdicts drawn --seeds 3000 -o drawn.csv      # the same by drawing the noise of one fit again and again
 python -m benchmarks.verdicts show causes.csv                      # the figures as text
 
 A mistake of c u moves the fitted field by c times the root mean square of its u, rigid motion removed; how large it has to be for
@@ -15,6 +16,7 @@ import csv
 import os
 import sys
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,11 +25,18 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 import numpy as np
 from exact_chain import ExactMachine, Truth, default_tools
+from scipy.special import chdtrc
 from support.machines import MACHINES
 from support.mistakes import CALLED, MISTAKES, PER_STATION, Made, sound
 
 import volid
 from benchmarks.honesty import field
+from volid.fitting.assembly import Assembly
+from volid.fitting.diagnosis.tally import assess
+from volid.fitting.diagnosis.verdict import judge
+from volid.fitting.equations.choice import engine_for_fit
+from volid.fitting.equations.solver import solve
+from volid.fitting.fit import How, Stages
 
 SIZES = (1.0, 3.0, 10.0)
 UNIT = 1e-3  # mm, size of a mistake at which its effect is measured; also 1 % of the errors, 100 % of u
@@ -108,6 +117,61 @@ def row(task: tuple[str, str, int, float, float, dict[str, Any]]) -> dict[str, A
     }
 
 
+def drawn(task: tuple[str, int, int, int]) -> list[dict[str, Any]]:
+    """Verdicts on `trials` draws of the noise around one linearised fit of n readings per station: nothing is wrong.
+
+    The residuals of a draw are those of the linear fit to it; the smoothness stays as it was estimated once.
+    """
+    layout, n, first, trials = task
+    made = sound(layout, 0, 0.0, n=n)
+    stages = Stages.begin(made.campaign, None, print_nothing, How(solve, engine_for_fit(made.campaign)))
+    fitter = stages.solved()
+    assembly = Assembly(fitter, [np.zeros(s.readings.shape, bool) for s in made.campaign.sets])
+    assembly.solution((), {"robust": False, "prior": False}, stages.task.starts)
+    assert assembly.tests is not None
+    seen, fit = assembly.tests
+    total, width, n_known = fitter.campaign.n_readings, seen.rows.shape[1], len(fitter.problem.system.prior_value)
+    values, vectors = np.linalg.eigh(np.eye(width) - seen.rows.T @ seen.rows)
+    known = (
+        vectors * np.sqrt(np.maximum(values, 0.0))
+    ) @ vectors.T  # what is known beforehand, as many rows as unknowns
+    rows, leverages = [], np.sum(seen.rows**2, axis=1)
+    freedom = total + n_known - width
+    for trial in range(first, first + trials):
+        rng = np.random.default_rng([n, trial])
+        noise, prior = rng.standard_normal(len(seen.v)), rng.standard_normal(width)
+        step = seen.rows.T @ noise + known @ prior
+        v = noise - seen.rows @ step
+        rest = float(np.sum((prior - known @ step) ** 2)) + float(rng.chisquare(max(n_known - width, 1)))
+        others = float(rng.chisquare(total - len(v))) if total > len(v) else 0.0
+        shapes = [s.readings.shape for s in seen.campaign.sets]
+        ends = np.cumsum([int(np.prod(shape)) for shape in shapes])[:-1]
+        parts = [p.reshape(shape) for p, shape in zip(np.split(v, ends), shapes, strict=True)]
+        levers = [p.reshape(shape) for p, shape in zip(np.split(leverages, ends), shapes, strict=True)]
+        used = [np.ones(shape, bool) for shape in shapes]
+        tested = assess(seen.campaign, parts, levers, used, freedom, rest)
+        chi = float(v @ v) + others + rest
+        probability = float(chdtrc(freedom, chi))
+        tested = replace(tested, chi_square=chi, unit_weight=float(np.sqrt(chi / freedom)), probability=probability)
+        now = replace(seen, v=v, chi_square=chi, freedom=freedom)
+        found = judge(now, fit, fitter.problem.model.machine, tested, False)
+        first_cause = found.causes[0].cause if found.causes else ""
+        rows.append(
+            {
+                "mistake": "sound", "layout": layout, "seed": trial, "wanted": 0.0, "size": 0.0, "readings": total,
+                "grade": found.grade, "factor": found.factor, "unit_weight": found.unit_weight, "first": first_cause,
+                "what": "", "all": first_cause, "change": 0.0, "covered": float("nan"), "error": 0.0, "u": 0.0,
+                "scatter": "", "verdict": found.verdict[:300],
+            }
+        )  # fmt: skip
+    return rows
+
+
+def print_nothing(message: str) -> None:
+    """No progress."""
+    del message
+
+
 def tasks_of(mistakes: list[str], layouts: list[str], seeds: int, sizes: tuple[float, ...], **how: Any) -> list[Any]:
     """All campaigns; how large a mistake is, is found once for each seed of six."""
     found = []
@@ -135,11 +199,16 @@ def carry_out(tasks: list[Any], path: Path) -> None:
         for found in pool.map(row, tasks, chunksize=2):
             rows.append(found)
             if len(rows) % 10 == 0 or len(rows) == len(tasks):
-                with path.open("w", newline="") as file:
-                    writer = csv.DictWriter(file, list(rows[0]))
-                    writer.writeheader()
-                    writer.writerows(rows)
+                write(path, rows)
                 print(f"{len(rows)} of {len(tasks)}", file=sys.stderr, flush=True)
+
+
+def write(path: Path, rows: list[dict[str, Any]]) -> None:
+    """Rows as a CSV file."""
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
 
 
 def show(path: Path) -> str:
@@ -176,7 +245,7 @@ def show(path: Path) -> str:
 def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("causes", "sound", "show"))
+    parser.add_argument("what", choices=("causes", "sound", "drawn", "show"))
     parser.add_argument("file", nargs="?", type=Path)
     parser.add_argument("--seeds", type=int, default=6)
     parser.add_argument("--only", nargs="*", default=list(MISTAKES))
@@ -188,6 +257,18 @@ def main() -> None:
     args = parser.parse_args()
     if args.what == "show":
         print(show(args.file))
+        return
+    if args.what == "drawn":
+        part = 100
+        pieces = [
+            (layout, n, k, part)
+            for n in args.per_station
+            for layout in args.layouts
+            for k in range(0, args.seeds, part)
+        ]
+        with ProcessPoolExecutor(2) as pool:
+            write(args.output, [r for rows in pool.map(drawn, pieces) for r in rows])
+        print(show(args.output))
         return
     how = {"n": args.per_station[0], "levels": args.levels}
     if args.what == "causes":

@@ -159,10 +159,15 @@ def test_what_needs_attention_is_named_and_written(name, message, request, run, 
     assert read_solution(tmp_path / "s.h5").adequacy.rejected == (name == "rejected_solution")
 
 
-def test_several_campaigns_are_fitted_together(virtual, run, tmp_path):
-    other = make_campaign(tmp_path / "other").manifest  # the same stations
+def test_several_campaigns_are_fitted_together(run, tmp_path):
+    """The same stations and beams; every second reading is in one campaign, the others in another."""
+    one, other = (make_campaign(tmp_path / name, n_per_station=120).manifest for name in ("one", "other"))
+    for k, manifest in enumerate((one, other)):
+        file = manifest.parent / "volume.csv"
+        header, *rows = file.read_text(encoding="utf-8").splitlines()
+        file.write_text("\n".join([header, *rows[k::2]]) + "\n", encoding="utf-8")
     other.write_text(other.read_text(encoding="utf-8").replace('"volume"', '"again"'), encoding="utf-8")
-    assert run("fit", virtual.manifest, other, "-o", tmp_path / "s.h5")[0] == 0
+    assert run("fit", one, other, "-o", tmp_path / "s.h5")[0] == 0
     found = read_solution(tmp_path / "s.h5")
     assert [s.name for s in found.campaign.sets] == ["volume", "again"]
     assert found.statistics.n_readings == 720

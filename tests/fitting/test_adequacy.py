@@ -142,7 +142,8 @@ def test_too_few_segments_are_named_by_axis():
 def test_understated_uncertainty():
     campaign, _, _ = sound()
     verdict = verdict_with(campaign, u=campaign.sets[0].u / 1.3)
-    assert verdict.rejected and verdict.groups[0].what == "set 'volume'"
+    assert verdict.grade == ENLARGED and verdict.groups[0].what == "set 'volume'"
+    assert verdict.causes[0].cause == "u as a whole" and 1.2 < verdict.factor < 1.6
     assert verdict.unit_weight == pytest.approx(1.3, rel=0.06)  # 1000 degrees of freedom: ± 2.2 %
 
 

@@ -126,7 +126,7 @@ def test_reversal_is_listed(rich_solution):
 @pytest.mark.parametrize("name", SOLUTIONS)
 def test_text_fits_on_a_screen(name, request):
     lines = summary(request.getfixturevalue(name)).splitlines()
-    assert len(lines) <= 66
+    assert len(lines) <= 72  # of which likely causes take eight where the model is rejected
     # a reading is named by its file, whose path may be longer than a screen is wide
     assert max(len(line) for line in lines if ", row " not in line) <= WIDTH
     assert all(line == line.rstrip() for line in lines)

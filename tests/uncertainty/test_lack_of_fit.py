@@ -40,7 +40,7 @@ def test_too_few_segments_for_the_waves_show():
     along = ((target - places) / np.linalg.norm(target - places, axis=1)[:, None])[:, 0]
     found = fit(replace(campaign, sets=(replace(s, readings=s.readings + (wave * along)[:, None]),)))
     lack = lack_of_fit(found)
-    assert lack.factor > 1.5 and lack.factor == lack.unit_weight
-    assert "not part of the stated u" in str(lack)
+    assert lack.factor >= lack.unit_weight > 1.5, "hold-outs by block may see more than the residuals"
+    assert "part of every u" in str(lack)
     # 2 µm waves (RMS 1.4 µm, over the directions to the stations about 0.8 µm) on noise of about 0.45 µm
     assert lack.share == pytest.approx(np.sqrt(lack.factor**2 - 1.0))

@@ -14,7 +14,7 @@ from volid.backend.rms import rms
 from volid.campaign import Campaign
 from volid.fitting.change_of_datum import held_constants
 from volid.fitting.diagnosis.adequacy import Adequacy, SuspectReading, suspect
-from volid.fitting.diagnosis.around import Fit, around
+from volid.fitting.diagnosis.around import Around, Fit, around
 from volid.fitting.diagnosis.outcome import outcome_of
 from volid.fitting.diagnosis.tally import assess
 from volid.fitting.diagnosis.verdict import judge, untested
@@ -43,6 +43,7 @@ class Assembly:
         self.optimum: Optimum = fitter.optimum
         self.active = [~o for o in outliers]
         self.n_used = sum(int(a.sum()) for a in self.active)
+        self.tests: tuple[Around, Fit] | None = None  # what the verdict was made from, once there is one
 
     def solution(
         self,
@@ -91,13 +92,8 @@ class Assembly:
             self.problem, self.campaign, self.optimum.z, self.fitter.root(), self.fitter.factors, starts,
             self.fitter.smooth_rows, share,
         )  # fmt: skip
-        return judge(
-            around(fit, outcome, tested.chi_square, tested.degrees_of_freedom),
-            fit,
-            found.machine,
-            tested,
-            bool(found.scatter),
-        )
+        self.tests = around(fit, outcome, tested.chi_square, tested.degrees_of_freedom), fit
+        return judge(*self.tests, found.machine, tested, bool(found.scatter))
 
     @cached_property
     def _whitened(self) -> list[np.ndarray]:

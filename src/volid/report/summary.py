@@ -342,7 +342,7 @@ def _repeats(campaign: Campaign) -> list[dict[str, Any]]:
 
 
 def summary(solution: Solution, tool: Sequence[float] | None = None) -> str:
-    """The summary as text for a terminal: about 60 lines of at most 100 characters, the verdict first.
+    """The summary as text for a terminal: about 70 lines of at most 100 characters, the verdict first.
 
     Lengths in µm, rotations in µrad, expanded uncertainties with k = 2; "n.d." is what is not determined.
 
@@ -355,6 +355,6 @@ def summary(solution: Solution, tool: Sequence[float] | None = None) -> str:
     >>> import volid
     >>> solution = volid.fit(volid.load_campaign("datasets/published_positioning/campaign.toml"))
     >>> print(volid.summary(solution).splitlines()[0])
-    No redundancy: the readings cannot test the model.
+    Not testable: there are no more readings than unknowns.
     """
     return format_summary(summary_data(solution, tool))

@@ -11,6 +11,8 @@ from volid.model.iso230 import DIRECTIONS, ROTATIONS
 from volid.report.text import bullets, micro, paragraph, table, unit_of, vector
 
 _LISTED = {"outliers": 10, "suspects": 6}  # readings
+_FEW = 3  # readings beyond the critical value, where a likely cause is named
+_CAUSES = 3  # likely causes
 _NAMED = 6  # functions left out of the model
 
 
@@ -51,8 +53,8 @@ def _verdict_lines(data: dict[str, Any]) -> list[str]:
 
 def _cause_lines(data: dict[str, Any]) -> list[str]:
     """What explains the misfit, best first: itself, what it gains and does, and its cure."""
-    texts = []
-    for cause in data["causes"]:
+    texts: list[str] = []
+    for cause in data["causes"][:_CAUSES]:
         numbers = []
         if cause["unknowns"]:
             several = "s" if cause["unknowns"] > 1 else ""
@@ -62,7 +64,8 @@ def _cause_lines(data: dict[str, Any]) -> list[str]:
         if cause["change"] is not None and cause["drop"] > 0.0:
             numbers.append(f"changes results by up to {cause['change']:.1f} U")
         more = f" ({'; '.join(numbers)})" if numbers else ""
-        texts.append(f"{cause['what']}{more}. What to do: {cause['cure']}.")
+        what = cause["what"] if not texts else cause["what"].split(": drift of")[0]  # what was tried is a long list
+        texts.append(f"{what}{more}. What to do: {cause['cure']}.")
     return bullets("likely causes of the misfit, the best first", texts)
 
 
@@ -311,7 +314,7 @@ def _reading_lines(data: dict[str, Any]) -> list[str]:
         readings = data[key]
         if not readings:
             continue
-        shown = readings[: _LISTED[key]]
+        shown = readings[: _FEW if data["causes"] and key == "suspects" else _LISTED[key]]
         rows = [
             [
                 f"{micro(r['residual'], r['unit'], 1)} {unit_of(r['unit'])}",

@@ -37,7 +37,6 @@ WORSE = 1.15  # unit weight from which on the smoothness is estimated anew with 
 CONCENTRATED = 1.5  # unit weight of one group over that of all others
 PESSIMISTIC = 0.8  # unit weight below which u is said to be too large
 WORST = 4  # groups named in the verdict
-NOTICED = 0.01  # probability of chi-square below which u is enlarged by the unit weight
 
 
 class Misfit(NamedTuple):
@@ -59,7 +58,7 @@ NOTHING = Excess("", 0.0, 1.0)
 
 def misfit(around: Around, machine: Machine, adequacy: Adequacy) -> Misfit:
     """The factor for u."""
-    square = max(adequacy.unit_weight, 1.0) ** 2 if adequacy.probability < NOTICED else 1.0
+    square = max(adequacy.unit_weight, 1.0) ** 2 if adequacy.probability < SIGNIFICANT else 1.0
     moved = _largest([influence(around, b, square) for b in partitions(around, machine)])
     shown = _largest([displacement(around, b, square) for b in cells(around, machine)])
     factor = float(np.sqrt(square + moved.variance + shown.variance))
@@ -79,7 +78,7 @@ def judge(around: Around, fit: Fit, machine: Machine, tested: Adequacy, scattere
     """
     found = misfit(around, machine, tested)
     local = _local(tested.groups)
-    doubtful = tested.probability < NOTICED or bool(local) or found.is_significant
+    doubtful = tested.probability < SIGNIFICANT or bool(local) or found.is_significant
     alternatives = named(around, fit, machine, doubtful, scattered)
     explained = [j for j in alternatives if j.log_probability < np.log(CERTAIN)]
     factor = max([found.factor, *(g.unit_weight for g in local)])
@@ -167,8 +166,9 @@ def _rest(tested: Adequacy, found: Misfit, alternatives: list[Judged]) -> list[C
     weight, log10 = float(np.sqrt(chi / max(nu, 1))), float(np.log10(max(probability, 1e-300)))
     structured = found.is_significant or bool(_concentrated(tested.groups))
     if structured or probability > SIGNIFICANT:
-        what = f"none of these explains the rest of the misfit: {', '.join(TRIED)}"
-        cure = "look at the residuals by station, place and time (volid residual --figure), and repeat what looks odd"
+        rest = "the rest of the misfit" if best else "the misfit"
+        what = f"none of these explains {rest}: {', '.join(TRIED)}"
+        cure = "look at the residuals by station, place and time, and repeat what looks odd"
         return [Cause(NONE, what, cure, 0.0, 0.0, 0, log10, weight - 1.0)]
     what = f"all u are too small by the factor {weight:.2f}: the instrument is worse than stated"
     cure = f"campaign, [[set]]: u times {weight:.2f}"

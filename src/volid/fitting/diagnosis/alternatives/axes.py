@@ -101,7 +101,7 @@ def other_structures(structure: str) -> Iterator[list[str]]:
     them apart. The first code of a group has the fewest axes on the other side.
 
     >>> list(other_structures("w X' b Y t"))
-    [["w Y' b X t", "w b Y X t", "w Y' X' b t"]]
+    [['w b Y X t', "w Y' X' b t", "w Y' b X t"]]
     """
     tokens = _plain(structure).split()
     bed = tokens.index("b")

@@ -1,4 +1,4 @@
-"""Alternatives in the error functions: a cross effect, a function or a reversal left out, waves of a pitch."""
+"""Alternatives in the error functions: a cross effect, a function or a reversal left out, few segments, a pitch."""
 
 from __future__ import annotations
 
@@ -10,11 +10,15 @@ from volid.fitting.diagnosis.alternatives.base import Alternative
 from volid.fitting.diagnosis.alternatives.shapes import low_order, products
 from volid.fitting.diagnosis.around import Around
 from volid.fitting.diagnosis.sensitivities import Sensitivities
+from volid.model.error_functions import settings_for
 from volid.model.error_model import MEAN, ROWS, ErrorModel
 from volid.model.iso230 import DIRECTIONS
 from volid.model.machine import Machine
 
-CROSS, REVERSAL, PITCH, LEFT_OUT = "cross effect", "reversal left out", "pitch waves", "function left out"
+CROSS, REVERSAL, PITCH = "cross effect", "reversal left out", "pitch waves"
+LEFT_OUT, FINER = "function left out", "too few segments"
+_MODEL, _AUTO = "machine file, [model.functions]:", '{ segments = "auto" }'
+MOST_ORDERS = 24  # of polynomials that stand for finer segments
 OWN, OTHER = 3, 2  # orders along the own axis and over the other one
 FINEST = 1.0  # mm: shortest period looked for
 FEWEST_WAVES = 12  # in the measured range: longer ones are a matter of the smooth functions
@@ -75,6 +79,40 @@ def left_out(around: Around, model: ErrorModel) -> Iterator[Alternative]:
 def _along(seen: Sensitivities, machine: Machine, i: int, component: int) -> np.ndarray:
     """A function of low order of its own axis, (n, k)."""
     return np.asarray((seen.errors[ROWS * i + component] * low_order(machine.axes[i], seen.positions[:, i], OWN)).T)
+
+
+def finer(around: Around, model: ErrorModel) -> Iterator[Alternative]:
+    """Functions whose stated segments are too few for their shape: one by one, of an axis, and all of them."""
+    machine, every = model.machine, []
+    for i, axis in enumerate(machine.axes):
+        own = []
+        for component in range(ROWS):
+            name = f"E{DIRECTIONS[component]}{axis.letter}"
+            function = model.by_name.get((name, MEAN))
+            if function is None or not function.splines or settings_for(machine, name).segments == "auto":
+                continue
+            order = min(2 * function.splines[0].segments + 6, MOST_ORDERS)
+            row = ROWS * i + component
+            pair = [
+                (s.errors[row] * low_order(axis, s.positions[:, i], order)).T
+                for s in (around.seen, around.outcome.seen)
+            ]
+            own.append(pair)
+            yield Alternative(FINER, f"{name} has too few segments", f"{_MODEL} {name} = {_AUTO}", *pair)
+        if own:
+            what, cure = (
+                f"the functions of {axis.letter} have too few segments",
+                f'{_MODEL} "E?{axis.letter}" = {_AUTO}',
+            )
+            yield Alternative(FINER, what, cure, *_side_by_side(own))
+        every += own
+    if every:
+        what, cure = "the functions have too few segments", 'machine file, [model]: segments = "auto"'
+        yield Alternative(FINER, what, cure, *_side_by_side(every))
+
+
+def _side_by_side(pairs: list[list[np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
+    return np.hstack([p[0] for p in pairs]), np.hstack([p[1] for p in pairs])
 
 
 def reversals(around: Around, machine: Machine) -> Iterator[Alternative]:

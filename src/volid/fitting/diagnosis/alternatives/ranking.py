@@ -10,15 +10,17 @@ from volid.fitting.diagnosis.alternatives.axes import COLUMNS, ORDER, SENSE, jud
 from volid.fitting.diagnosis.alternatives.base import Alternative, Judged, judged
 from volid.fitting.diagnosis.alternatives.functions import (
     CROSS,
+    FINER,
     LEFT_OUT,
     PITCH,
     REVERSAL,
     cross_effects,
+    finer,
     left_out,
     pitches,
     reversals,
 )
-from volid.fitting.diagnosis.alternatives.readings import OUTLIERS, TOOL, outliers, tools
+from volid.fitting.diagnosis.alternatives.readings import OUTLIERS, SCALE, TOOL, outliers, scales, tools
 from volid.fitting.diagnosis.alternatives.time import BREAK, DRIFT, GROWTH, WARMTH, breaks, drifts, growths
 from volid.fitting.diagnosis.around import Around, Fit
 from volid.model.error_model import ErrorModel
@@ -27,7 +29,23 @@ from volid.model.machine import Machine
 CHANCE = 1e-3  # that any alternative is named on a sound campaign, all of them together
 LISTED = 5
 WORTH = 0.03  # of the best score: an alternative with less only retells a little of what the best one explains
-TRIED = (DRIFT, GROWTH, WARMTH, BREAK, CROSS, LEFT_OUT, TOOL, ORDER, SENSE, COLUMNS, PITCH, REVERSAL, OUTLIERS)
+TRIED = (
+    DRIFT,
+    GROWTH,
+    WARMTH,
+    BREAK,
+    CROSS,
+    LEFT_OUT,
+    FINER,
+    TOOL,
+    SCALE,
+    ORDER,
+    SENSE,
+    COLUMNS,
+    PITCH,
+    REVERSAL,
+    OUTLIERS,
+)
 
 
 def named(around: Around, fit: Fit, machine: Machine, doubtful: bool, scattered: bool) -> list[Judged]:
@@ -52,9 +70,11 @@ def _linear(around: Around, machine: Machine, model: ErrorModel, doubtful: bool)
     yield from growths(around, machine)
     yield from breaks(around)
     yield from tools(around)
+    yield from scales(around)
     yield from outliers(around)
     yield from reversals(around, machine)
     yield from cross_effects(around, machine)
     yield from left_out(around, model)
+    yield from finer(around, model)
     if doubtful:
         yield from pitches(around, machine)

@@ -1,4 +1,4 @@
-"""Alternatives in the readings: the length of one tool, outliers, u wrong as a whole."""
+"""Alternatives in the readings: the length of one tool, the scale of a station, outliers, u wrong as a whole."""
 
 from __future__ import annotations
 
@@ -8,11 +8,13 @@ import numpy as np
 from scipy.special import ndtri
 
 from volid.campaign import SAME_TOOL
+from volid.effects.base import lengths_of
 from volid.fitting.diagnosis.alternatives.base import Alternative
 from volid.fitting.diagnosis.around import Around
 from volid.fitting.diagnosis.robust import spread
 
-TOOL, OUTLIERS, WHOLE, NONE = "tool length", "outliers", "u as a whole", "none of these"
+TOOL, SCALE, OUTLIERS = "tool length", "scale of a station", "outliers"
+WHOLE, NONE = "u as a whole", "none of these"
 MOST_TOOLS = 24
 MOST_OUTLIERS = 60
 MANY = 0.1  # of the readings: so many are no outliers
@@ -30,6 +32,23 @@ def tools(around: Around) -> Iterator[Alternative]:
         yield Alternative(
             TOOL, f"tool vector ({said}) mm has another length or offset", cure, (around.seen.tool * own).T
         )
+
+
+def scales(around: Around) -> Iterator[Alternative]:
+    """The lengths from one station, or from every one, have a scale error of their own, as wrong refraction gives it."""
+    lengths = np.concatenate([lengths_of(s).ravel() for s in around.campaign.sets])
+    columns = []
+    for name in sorted(set(around.standing.tolist()) - {""}):
+        columns.append(np.where(around.standing == name, around.weight * lengths, 0.0)[:, None])
+        yield Alternative(SCALE, f"lengths from {name} have another scale", _scale_cure(name), columns[-1])
+    if len(columns) > 1:
+        cure = _scale_cure(next(n for n in around.standing.tolist() if n))
+        yield Alternative(SCALE, "lengths from several stations have other scales", cure, np.hstack(columns))
+
+
+def _scale_cure(name: str) -> str:
+    kind = name.split(" ", 1)[0]
+    return f'campaign, [[set.effect]]: type = "scale", per = "{kind}"; and check the refractive index of the readings'
 
 
 def outliers(around: Around) -> Iterator[Alternative]:
