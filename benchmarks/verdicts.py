@@ -132,17 +132,16 @@ def drawn(task: tuple[str, int, int, int]) -> list[dict[str, Any]]:
     seen, fit = assembly.tests
     total, width, n_known = fitter.campaign.n_readings, seen.rows.shape[1], len(fitter.problem.system.prior_value)
     values, vectors = np.linalg.eigh(np.eye(width) - seen.rows.T @ seen.rows)
-    known = (
-        vectors * np.sqrt(np.maximum(values, 0.0))
-    ) @ vectors.T  # what is known beforehand, as many rows as unknowns
+    told = values > 1e-9
+    known = (vectors[:, told] * np.sqrt(values[told])).T  # what is known beforehand, in as few rows as say the same
     rows, leverages = [], np.sum(seen.rows**2, axis=1)
     freedom = total + n_known - width
     for trial in range(first, first + trials):
         rng = np.random.default_rng([n, trial])
-        noise, prior = rng.standard_normal(len(seen.v)), rng.standard_normal(width)
-        step = seen.rows.T @ noise + known @ prior
+        noise, prior = rng.standard_normal(len(seen.v)), rng.standard_normal(len(known))
+        step = seen.rows.T @ noise + known.T @ prior
         v = noise - seen.rows @ step
-        rest = float(np.sum((prior - known @ step) ** 2)) + float(rng.chisquare(max(n_known - width, 1)))
+        rest = float(np.sum((prior - known @ step) ** 2)) + float(rng.chisquare(max(n_known - len(known), 1)))
         others = float(rng.chisquare(total - len(v))) if total > len(v) else 0.0
         shapes = [s.readings.shape for s in seen.campaign.sets]
         ends = np.cumsum([int(np.prod(shape)) for shape in shapes])[:-1]

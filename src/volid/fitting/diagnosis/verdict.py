@@ -31,6 +31,7 @@ from volid.fitting.diagnosis.outcome import largest
 from volid.model.machine import Machine
 
 SIGNIFICANT = 1e-3  # probability of a misfit by chance, per family of tests
+BLOCKS = 1e-4  # the same for hold-outs by block, whose distribution is known only about
 CERTAIN = 1e-6  # the same, for a verdict that rejects
 LARGEST = 5.0**0.5  # factor from which on the misfit alone exceeds U = 2 u
 WORSE = 1.15  # unit weight from which on the smoothness is estimated anew with a larger u
@@ -67,7 +68,7 @@ def misfit(around: Around, machine: Machine, adequacy: Adequacy) -> Misfit:
 
 def _largest(found: list[Excess]) -> Excess:
     """The largest variance of those that are significant together."""
-    certain = [e for e in found if e.probability * len(found) < SIGNIFICANT]
+    certain = [e for e in found if e.probability * len(found) < BLOCKS]
     return max(certain, key=lambda e: e.variance, default=NOTHING)
 
 
