@@ -26,7 +26,7 @@ Root attributes: `format`; `machine_name`; `axes` (letters, machine axis order);
 - `smoothness/`, where the smoothness of functions was estimated: `name` of its parameters, such as "EXX size" and "EXX length",
   `value` and `u` of their logarithms [of mm or rad; of the range]; `root` W (r, n), pseudo-readings W θ = 0 with unit variance;
   `noise` G (r, h), their covariance is 1 + G Gᵀ because the parameters are uncertain; `spread` (n + k, h), what G brings to the
-  unknowns: `covariance` is the inverse of JᵀJ plus `spread` times its transpose; attribute `scatter` (JSON text: direction ->
+  unknowns: `covariance` is `factor`² times the sum of the inverse of JᵀJ and `spread` times its transpose; attribute `scatter` (JSON text: direction ->
   standard deviation of what is independent from position to position [mm], which is part of every u of a deviation).
 - `identifiability/`: `statements` (text, what is not determined); `null_space` (n, d), combinations of θ that are not determined;
   `held_directions` (s, h), directions of the s tool-frame constants held at 0; `undetermined/function`, `/directions`.
@@ -34,7 +34,10 @@ Root attributes: `format`; `machine_name`; `axes` (letters, machine axis order);
   `normalised` (m, r) = residual/(u sqrt(1 - h)), `outlier` (m, r), set aside by the robust fit; on machines with rotary
   axes `held_out` (m, r) = reading - prediction by the fit to all other rotary positions, NaN where one position alone determines
   a combination of the parameters.
-- `adequacy/`: attributes `verdict`, `rejected`, `chi_square`, `degrees_of_freedom`, `unit_weight`, `probability`; `groups/`:
+- `adequacy/`: attributes `verdict`, `grade` ("accepted", "accepted, u enlarged", "rejected", "not testable"), `rejected`, `factor`
+  (what every u is multiplied by; `covariance` holds its square), `chi_square`, `degrees_of_freedom`, `unit_weight`, `probability`;
+  `causes/`: `cause`, `what`, `cure`, `drop` (of chi-square), `gain`, `unknowns`, `log10_probability`, `change` (of the result, over
+  U), each (c,), the most likely first; `groups/`:
   `what`, `n`, `unit_weight`, `probability`, `sort`, each (g,), least probable first; `suspects/`: `where`, `label`, `residual`,
   `normalised`, `unit`, each (s,). `outliers/`: the same columns, for the readings that were set aside.
 - `statistics/`: attributes `n_readings`, `n_parameters`, `iterations`, `converged`, `held_out_weight`
