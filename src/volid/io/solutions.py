@@ -26,8 +26,9 @@ Root attributes: `format`; `machine_name`; `axes` (letters, machine axis order);
 - `smoothness/`, where the smoothness of functions was estimated: `name` of its parameters, such as "EXX size" and "EXX length",
   `value` and `u` of their logarithms [of mm or rad; of the range]; `root` W (r, n), pseudo-readings W θ = 0 with unit variance;
   `noise` G (r, h), their covariance is 1 + G Gᵀ because the parameters are uncertain; `spread` (n + k, h), what G brings to the
-  unknowns: `covariance` is `factor`² times the sum of the inverse of JᵀJ and `spread` times its transpose; attribute `scatter` (JSON text: direction ->
-  standard deviation of what is independent from position to position [mm], which is part of every u of a deviation).
+  unknowns: `covariance` is `factor`² times the sum of the inverse of JᵀJ and `spread` times its transpose; attribute `scatter`
+  (JSON text: direction -> standard deviation of what is independent from position to position [mm], part of every u of a
+  deviation).
 - `identifiability/`: `statements` (text, what is not determined); `null_space` (n, d), combinations of θ that are not determined;
   `held_directions` (s, h), directions of the s tool-frame constants held at 0; `undetermined/function`, `/directions`.
 - `residuals/1`, `/2`, …, in the order of `campaign/sets`: attributes `set`, `rms`; `residual` (m, r) = reading - predicted,
