@@ -44,18 +44,13 @@ class FunctionValue(NamedTuple):
 
 
 class Statistics(NamedTuple):
-    """Numbers about the fit: readings used, free parameters, RMS of the residuals by set [reading's unit], iterations.
-
-    `held_out_weight`: RMS of the prediction errors of held-out readings over its expectation, where a fit has found it; files of
-    earlier versions hold one.
-    """
+    """Numbers about the fit: readings used, free parameters, RMS of the residuals by set [reading's unit], iterations."""
 
     n_readings: int
     n_parameters: int
     residual_rms: Mapping[str, float]
     iterations: int
     converged: bool
-    held_out_weight: float = float("nan")
 
 
 @dataclass(frozen=True, eq=False)

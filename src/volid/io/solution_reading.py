@@ -181,7 +181,6 @@ def read_statistics(file: h5py.File) -> Statistics:
         residual_rms={parts[i].attrs["set"]: float(parts[i].attrs["rms"]) for i in sorted(parts, key=int)},
         iterations=int(attributes["iterations"]),
         converged=bool(attributes["converged"]),
-        held_out_weight=float(attributes.get("held_out_weight", np.nan)),
     )
 
 

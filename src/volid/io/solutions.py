@@ -35,14 +35,13 @@ Root attributes: `format`; `machine_name`; `axes` (letters, machine axis order);
   `normalised` (m, r) = residual/(u sqrt(1 - h)), `outlier` (m, r), set aside by the robust fit; on machines with rotary
   axes `held_out` (m, r) = reading - prediction by the fit to all other rotary positions, NaN where one position alone determines
   a combination of the parameters.
-- `adequacy/`: attributes `verdict`, `grade` ("accepted", "accepted, u enlarged", "rejected", "not testable"), `rejected`, `factor`
-  (what every u is multiplied by; `covariance` holds its square), `chi_square`, `degrees_of_freedom`, `unit_weight`, `probability`;
-  `causes/`: `cause`, `what`, `cure`, `drop` (of chi-square), `gain`, `unknowns`, `log10_probability`, `change` (of the result, over
-  U), each (c,), the most likely first; `groups/`:
-  `what`, `n`, `unit_weight`, `probability`, `sort`, each (g,), least probable first; `suspects/`: `where`, `label`, `residual`,
-  `normalised`, `unit`, each (s,). `outliers/`: the same columns, for the readings that were set aside.
-- `statistics/`: attributes `n_readings`, `n_parameters`, `iterations`, `converged`, `held_out_weight`
-  (NaN: none). `notes`: text, (t,).
+- `adequacy/`: attributes `verdict`, `grade` ("accepted", "accepted, u enlarged", "rejected", "not testable"), `rejected`,
+  `factor` (what every u is multiplied by; `covariance` holds its square), `chi_square`, `degrees_of_freedom`, `unit_weight`,
+  `probability`; `causes/`: `cause`, `what`, `cure`, `drop` (of chi-square), `gain`, `unknowns`, `log10_probability`, `change` (of
+  the result, over U), each (c,), the most likely first; `groups/`: `what`, `n`, `unit_weight`, `probability`, `sort`, each (g,),
+  least probable first; `suspects/`: `where`, `label`, `residual`, `normalised`, `unit`, each (s,). `outliers/`: the same columns,
+  for the readings that were set aside.
+- `statistics/`: attributes `n_readings`, `n_parameters`, `iterations`, `converged`. `notes`: text, (t,).
 - `monte_carlo/`, once run: attributes `trials` M, `seed`, `tolerance` (numerical tolerance reached over the one wanted, NaN for a
   fixed M); `samples` (M, n + k) of (θ, ν); `chi_square`, `error` (distance to the minimum in standard uncertainties), `solved`
   (by the full solver), `outliers` (set aside in the trial), each (M,).
@@ -131,7 +130,7 @@ def write_solution(solution: Solution, path: str | Path, overwrite: bool = False
         write_residuals(file.create_group("residuals"), solution)
         write_rows(file.create_group("outliers"), SuspectReading, solution.readings.outlier_readings)
         write_adequacy(file.create_group("adequacy"), solution.adequacy)
-        for name in ("n_readings", "n_parameters", "iterations", "converged", "held_out_weight"):
+        for name in ("n_readings", "n_parameters", "iterations", "converged"):
             file.require_group("statistics").attrs[name] = getattr(solution.statistics, name)
         write_text(file, "notes", list(solution.notes))
         file.create_group("provenance").attrs.update(solution.provenance)
