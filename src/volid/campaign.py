@@ -129,6 +129,8 @@ class ObservationSet:
         """The set with the rows of these `numbers` only, shape (k,), in their order."""
         given = {name: getattr(self, name) for name in ROW_ARRAYS}
         cut: dict[str, Any] = {name: None if values is None else values[numbers] for name, values in given.items()}
+        if self.rows is None:  # messages go on to name the row that it was
+            cut["rows"] = np.asarray(numbers) + 1
         return replace(self, labels={name: values[numbers] for name, values in self.labels.items()}, **cut)
 
     def where(self, i: int) -> str:

@@ -1,5 +1,6 @@
 """The cause of a misfit by name: every mistake is named first, and nothing is named where nothing is wrong."""
 
+import tomllib
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ from support.machines import MACHINES, STRUCTURES, exact_machine, volid_machine
 from support.mistakes import CALLED, MISTAKES, sound
 from support.rtests import NO_LINEAR, r_test, r_test_campaign, rotary_only
 
+from volid.campaign import Effect
 from volid.fitting.diagnosis.adequacy import REJECTED
 from volid.fitting.diagnosis.alternatives.axes import other_structures
 from volid.fitting.diagnosis.alternatives.base import log_chance, profile
@@ -52,7 +54,7 @@ def test_nothing_is_named_where_nothing_is_wrong(layout):
 def test_what_is_named_is_the_thing_itself():
     """The station, the row, the function with its axis, the tool: not only the sort of cause."""
     drift = fit(MISTAKES["drift of a station"]("vertical", 2, 0.06, **FEW).campaign).adequacy.causes[0]
-    assert "station S3 drifts" in drift.what and "[[set.effect]]" in drift.cure
+    assert "station S3 drifts" in drift.what and "S3a, S3b" in drift.cure
     cross = fit(MISTAKES["cross effect"]("vertical", 0, 0.02, **FEW).campaign).adequacy.causes[0]
     assert cross.what == "EYX changes with Z" and 'EYX = { over = ["X", "Z"] }' in cross.cure
     tool = fit(MISTAKES["tool length"]("gantry", 1, 0.01, **FEW).campaign).adequacy.causes[0]
@@ -64,11 +66,34 @@ def test_what_is_named_is_the_thing_itself():
     assert reversal.what == "EYY has a reversal"
 
 
-def test_a_named_cure_cures():
+@pytest.mark.parametrize("mistake", ["cross effect", "reversal left out"])
+def test_a_named_cure_cures(mistake):
     """What is written into the machine file as told is accepted."""
-    made = MISTAKES["cross effect"]("vertical", 0, 0.02, **FEW)
+    made = MISTAKES[mistake]("vertical", 0, SIZES[mistake], **FEW)
     line = fit(made.campaign).adequacy.causes[0].cure.split("[model.functions]: ")[1]
     cured = replace(made.campaign, machine=volid_machine(made.exact, f"[model.functions]\n{line}"))
+    assert fit(cured).adequacy.grade != REJECTED
+
+
+def test_the_cure_of_an_order_is_the_structure_of_the_machine():
+    made = MISTAKES["order of the axes"]("vertical", 0, SIZES["order of the axes"], **FEW)
+    cure = fit(made.campaign).adequacy.causes[0].cure
+    assert made.exact.structure in cure, cure
+
+
+def test_the_cure_of_scales_is_an_effect_that_is_accepted():
+    """Refraction off by some ppm at each of six stations, and the effect as told."""
+    made = sound("vertical", 0, 0.0, **FEW)
+    (s,) = made.campaign.sets
+    ppm = dict(zip(sorted(set(s.labels["station"].tolist())), 1e-6 * np.array([9.0, -7, 5, 2, -4, -9]), strict=True))
+    factor = np.array([ppm[name] for name in s.labels["station"]])[:, None]
+    wrong = replace(made.campaign, sets=(replace(s, readings=s.readings * (1.0 + factor)),))
+    found = fit(wrong).adequacy
+    assert found.rejected and found.causes[0].cause == "scale of a station"
+    effect = tomllib.loads(found.causes[0].cure.split("[[set.effect]]: ")[1].split(";")[0].replace(", ", "\n"))
+    stated = Effect(effect["name"], effect["type"], effect["u"], effect["per"])
+    assert 9e-6 < effect["u"] < 6e-5
+    cured = replace(wrong, sets=(replace(wrong.sets[0], effects=(stated,)),))
     assert fit(cured).adequacy.grade != REJECTED
 
 
@@ -104,9 +129,9 @@ def test_gain_is_beyond_what_a_larger_u_explains():
     assert profile(400.0, 100) - profile(100.0, 100) == pytest.approx(100.0 * np.log(4.0))
 
 
-@pytest.mark.parametrize(("gain", "k"), [(3.0, 1), (40.0, 6), (1200.0, 8)])
+@pytest.mark.parametrize(("gain", "k"), [(3.0, 1), (40.0, 6), (1400.0, 8), (1700.0, 60)])
 def test_chance_of_a_gain(gain, k):
-    assert log_chance(gain, k) == pytest.approx(chi2.logsf(gain, k), rel=0.02)
+    assert log_chance(gain, k) == pytest.approx(chi2.logsf(gain, k), abs=0.05 * k)
 
 
 def test_orders_of_a_chain():

@@ -108,4 +108,4 @@ def test_summary_lists_causes_with_cures():
     text, data = volid.summary(solution), summary_data(solution)
     assert text.index("likely causes of the misfit") < text.index("machine ")
     assert data["grade"] == "rejected" and data["causes"][0]["cause"] == "drift of a station"
-    assert "What to do: campaign, [[set.effect]]" in text.replace("\n  ", " ")
+    assert "What to do: campaign: give the readings of S1 other names in column 'station'" in text.replace("\n  ", " ")

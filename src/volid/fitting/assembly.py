@@ -93,7 +93,7 @@ class Assembly:
             self.fitter.smooth_rows, share,
         )  # fmt: skip
         self.tests = around(fit, outcome, tested.chi_square, tested.degrees_of_freedom), fit
-        return judge(*self.tests, found.machine, tested, bool(found.scatter))
+        return judge(*self.tests, found.machine, tested, self.fitter.waves)
 
     @cached_property
     def _whitened(self) -> list[np.ndarray]:
@@ -175,6 +175,10 @@ class Assembly:
             notes.append(
                 f"waves too short for the functions: {sizes} (standard deviation), independent from position to position and "
                 "part of every u; where it is the pitch of a screw, state it as `pitch` of the axis"
+            )
+        if self.fitter.is_broken_down:
+            notes.append(
+                "the smoothness of the functions could not be estimated from these readings; what it brings to u is missing"
             )
         if found.nuisance_defect:
             notes.append(f"{found.nuisance_defect} combinations of station or instrument parameters not determined")

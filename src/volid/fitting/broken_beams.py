@@ -22,6 +22,7 @@ from volid.fitting.smooth_fit import SmoothFit
 from volid.observations import KINDS
 
 CHANCE = 1e-5  # that a sound campaign is cut anywhere
+LARGEST = 120_000_000  # numbers of J L that are kept at once, 1 GB: some 270,000 readings
 MOST = 12  # times that all segments are looked through
 
 
@@ -42,8 +43,12 @@ def with_new_segments(
     )
     chi = 2.0 * float(fitter.optimum.cost)
     freedom = fitter.campaign.n_readings + fitter.n_smooth - fitter.free.shape[1]
-    seen = around(fit, Outcome.nothing(fit.root.shape[1]), chi, max(freedom, 1))
-    found = [j for j in judged(seen, breaks(seen)) if j.log_probability < np.log(CHANCE)] if seen.share == 1.0 else []
+    seen = around(fit, Outcome.nothing(fit.root.shape[1]), chi, max(freedom, 1), LARGEST)
+    found = [j for j in judged(seen, breaks(seen)) if j.log_probability < np.log(CHANCE)]
+    if found and seen.share < 1.0:
+        return campaign, (
+            f"{max(found, key=lambda j: j.gain).alternative.what}, or near it; too many readings to cut there",
+        )
     found.sort(key=lambda j: -j.gain)
     notes = []
     for j in found[:1]:  # the next one is looked for when this one is cured

@@ -220,7 +220,8 @@ class Stages:
         if self.task.prior is not None:
             options[EARLIER_RANGES] = {a: list(r) for a, r in _measured_by(self.task.prior).items()}
             options[EARLIER_LEVELS] = {a: list(v) for a, v in self.task.prior.levels().items()}
-        own, earlier = fitter.scatter, {} if self.task.prior is None else self.task.prior.scatter
+        own = fitter.waves = dict(fitter.scatter)
+        earlier = {} if self.task.prior is None else dict(self.task.prior.scatter)
         if fitter.processes:
             fitter.scatter = {n: max(earlier.get(n, 0.0), own.get(n, 0.0)) for n in {**earlier, **own}}
         found = Assembly(fitter, outliers).solution(self.warnings, options, self.task.starts, every)
@@ -282,7 +283,10 @@ def _without_breaks(stages: Stages, fitter: SmoothFit, how: How) -> tuple[Stages
         campaign, notes = with_new_segments(stages.measured, fitter, stages.task.starts)
         if not notes:
             break
-        kept = (*stages.warnings, *notes)
+        kept = tuple(dict.fromkeys((*stages.warnings, *notes)))
+        if campaign is stages.measured:
+            stages.warnings = kept
+            break
         stages = Stages.begin(campaign, task.prior, task.progress, how, task.robust)
         stages.warnings = tuple(dict.fromkeys((*kept, *stages.warnings)))
         fitter = stages.solved()

@@ -46,6 +46,8 @@ class SmoothFit(Fitter):
         super().__init__(campaign, problem, found, method)
         self.known, self.processes = known, processes
         self.scatter: dict[str, float] = {}
+        self.waves: dict[str, float] = {}  # the part of `scatter` that this campaign showed
+        self.is_broken_down = False  # whether the smoothness could not be estimated
         self.kappa = 1.0  # by which all readings' u is taken to be too small
         self.measured, self.bare = campaign, problem
         self._take(first_guess(processes))
@@ -93,7 +95,7 @@ class SmoothFit(Fitter):
             self.root()
         except (np.linalg.LinAlgError, VolidError):
             self._take(before)
-            self.optimum = optimum
+            self.optimum, self.is_broken_down = optimum, True
 
     def _add_scatter(self, factors: list[np.ndarray]) -> None:
         """What is independent from position to position: u of the readings grows by it, where the residuals show it."""

@@ -52,7 +52,7 @@ def _verdict_lines(data: dict[str, Any]) -> list[str]:
 
 
 def _cause_lines(data: dict[str, Any]) -> list[str]:
-    """What explains the misfit, best first: itself, what it gains and does, and its cure."""
+    """What explains the misfit, the best first, the others what is left then: itself, what it gains and does, and its cure."""
     texts: list[str] = []
     for cause in data["causes"][:_CAUSES]:
         numbers = []
@@ -61,12 +61,12 @@ def _cause_lines(data: dict[str, Any]) -> list[str]:
             numbers.append(f"gain {cause['gain']:.0f} with {cause['unknowns']} unknown{several}")
         elif cause["gain"]:
             numbers.append(f"gain {cause['gain']:.0f}")
-        if cause["change"] is not None and cause["drop"] > 0.0:
-            numbers.append(f"changes results by up to {cause['change']:.1f} U")
+        if cause["change"]:
+            numbers.append(f"moves results by up to {cause['change']:.1f} U")
         more = f" ({'; '.join(numbers)})" if numbers else ""
         what = cause["what"] if not texts else cause["what"].split(": drift of")[0]  # what was tried is a long list
         texts.append(f"{what}{more}. What to do: {cause['cure']}.")
-    return bullets("likely causes of the misfit, the best first", texts)
+    return bullets("likely causes of the misfit (gain: fall of -2 ln likelihood; U: of the stated u, k = 2)", texts)
 
 
 def _head_lines(data: dict[str, Any]) -> list[str]:

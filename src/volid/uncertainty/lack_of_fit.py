@@ -31,6 +31,10 @@ class LackOfFit(NamedTuple):
         if self.grade == NOT_TESTABLE:
             return "not testable: there are no more readings than unknowns"
         seen = f"unit weight {self.unit_weight:.2f}"
+        if (
+            self.factor == 1.0 and self.grade == REJECTED
+        ):  # a file of an earlier version, or a cause that chi-square does not see
+            return f"found ({seen}); not part of the stated u, which do not hold"
         if self.factor == 1.0:
             return f"none found ({seen})"
         text = f"found ({seen}); part of every u, which is {self.factor:.2f} times as large with it"

@@ -148,9 +148,9 @@ class Around:
         return np.concatenate([np.asarray(p).ravel() for p in parts])
 
 
-def around(fit: Fit, outcome: Outcome, chi_square: float, freedom: int) -> Around:
-    """The fit around its optimum; `outcome`: in the directions of `fit.root`."""
-    campaign, factors, share = _thinned(fit)
+def around(fit: Fit, outcome: Outcome, chi_square: float, freedom: int, most: int = MOST) -> Around:
+    """The fit around its optimum; `outcome`: in the directions of `fit.root`; `most`: numbers of J L that are kept."""
+    campaign, factors, share = _thinned(fit, most)
     same = campaign is fit.campaign and fit.problem.engine.name == "interpreted"
     problem = fit.problem if same else _rebuilt(fit, campaign)
     problem = reweight(problem, campaign, factors)
@@ -166,9 +166,9 @@ def around(fit: Fit, outcome: Outcome, chi_square: float, freedom: int) -> Aroun
     return Around(campaign, share, whole, rows, weights, seen, outcome, chi_square, freedom)
 
 
-def _thinned(fit: Fit) -> tuple[Campaign, list[np.ndarray], float]:
+def _thinned(fit: Fit, most: int) -> tuple[Campaign, list[np.ndarray], float]:
     """Every so-manieth row, evenly over each set, with its weights, and their share."""
-    step = fit.campaign.n_readings * fit.root.shape[1] / MOST
+    step = fit.campaign.n_readings * fit.root.shape[1] / most
     if step <= 1.0:
         return fit.campaign, fit.factors, fit.share
     sets, factors = [], []

@@ -51,7 +51,10 @@ class Excess(NamedTuple):
 
 
 def partitions(around: Around, machine: Machine) -> Iterator[Blocks]:
-    """Stations, times, tool vectors, rotary positions, and levels of every axis."""
+    """Stations, times, tool vectors, levels of every axis, and rotary positions.
+
+    Where there are more rotary positions than `MOST`, several of them, spread over all, make a block.
+    """
     yield from _few("stations", around.standing, around.active)
     yield Blocks("times", _by_quantile(around.when, around.active, TIMES))
     rounded = np.round(around.tools, SAME_TOOL)
@@ -67,7 +70,7 @@ def partitions(around: Around, machine: Machine) -> Iterator[Blocks]:
 
 
 def cells(around: Around, machine: Machine) -> Iterator[Blocks]:
-    """Cells of the volume, by axis and by pair of axes; and by tool vector and level."""
+    """Cells of the volume, by axis and by pair of axes."""
     moved = [i for i, a in enumerate(machine.axes) if np.ptp(around.seen.positions[around.active, i]) > 1e-6 * a.length]
     fine = {i: _by_quantile(around.seen.positions[:, i], around.active, LEVELS) for i in moved}
     coarse = {i: _by_quantile(around.seen.positions[:, i], around.active, CELLS) for i in moved}
@@ -110,7 +113,7 @@ def influence(around: Around, blocks: Blocks, square: float) -> Excess:
         reach = solve_triangular(lower, outcome.T, lower=True)
         change = reach.T @ solve_triangular(lower, rows.T @ around.v[members], lower=True)
         variance = np.sum(reach**2, axis=0) - own
-        told = variance < CARRIED
+        told = variance < CARRIED * np.maximum(own, 1.0)
         beyond += float(np.sum(change[told] ** 2)) / q
         expected += square * float(np.sum(variance[told])) / q
         joint = (reach.T @ reach - plain)[np.ix_(told, told)]

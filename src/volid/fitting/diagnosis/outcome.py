@@ -40,7 +40,7 @@ class Outcome:
     is_length: np.ndarray
 
     def turned(self, lower: np.ndarray) -> Outcome:
-        """For a root L' with L = L' · `lower`ᵀ … of another covariance; u stays."""
+        """The same numbers for the root L `lower`⁻ᵀ of another covariance; u stays."""
         return replace(self, rows=solve_triangular(lower, self.rows.T, lower=True).T)
 
     @classmethod

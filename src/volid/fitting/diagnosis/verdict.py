@@ -4,8 +4,9 @@ Whether a misfit is significant depends on how many readings there are; what it 
 (chi-square of all readings and of groups, hold-outs by block, alternatives) only say that there is one. The grade follows from
 the outcome (`outcome`):
 
-- factor² = κ² + variance by leaving out blocks + variance by displacements (`blocks`), each only where it is significant, in
-  units of u²; κ: unit weight where it is significantly above 1. Every u is multiplied by the factor.
+- factor² = κ² + variance by leaving out blocks + variance by displacements (`blocks`), or the mean square of what alternatives
+  move where that is more, each only where it is significant, in units of u²; κ: unit weight where it is significantly above 1.
+  Every u is multiplied by the factor.
 - rejected where the misfit may move a result by more than U = 2 u: the factor exceeds √5, so that u_misfit = u √(factor² - 1)
   exceeds 2 u; or an alternative that explains the misfit moves a number of the outcome by more than its U; or another chain
   explains it.
@@ -14,6 +15,7 @@ the outcome (`outcome`):
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -24,87 +26,113 @@ from volid.fitting.diagnosis.adequacy import ACCEPTED, ENLARGED, NOT_TESTABLE, R
 from volid.fitting.diagnosis.alternatives.base import Judged, profile
 from volid.fitting.diagnosis.alternatives.functions import PITCH
 from volid.fitting.diagnosis.alternatives.ranking import TRIED, named
-from volid.fitting.diagnosis.alternatives.readings import NONE, WHOLE
+from volid.fitting.diagnosis.alternatives.readings import NONE, PART, WHOLE
 from volid.fitting.diagnosis.around import Around, Fit
 from volid.fitting.diagnosis.blocks import Excess, cells, displacement, influence, partitions
-from volid.fitting.diagnosis.outcome import largest
+from volid.fitting.diagnosis.groups import SET
+from volid.fitting.diagnosis.outcome import largest, typical
 from volid.model.machine import Machine
+from volid.observations import KINDS
 
 SIGNIFICANT = 1e-3  # probability of a misfit by chance, per family of tests
 BLOCKS = 1e-4  # the same for hold-outs by block, whose distribution is known only about
 CERTAIN = 1e-6  # the same, for a verdict that rejects
 LARGEST = 5.0**0.5  # factor from which on the misfit alone exceeds U = 2 u
 WORSE = 1.15  # unit weight from which on the smoothness is estimated anew with a larger u
+BARE_U = "times the U that the stated u gives"
+ACCEPTED_BUT = "model accepted by the data, though a cause of a small misfit is known"
 CONCENTRATED = 1.5  # unit weight of one group over that of all others
 PESSIMISTIC = 0.8  # unit weight below which u is said to be too large
 WORST = 4  # groups named in the verdict
 
 
 class Misfit(NamedTuple):
-    """What hold-outs by block show: the factor for u, and what it is made of."""
+    """What is significant at some probability: κ² (1 where chi-square is not), what hold-outs by block show, unit weights of
+    groups."""
 
-    factor: float
-    kappa: float
+    square: float
     influence: Excess
     displacement: Excess
+    groups: tuple[GroupTest, ...]
 
     @property
-    def is_significant(self) -> bool:
-        """Whether a block test found anything."""
+    def is_structured(self) -> bool:
+        """Whether a hold-out by block found anything."""
         return self.influence.variance > 0.0 or self.displacement.variance > 0.0
+
+    @property
+    def factor(self) -> float:
+        """For u."""
+        return self.factor_with([])
+
+    def factor_with(self, alternatives: list[Judged]) -> float:
+        """For u, where hold-outs may see less than what alternatives do to the outcome (root mean square)."""
+        moved = sum(typical(j.change) ** 2 for j in alternatives if np.all(np.isfinite(j.change)))
+        together = np.sqrt(self.square + max(self.influence.variance + self.displacement.variance, moved))
+        return float(max([together, *(g.unit_weight for g in self.groups)]))
 
 
 NOTHING = Excess("", 0.0, 1.0)
 
 
-def misfit(around: Around, machine: Machine, adequacy: Adequacy) -> Misfit:
-    """The factor for u."""
-    square = max(adequacy.unit_weight, 1.0) ** 2 if adequacy.probability < SIGNIFICANT else 1.0
-    moved = _largest([influence(around, b, square) for b in partitions(around, machine)])
-    shown = _largest([displacement(around, b, square) for b in cells(around, machine)])
-    factor = float(np.sqrt(square + moved.variance + shown.variance))
-    return Misfit(factor, float(np.sqrt(square)), moved, shown)
+class _Blocks(NamedTuple):
+    """What every hold-out by block shows."""
+
+    influence: list[Excess]
+    displacement: list[Excess]
 
 
-def _largest(found: list[Excess]) -> Excess:
-    """The largest variance of those that are significant together."""
-    certain = [e for e in found if e.probability * len(found) < BLOCKS]
+def _blocks(around: Around, machine: Machine, tested: Adequacy) -> _Blocks:
+    square = max(tested.unit_weight, 1.0) ** 2 if tested.probability < SIGNIFICANT else 1.0
+    return _Blocks(
+        [influence(around, b, square) for b in partitions(around, machine)],
+        [displacement(around, b, square) for b in cells(around, machine)],
+    )
+
+
+def _misfit(tested: Adequacy, blocks: _Blocks, probability: float, of_blocks: float) -> Misfit:
+    """What is significant at `probability`, hold-outs at `of_blocks`; each for its family of tests together."""
+    square = max(tested.unit_weight, 1.0) ** 2 if tested.probability < probability else 1.0
+    groups = [g for g in tested.groups if g.probability * len(tested.groups) < probability and g.unit_weight > 1.0]
+    influences, displacements = (_largest(found, of_blocks) for found in blocks)
+    return Misfit(square, influences, displacements, tuple(groups))
+
+
+def _largest(found: list[Excess], probability: float) -> Excess:
+    certain = [e for e in found if e.probability * len(found) < probability]
     return max(certain, key=lambda e: e.variance, default=NOTHING)
 
 
-def judge(around: Around, fit: Fit, machine: Machine, tested: Adequacy, scattered: bool) -> Adequacy:
+def judge(around: Around, fit: Fit, machine: Machine, tested: Adequacy, waves: Mapping[str, float]) -> Adequacy:
     """The adequacy of a fit with grade, factor, causes and verdict. `tested`: chi-square and group tests, without a verdict.
 
-    `scattered`: u of the readings holds a part that is independent from position to position.
+    `waves`: what the fit found to be independent from position to position, by direction [mm]; u of the readings holds it.
     """
-    found = misfit(around, machine, tested)
-    local = _local(tested.groups)
-    doubtful = tested.probability < SIGNIFICANT or bool(local) or found.is_significant
-    alternatives = named(around, fit, machine, doubtful, scattered)
+    blocks = _blocks(around, machine, tested)
+    found, certain = (_misfit(tested, blocks, *p) for p in ((SIGNIFICANT, BLOCKS), (CERTAIN, CERTAIN)))
+    doubtful = tested.probability < SIGNIFICANT or bool(found.groups) or found.is_structured
+    alternatives = named(around, fit, machine, doubtful, bool(waves))
     explained = [j for j in alternatives if j.log_probability < np.log(CERTAIN)]
-    factor = max([found.factor, *(g.unit_weight for g in local)])
-    outside = [j for j in explained if not (scattered and j.alternative.cause == PITCH)]  # waves are part of u then
-    reasons = _reasons(factor, found, tested.groups, outside)
-    significant = doubtful or bool(alternatives)
+    outside = [j for j in explained if not (waves and j.alternative.cause == PITCH)]  # waves are part of u then
+    reasons = _reasons(certain, tested.groups, outside)
     causes = [_cause(j) for j in alternatives]
-    if tested.probability < SIGNIFICANT or local:
-        causes += _rest(tested, found, alternatives)
-    larger = scattered or (significant and factor > 1.0)
-    grade = REJECTED if reasons else ENLARGED if larger else ACCEPTED
-    factor = factor if significant else 1.0
+    if tested.probability < SIGNIFICANT or found.groups:
+        causes += _rest(around, tested, found, alternatives)
+    factor = found.factor_with(alternatives) if doubtful or alternatives else 1.0
+    grade = REJECTED if reasons else ENLARGED if factor > 1.0 or waves or alternatives else ACCEPTED
     adequacy = replace(tested, rejected=bool(reasons), grade=grade, factor=factor, causes=tuple(causes))
-    return replace(adequacy, verdict=verdict_text(adequacy, reasons))
+    return replace(adequacy, verdict=verdict_text(adequacy, reasons, waves))
 
 
 def explained_otherwise(adequacy: Adequacy) -> bool:
     """Whether something else than waves explains best what a fit took as independent from position to position."""
-    return bool(adequacy.causes) and adequacy.causes[0].cause not in (PITCH, WHOLE, NONE)
+    return bool(adequacy.causes) and adequacy.causes[0].cause not in (PITCH, WHOLE, NONE, PART)
 
 
 def perhaps_u(adequacy: Adequacy) -> bool:
     """Whether the misfit may be a u that is too small as a whole, which the functions followed."""
     first = adequacy.causes[0].cause if adequacy.causes else WHOLE
-    return adequacy.unit_weight > WORSE and adequacy.probability < SIGNIFICANT and first in (WHOLE, NONE)
+    return adequacy.unit_weight > WORSE and adequacy.probability < SIGNIFICANT and first in (WHOLE, NONE, PART)
 
 
 def untested(tested: Adequacy) -> Adequacy:
@@ -112,13 +140,8 @@ def untested(tested: Adequacy) -> Adequacy:
     return replace(tested, grade=NOT_TESTABLE, verdict="not testable: there are no more readings than unknowns")
 
 
-def _local(groups: tuple[GroupTest, ...]) -> list[GroupTest]:
-    """Groups whose residuals are significantly larger than u."""
-    return [g for g in groups if g.probability * len(groups) < SIGNIFICANT and g.unit_weight > 1.0]
-
-
 def _concentrated(groups: tuple[GroupTest, ...]) -> list[GroupTest]:
-    """Groups whose unit weight is far above that of the others of their sort."""
+    """Groups whose unit weight is certainly above 1 and far above that of the others of their sort, the largest first."""
     found = []
     for g in groups:
         others = [o for o in groups if o.sort == g.sort and o is not g]
@@ -131,52 +154,66 @@ def _concentrated(groups: tuple[GroupTest, ...]) -> list[GroupTest]:
     return sorted(found, key=lambda g: -g.unit_weight)
 
 
-def _reasons(factor: float, found: Misfit, groups: tuple[GroupTest, ...], explained: list[Judged]) -> list[str]:
-    """Why a misfit may move a result by more than its U, in words; empty where it does not."""
+def _reasons(found: Misfit, groups: tuple[GroupTest, ...], explained: list[Judged]) -> list[str]:
+    """Why a misfit may move a result by more than its U, in words; empty where it does not. `found`: what is certain."""
     reasons = []
     moving = [j for j in explained if largest(j.change) > 1.0]
     if moving:
         size = largest(moving[0].change)
-        by = f"changes results by up to {size:.1f} U" if np.isfinite(size) else "is another machine"
-        reasons.append(f"{moving[0].alternative.what}, which {by}")
+        by = f"moves results by up to {size:.1f} {BARE_U}" if np.isfinite(size) else "is another machine"
+        chance = _power(moving[0].log_probability / float(np.log(10.0)))
+        reasons.append(f"{moving[0].alternative.what} (by chance with a probability {chance}), which {by}")
     concentrated = _concentrated(groups)
     if concentrated:
-        reasons.append(
-            f"the misfit sits in one place: {concentrated[0].what} (unit weight {concentrated[0].unit_weight:.2f})"
-        )
-    if factor > LARGEST:
-        most = found.displacement if found.displacement.variance > found.influence.variance else found.influence
-        seen = f", by hold-outs of {most.sort}" if most.variance > 0.5 * factor**2 else ""
-        reasons.append(f"the misfit may move results by more than their U (u {factor:.1f} times as large{seen})")
+        worst = concentrated[0]
+        reasons.append(f"the misfit sits in one place: {worst.what} (unit weight {worst.unit_weight:.2f})")
+    if found.factor > LARGEST:
+        most = max(found.displacement, found.influence, key=lambda e: e.variance)
+        seen = f", by hold-outs of {most.sort}" if most.variance > 0.5 * found.factor**2 else ""
+        reasons.append(f"the misfit may move results by more than their U (u {found.factor:.1f} times as large{seen})")
     return reasons
+
+
+def _power(log10: float) -> str:
+    """A probability in words, from its decimal logarithm."""
+    return "below 1e-300" if log10 < -300.0 else f"of 1e{log10:.0f}"
 
 
 def _cause(j: Judged) -> Cause:
     a, change = j.alternative, largest(j.change)
-    return Cause(a.cause, a.what, a.cure, j.drop, j.gain, j.k, j.log_probability / float(np.log(10.0)), change)
+    cure = a.cure.replace("{size:.1e}", f"{2.0 * float(np.max(np.abs(j.values), initial=0.0)):.1e}")
+    return Cause(a.cause, a.what, cure, j.drop, j.gain, j.k, j.log_probability / float(np.log(10.0)), change)
 
 
-def _rest(tested: Adequacy, found: Misfit, alternatives: list[Judged]) -> list[Cause]:
-    """What is left of the misfit when the best alternative is taken out: u as a whole, or none of these."""
-    best = alternatives[0] if alternatives else None
-    chi = tested.chi_square - (best.drop if best else 0.0)
-    nu = tested.degrees_of_freedom - (best.k if best else 0)
-    probability = float(chdtrc(max(nu, 1), max(chi, 0.0)))
-    if best is not None and (probability > SIGNIFICANT or best.gain > chi - profile(chi, nu)):
+def _rest(around: Around, tested: Adequacy, found: Misfit, alternatives: list[Judged]) -> list[Cause]:
+    """What is left of the misfit when all alternatives are taken out: u as a whole or of a part, or none of these."""
+    chi = around.share * tested.chi_square - sum(j.drop for j in alternatives)
+    nu = max(int(around.share * tested.degrees_of_freedom) - sum(j.k for j in alternatives), 1)
+    probability = float(chdtrc(nu, max(chi, 0.0)))
+    left = chi - profile(chi, nu)
+    if alternatives and (probability > SIGNIFICANT or alternatives[0].gain > left):
         return []
-    weight, log10 = float(np.sqrt(chi / max(nu, 1))), float(np.log10(max(probability, 1e-300)))
-    structured = found.is_significant or bool(_concentrated(tested.groups))
-    if structured or probability > SIGNIFICANT:
-        rest = "the rest of the misfit" if best else "the misfit"
+    weight, log10 = float(np.sqrt(max(chi, 0.0) / nu)), float(np.log10(max(probability, 1e-300)))
+    parts = [g for g in _concentrated(tested.groups) if g.sort in _labels()]
+    if parts and not alternatives:
+        what = f"readings of {parts[0].what} are worse than stated by the factor {parts[0].unit_weight:.2f}"
+        cure = f"campaign: column 'u' of these readings times {parts[0].unit_weight:.2f}, once it is known why"
+        return [Cause(PART, what, cure, 0.0, 0.0, 1, log10, 0.0)]
+    if found.is_structured or probability > SIGNIFICANT or _concentrated(tested.groups):
+        rest = "the rest of the misfit" if alternatives else "the misfit"
         what = f"none of these explains {rest}: {', '.join(TRIED)}"
         cure = "look at the residuals by station, place and time, and repeat what looks odd"
-        return [Cause(NONE, what, cure, 0.0, 0.0, 0, log10, weight - 1.0)]
+        return [Cause(NONE, what, cure, 0.0, 0.0, 0, log10, 0.0)]
     what = f"all u are too small by the factor {weight:.2f}: the instrument is worse than stated"
-    cure = f"campaign, [[set]]: u times {weight:.2f}"
-    return [Cause(WHOLE, what, cure, chi - nu, chi - profile(chi, nu), 1, log10, weight - 1.0)]
+    return [Cause(WHOLE, what, f"campaign, [[set]]: u times {weight:.2f}", chi - nu, left, 1, log10, 0.0)]
 
 
-def verdict_text(adequacy: Adequacy, reasons: list[str]) -> str:
+def _labels() -> set[str]:
+    """Sorts of groups that share an instrument or what stands still, not a place or a time."""
+    return {SET, *(label for kind in KINDS.values() for label in kind.tested_by)}
+
+
+def verdict_text(adequacy: Adequacy, reasons: list[str], waves: Mapping[str, float]) -> str:
     """The verdict in words."""
     weight, freedom = adequacy.unit_weight, adequacy.degrees_of_freedom
     if adequacy.grade == ACCEPTED:
@@ -186,15 +223,11 @@ def verdict_text(adequacy: Adequacy, reasons: list[str]) -> str:
     p = adequacy.probability
     chance = f"probability {p:.1e}" if p > 0.0 else "probability below 1e-300"
     if adequacy.grade == ENLARGED:
-        by = (
-            f"by the factor {adequacy.factor:.2f}"
-            if adequacy.factor > 1.0
-            else "by what is independent from place to place"
-        )
-        return (
-            f"model accepted by the data, with every u enlarged {by} (unit weight {weight:.2f}, {chance}): there is a misfit, "
-            "too small to move a result by more than its U"
-        )
+        sizes = " and ".join(f"{1e3 * u:.2f} µm in {direction}" for direction, u in waves.items())
+        by = [f"by the factor {adequacy.factor:.2f}"] if adequacy.factor > 1.0 else []
+        by += [f"by waves too short for the functions, of {sizes} (standard deviation)"] if waves else []
+        text = f"model accepted by the data, with every u enlarged {' and '.join(by)}" if by else ACCEPTED_BUT
+        return f"{text} (unit weight {weight:.2f}, {chance}): there is a misfit, too small to move a result by more than its U"
     text = f"model rejected by the data (unit weight {weight:.2f}, {chance}): {'; '.join(reasons)}"
     where = "; ".join(f"{g.what} (unit weight {g.unit_weight:.2f})" for g in _worst(adequacy.groups))
     text += f"; worst: {where}" if where else ""

@@ -143,24 +143,32 @@ def _restructured(machine: Machine, structure: str) -> Machine:
     return replace(machine, structure=structure, axes=axes)
 
 
-def judged_chains(fit: Fit, machine: Machine, chi_square: float, freedom: int) -> Iterator[Judged]:
-    """Other chains with what they gain; `machine`: with travels cut to what was measured."""
+def judged_chains(fit: Fit, machine: Machine, chi_square: float, freedom: int, share: float) -> Iterator[Judged]:
+    """Other chains with what they gain, in all readings and as `share` of them would show it.
+
+    `machine`: with travels cut to what was measured. Both machines have as many unknowns, so that the difference of -2 log
+    likelihood needs no allowance; that chance makes it as large as g has a probability below exp(-g/2) (Markov's inequality for
+    the likelihood ratio; Royall 2000).
+    """
     gross = chi_square > GROSS**2 * max(freedom, 1)
     campaign = _few(fit.campaign, fit.factors, GROSS_ROWS if gross else ROWS)
     same = Other("", "", "", machine, list(range(len(machine.axes))), np.ones(len(machine.axes)), gross)
-    share = campaign.n_readings / fit.campaign.n_readings
+    own = campaign.n_readings / fit.campaign.n_readings
+    scale = share / (fit.share * own)
     now = min(_chi_square(fit, campaign, same), _chi_square(fit, campaign, same._replace(elsewhere=False)))
+    if not np.isfinite(now):
+        return
     others = list(other_chains(machine, gross))
-    nu = int(share * freedom)
+    nu = int(fit.share * own * freedom)
     for other in others:
         found = _chi_square(fit, campaign, other)
         if not np.isfinite(found):
             continue
-        gain = max(profile(now, nu) - profile(found, nu), 0.0) / share
+        gain = scale * max(profile(now, nu) - profile(found, nu), 0.0)
         nothing = np.zeros((fit.campaign.n_readings, 0))
         alternative = Alternative(other.cause, other.what, other.cure, nothing, tried=float(len(others)))
         chance, beyond = min(-0.5 * gain + float(np.log(len(others))), 0.0), np.full(1, np.inf)
-        yield Judged(alternative, (now - found) / share, gain, 0, chance, np.zeros(0), beyond)
+        yield Judged(alternative, scale * (now - found), gain, 0, chance, np.zeros(0), beyond)
 
 
 def _few(campaign: Campaign, factors: list[np.ndarray], rows: int) -> Campaign:

@@ -12,11 +12,11 @@ freedom as there are unknowns. Alternatives compete by the Bayesian information 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import chdtrc
+from scipy.special import chdtrc, gammaln
 
 from volid.fitting.diagnosis.around import Around
 
@@ -82,7 +82,8 @@ def log_chance(gain: float, k: int) -> float:
     value = float(chdtrc(k, gain))
     if value > 1e-290:
         return float(np.log(value))
-    return -0.5 * gain + (0.5 * k - 1.0) * float(np.log(max(0.5 * gain, 1.0)))  # leading term of its expansion
+    half = 0.5 * gain  # leading term of the expansion for large arguments, DLMF 8.11.2
+    return -half + (0.5 * k - 1.0) * float(np.log(half)) - float(gammaln(0.5 * k))
 
 
 def judged(around: Around, alternatives: Iterable[Alternative]) -> Iterator[Judged]:
@@ -109,6 +110,42 @@ def _group(around: Around, group: list[Alternative]) -> Iterator[Judged]:
             yield found
 
 
+class _Free(NamedTuple):
+    """What the model leaves of an alternative's columns A: `turn` T with TᵀAᵀ(1 - H)A T = diag(`values`), (k, r) and (r,)."""
+
+    turn: np.ndarray
+    values: np.ndarray
+
+
+def _free(columns: np.ndarray, reach: np.ndarray) -> _Free | None:
+    """None where the model holds all of it. `reach` (k, r): Aᵀ J L."""
+    square = columns.T @ columns
+    size = np.sqrt(np.diagonal(square))
+    scale = np.where(size > 0.0, 1.0 / np.where(size > 0.0, size, 1.0), 0.0)
+    values, vectors = np.linalg.eigh((square - reach @ reach.T) * scale[:, None] * scale)
+    kept = values > OPEN
+    return _Free(scale[:, None] * vectors[:, kept], values[kept]) if kept.any() else None
+
+
+def with_unknowns(around: Around, found: Judged) -> Around:
+    """The fit around its optimum with the unknowns of an alternative in it: for what explains the rest of a misfit."""
+    columns = found.alternative.columns
+    reach = columns.T @ around.rows
+    free = _free(columns, reach)
+    if free is None:
+        return around
+    more = (columns - around.rows @ reach.T) @ free.turn / np.sqrt(free.values)
+    outcome = replace(around.outcome, rows=np.pad(around.outcome.rows, ((0, 0), (0, more.shape[1]))))
+    return replace(
+        around,
+        rows=np.hstack([around.rows, more]),
+        v=around.v - more @ (more.T @ around.v),
+        outcome=outcome,
+        chi_square=around.chi_square - found.drop / around.share,
+        freedom=around.freedom - found.k,
+    )
+
+
 def _change(around: Around, alternative: Alternative, reach: np.ndarray, values: np.ndarray) -> np.ndarray:
     """What the outcome would be otherwise, in units of its u (q,)."""
     change = -around.outcome.rows @ (reach.T @ values)
@@ -116,23 +153,13 @@ def _change(around: Around, alternative: Alternative, reach: np.ndarray, values:
 
 
 def _one(around: Around, alternative: Alternative, reach: np.ndarray, pull: np.ndarray, before: float) -> Judged | None:
-    square = alternative.columns.T @ alternative.columns
-    size = np.sqrt(np.diagonal(square))
-    used = size > 0.0
-    if not used.any():
+    free = _free(alternative.columns, reach)
+    if free is None:
         return None
-    scale = np.where(used, 1.0 / np.where(used, size, 1.0), 0.0)
-    left = (square - reach @ reach.T) * scale[:, None] * scale
-    values, vectors = np.linalg.eigh(left)
-    kept = values > OPEN
-    if not kept.any():
-        return None
-    turned = vectors[:, kept].T @ (scale * pull)
-    drop = float(np.sum(turned**2 / values[kept]))
-    estimates = scale * (vectors[:, kept] @ (turned / values[kept]))
-    k = int(kept.sum())
-    chi, nu = around.share * around.chi_square, int(around.share * around.freedom)
+    turned = free.turn.T @ pull
+    drop = float(np.sum(turned**2 / free.values))
+    estimates = free.turn @ (turned / free.values)
+    chi, nu, k = around.share * around.chi_square, int(around.share * around.freedom), len(free.values)
     gain = max(before - profile(max(chi - drop, 0.0), nu), 0.0)
-    change = _change(around, alternative, reach, estimates)
     chance = min(log_chance(gain, k) + float(np.log(alternative.tried)), 0.0)
-    return Judged(alternative, drop, gain, k, chance, estimates, change)
+    return Judged(alternative, drop, gain, k, chance, estimates, _change(around, alternative, reach, estimates))

@@ -12,6 +12,7 @@ from volid.fitting.diagnosis.around import Around
 from volid.fitting.diagnosis.sensitivities import Sensitivities
 from volid.model.error_functions import settings_for
 from volid.model.error_model import MEAN, ROWS, ErrorModel
+from volid.model.error_model import REVERSAL as REVERSED
 from volid.model.iso230 import DIRECTIONS
 from volid.model.machine import Machine
 
@@ -27,14 +28,17 @@ MOST_PERIODS = 3000
 SCANNED = 6000  # readings that the first look at all periods takes
 
 
-def cross_effects(around: Around, machine: Machine) -> Iterator[Alternative]:
+def cross_effects(around: Around, model: ErrorModel) -> Iterator[Alternative]:
     """Every error function of an axis over every other axis that moved."""
+    machine = model.machine
     for axis in machine.axes:
         for other in machine.axes:
             if other.letter == axis.letter or not _moves(around, machine, axis.letter, other.letter):
                 continue
             for component in range(ROWS):
                 name = f"E{DIRECTIONS[component]}{axis.letter}"
+                if settings_for(machine, name).over is not None:
+                    continue
                 yield Alternative(
                     CROSS,
                     f"{name} changes with {other.letter}",
@@ -71,7 +75,7 @@ def left_out(around: Around, model: ErrorModel) -> Iterator[Alternative]:
         for name, (columns, change) in zip(names, each, strict=True):
             cure = f"machine file, [model.functions]: {name} = true"
             yield Alternative(LEFT_OUT, f"{name} is not in the model, but the machine has it", cure, columns, change)
-        cure = f"machine file, [model.functions]: {', '.join(f'{name} = true' for name in names)}"
+        cure = f'machine file, [model.functions]: "E?{axis.letter}" = true'
         what = f"error motions of {axis.letter} are not in the model, but the machine has them"
         yield Alternative(LEFT_OUT, what, cure, np.hstack([c for c, _ in each]), np.hstack([o for _, o in each]))
 
@@ -115,19 +119,24 @@ def _side_by_side(pairs: list[list[np.ndarray]]) -> tuple[np.ndarray, np.ndarray
     return np.hstack([p[0] for p in pairs]), np.hstack([p[1] for p in pairs])
 
 
-def reversals(around: Around, machine: Machine) -> Iterator[Alternative]:
+def reversals(around: Around, model: ErrorModel) -> Iterator[Alternative]:
     """Every error function of an axis that was approached from both sides, with a reversal value, and all of its six."""
+    machine = model.machine
     for i, axis in enumerate(machine.axes):
         ways = around.seen.directions[around.active, i]
         if not (np.any(ways > 0.0) and np.any(ways < 0.0)):
             continue
-        each = [_reversed(around.seen, machine, i, c) for c in range(ROWS)]
-        outcome = [_reversed(around.outcome.seen, machine, i, c) for c in range(ROWS)]
-        for component, (columns, change) in enumerate(zip(each, outcome, strict=True)):
-            name = f"E{DIRECTIONS[component]}{axis.letter}"
+        names = [f"E{d}{axis.letter}" for d in DIRECTIONS]
+        missing = [c for c in range(ROWS) if (names[c], REVERSED) not in model.by_name]
+        each = [_reversed(around.seen, machine, i, c) for c in missing]
+        outcome = [_reversed(around.outcome.seen, machine, i, c) for c in missing]
+        for component, columns, change in zip(missing, each, outcome, strict=True):
+            name = names[component]
             cure = f"machine file, [model.functions]: {name} = {{ reversal = true }}"
             yield Alternative(REVERSAL, f"{name} has a reversal", cure, columns, change)
-        cure = f'machine file, [model.functions]: "E*{axis.letter}" = {{ reversal = true }}'
+        if len(missing) < 2:
+            continue
+        cure = f'machine file, [model.functions]: "E?{axis.letter}" = {{ reversal = true }}'
         what = f"several error functions of {axis.letter} have a reversal"
         yield Alternative(REVERSAL, what, cure, np.hstack(each), np.hstack(outcome))
 

@@ -1,4 +1,4 @@
-"""All alternatives tested on one fit, the best of every cause, in the order of their evidence."""
+"""All alternatives tested on one fit, one after another as they explain what is left of the misfit."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from volid.fitting.diagnosis.alternatives.axes import COLUMNS, ORDER, SENSE, judged_chains
-from volid.fitting.diagnosis.alternatives.base import Alternative, Judged, judged
+from volid.fitting.diagnosis.alternatives.base import Alternative, Judged, judged, with_unknowns
 from volid.fitting.diagnosis.alternatives.functions import (
     CROSS,
     FINER,
@@ -27,8 +27,9 @@ from volid.model.error_model import ErrorModel
 from volid.model.machine import Machine
 
 CHANCE = 1e-3  # that any alternative is named on a sound campaign, all of them together
-LISTED = 5
-WORTH = 0.03  # of the best score: an alternative with less only retells a little of what the best one explains
+LISTED = 4
+WORTH = 0.1  # of the first score: an alternative with less retells what the first one, of low order, leaves of itself
+CHAINS = (ORDER, SENSE, COLUMNS)
 TRIED = (
     DRIFT,
     GROWTH,
@@ -49,31 +50,43 @@ TRIED = (
 
 
 def named(around: Around, fit: Fit, machine: Machine, doubtful: bool, scattered: bool) -> list[Judged]:
-    """Alternatives that explain more than chance does, best first, at most one of a kind of name.
+    """Alternatives that explain more than chance does: the best one, then what explains the rest once it is in the model.
 
     `doubtful`: the residuals are larger than u; `scattered`: they were, before u of the readings was enlarged by what is
     independent from position to position. Other chains and waves are looked for only then, since they take longer.
     """
-    found = list(judged(around, _linear(around, machine, fit.problem.model, doubtful or scattered)))
-    found += judged_chains(fit, machine, around.chi_square, around.freedom) if doubtful or scattered else []
-    limit = float(np.log(CHANCE / max(len(found), 1)))
-    kept = [j for j in found if j.log_probability < limit and j.score > 0.0]
-    kept.sort(key=lambda j: -j.score)
-    best: dict[str, Judged] = {}
-    for j in (j for j in kept if j.score > WORTH * kept[0].score):
-        best.setdefault(j.alternative.cause, j)
-    return list(best.values())[:LISTED]
+    found: list[Judged] = []
+    now, wide = around, doubtful or scattered
+    for turn in range(LISTED):
+        tested = list(judged(now, _linear(now, fit.problem.model, wide and turn < 2)))
+        if wide and turn == 0:
+            tested += judged_chains(fit, machine, around.chi_square, around.freedom, around.share)
+        best = _best(tested)
+        if best is None or (found and best.score < WORTH * found[0].score):
+            break
+        found.append(best)
+        if best.alternative.cause in CHAINS:  # nothing else can be tested around a fit on the wrong machine
+            break
+        now = with_unknowns(now, best)
+    return found
 
 
-def _linear(around: Around, machine: Machine, model: ErrorModel, doubtful: bool) -> Iterator[Alternative]:
+def _best(tested: list[Judged]) -> Judged | None:
+    limit = float(np.log(CHANCE / max(len(tested), 1)))
+    certain = [j for j in tested if j.log_probability < limit and j.score > 0.0]
+    return max(certain, key=lambda j: j.score, default=None)
+
+
+def _linear(around: Around, model: ErrorModel, doubtful: bool) -> Iterator[Alternative]:
+    machine = model.machine
     yield from drifts(around)
     yield from growths(around, machine)
     yield from breaks(around)
     yield from tools(around)
     yield from scales(around)
     yield from outliers(around)
-    yield from reversals(around, machine)
-    yield from cross_effects(around, machine)
+    yield from reversals(around, model)
+    yield from cross_effects(around, model)
     yield from left_out(around, model)
     yield from finer(around, model)
     if doubtful:

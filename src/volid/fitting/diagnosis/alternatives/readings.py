@@ -1,4 +1,4 @@
-"""Alternatives in the readings: the length of one tool, the scale of a station, outliers, u wrong as a whole."""
+"""Alternatives in the readings: the length of one tool, the scale of a station, outliers."""
 
 from __future__ import annotations
 
@@ -12,11 +12,18 @@ from volid.effects.base import lengths_of
 from volid.fitting.diagnosis.alternatives.base import Alternative
 from volid.fitting.diagnosis.around import Around
 from volid.fitting.diagnosis.robust import spread
+from volid.observations import KINDS
+from volid.observations.base import STATION
 
 TOOL, SCALE, OUTLIERS = "tool length", "scale of a station", "outliers"
-WHOLE, NONE = "u as a whole", "none of these"
+WHOLE, PART, NONE = "u as a whole", "u of a part of the readings", "none of these"
+SCALE_CURE = (
+    'campaign, [[set.effect]]: name = "scale", type = "scale", per = "station", u = {size:.1e}; and check the refractive index '
+    "that the readings were corrected with"
+)
 MOST_TOOLS = 24
 MOST_OUTLIERS = 60
+LARGEST = 600.0  # logarithm of the number of choices that is counted
 MANY = 0.1  # of the readings: so many are no outliers
 CHANCE = 1e-3  # that a sound campaign has an outlier at all
 
@@ -35,20 +42,20 @@ def tools(around: Around) -> Iterator[Alternative]:
 
 
 def scales(around: Around) -> Iterator[Alternative]:
-    """The lengths from one station, or from every one, have a scale error of their own, as wrong refraction gives it."""
-    lengths = np.concatenate([lengths_of(s).ravel() for s in around.campaign.sets])
+    """The lengths from one station, or from every one, have a scale error of their own, as wrong refraction gives it.
+
+    Columns are lengths over their u [mm/mm], (n, stations); readings of kinds without stations are no lengths from somewhere.
+    """
+    sets = around.campaign.sets
+    lengths = np.concatenate(
+        [lengths_of(s).ravel() if STATION in KINDS[s.kind].labels else 0.0 * s.u.ravel() for s in sets]
+    )
     columns = []
-    for name in sorted(set(around.standing.tolist()) - {""}):
+    for name in sorted(set(around.standing[lengths != 0.0].tolist()) - {""}):
         columns.append(np.where(around.standing == name, around.weight * lengths, 0.0)[:, None])
-        yield Alternative(SCALE, f"lengths from {name} have another scale", _scale_cure(name), columns[-1])
+        yield Alternative(SCALE, f"lengths from {name} have another scale", SCALE_CURE, columns[-1])
     if len(columns) > 1:
-        cure = _scale_cure(next(n for n in around.standing.tolist() if n))
-        yield Alternative(SCALE, "lengths from several stations have other scales", cure, np.hstack(columns))
-
-
-def _scale_cure(name: str) -> str:
-    kind = name.split(" ", 1)[0]
-    return f'campaign, [[set.effect]]: type = "scale", per = "{kind}"; and check the refractive index of the readings'
+        yield Alternative(SCALE, "lengths from several stations have other scales", SCALE_CURE, np.hstack(columns))
 
 
 def outliers(around: Around) -> Iterator[Alternative]:

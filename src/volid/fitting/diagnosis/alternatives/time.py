@@ -33,8 +33,8 @@ def drifts(around: Around) -> Iterator[Alternative]:
         clock = "time" if around.has_time else "the order of its rows"
         kind, label = name.split(" ", 1)
         cure = (
-            f'campaign, [[set.effect]]: name = "drift", type = "drift", per = "{kind}"; or measure {label} anew after warming '
-            "up, in shorter segments"
+            f"campaign: give the readings of {label} other names in column '{kind}' from one part of its time to the next "
+            f"({label}a, {label}b, …), so that each part has a place of its own; or fix it better, and measure from there again"
         )
         yield Alternative(DRIFT, f"{name} drifts with {clock}", cure, np.concatenate([moved, grown]).T)
 
@@ -45,15 +45,12 @@ def growths(around: Around, machine: Machine) -> Iterator[Alternative]:
     if len(np.unique(around.when[around.active])) > 3:
         t = span(around.when)
         clock = "time" if around.has_time else "the order of the rows"
-        cure = (
-            "let the machine warm up, measure in less time or in turns, or state the length that grows as "
-            '[[set.effect]] type = "drift"'
-        )
+        cure = "let the machine warm up until it no longer grows, and measure again, in less time or from all stations in turns"
         columns, change = _grown(around.seen, machine, t), _grown(outcome, machine, np.ones(len(outcome.positions)))
         yield Alternative(GROWTH, f"the machine grows with {clock}", cure, columns, change)
     if around.temperature is not None:
         t = span(around.temperature)
-        cure = 'measure at one temperature, or state it: campaign, [[set.effect]] type = "temperature"'
+        cure = "measure again at one temperature, or one campaign for each temperature"
         columns, change = _grown(around.seen, machine, t), _grown(outcome, machine, np.ones(len(outcome.positions)))
         yield Alternative(WARMTH, "the machine grows with the recorded temperature", cure, columns, change)
 
@@ -86,7 +83,7 @@ def breaks(around: Around) -> Iterator[Alternative]:
         runs_on = tuple(numbers[i:].tolist())
         where, when = around.where(int(numbers[i])), around.when[numbers[i]]
         at = f" (time {when:g} s)" if around.has_time else ""
-        cure = f"campaign: a new name in column 'segment' from {where} on; a robust fit does so"
+        cure = f"campaign: another name in column 'segment' from {where} on; a robust fit does so by itself"
         what = f"beam of {name} was broken before {where}{at}"
         yield Alternative(BREAK, what, cure, column[:, None], tried=tried, readings=runs_on)
 
