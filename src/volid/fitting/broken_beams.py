@@ -13,14 +13,15 @@ from typing import Any
 import numpy as np
 
 from volid.campaign import Campaign
-from volid.fitting.diagnosis.alternatives.base import judged
-from volid.fitting.diagnosis.alternatives.time import breaks
-from volid.fitting.diagnosis.around import Fit, around
+from volid.fitting.diagnosis.alternatives.base import Judged, judged
+from volid.fitting.diagnosis.alternatives.time import breaks, drifts
+from volid.fitting.diagnosis.around import Around, Fit, around
 from volid.fitting.diagnosis.outcome import Outcome
 from volid.fitting.diagnosis.robust import down_weight
 from volid.fitting.smooth_fit import SmoothFit
 from volid.observations import KINDS
 
+STEP = 4.0  # u of a reading: smaller ones are left to the verdict
 CHANCE = 1e-5  # that a sound campaign is cut anywhere
 LARGEST = 120_000_000  # numbers of J L that are kept at once, 1 GB: some 270,000 readings
 MOST = 12  # times that all segments are looked through
@@ -44,7 +45,9 @@ def with_new_segments(
     chi = 2.0 * float(fitter.optimum.cost)
     freedom = fitter.campaign.n_readings + fitter.n_smooth - fitter.free.shape[1]
     seen = around(fit, Outcome.nothing(fit.root.shape[1]), chi, max(freedom, 1), LARGEST)
-    found = [j for j in judged(seen, breaks(seen)) if j.log_probability < np.log(CHANCE)]
+    found = [j for j in judged(seen, breaks(seen)) if j.log_probability < np.log(CHANCE) and _is_step(j, seen)]
+    slow = max((j.score for j in judged(seen, drifts(seen))), default=0.0)
+    found = [j for j in found if j.score > slow]  # what drifts is no step, and would be cut again and again
     if found and seen.share < 1.0:
         return campaign, (
             f"{max(found, key=lambda j: j.gain).alternative.what}, or near it; too many readings to cut there",
@@ -55,6 +58,13 @@ def with_new_segments(
         campaign = _cut(campaign, np.array(j.alternative.readings), seen.set_number, seen.row)
         notes.append(f"{j.alternative.what} (by {1e3 * float(j.values[0]):.1f} µm): a new segment begins there")
     return campaign, tuple(notes)
+
+
+def _is_step(found: Judged, seen: Around) -> bool:
+    """Whether the step is large against the u of its readings."""
+    own = np.array(found.alternative.readings)
+    u = 1.0 / np.median(seen.weight[own][seen.weight[own] > 0.0])
+    return bool(abs(float(found.values[0])) > STEP * u)
 
 
 def _cut(campaign: Campaign, numbers: np.ndarray, sets: np.ndarray, rows: np.ndarray) -> Campaign:

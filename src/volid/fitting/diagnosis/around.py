@@ -27,7 +27,7 @@ from volid.fitting.equations.problem import Problem, build_problem, reweight, sc
 from volid.observations import KINDS
 from volid.observations.base import NuisanceTable
 
-MOST = 9_000_000  # numbers of J L: above, readings are thinned out
+MOST = 40_000_000  # numbers of J L, 320 MB: above, readings are thinned out
 
 
 @dataclass(frozen=True, eq=False)

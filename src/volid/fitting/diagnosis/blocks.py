@@ -30,6 +30,7 @@ from volid.model.machine import Machine
 TIMES, LEVELS, CELLS = 8, 8, 4  # blocks in time, along an axis, and per axis of a pair
 MOST = 24  # blocks of one sort
 FEWEST = 6  # readings of a block
+ENOUGH = 8  # readings of a block per unknown from which on a part of them tells its information
 ALONE = 1e-7  # added to 1 - B, which is singular where a block alone carries something (its own station)
 CARRIED = 100.0  # variances: where leaving a block out makes u so much larger, it tells nothing
 WEAK = 0.02  # of the largest eigenvalue: directions of a displacement that a block hardly sees
@@ -109,7 +110,8 @@ def influence(around: Around, blocks: Blocks, square: float) -> Excess:
         if len(members) < FEWEST:
             continue
         rows = around.rows[members]
-        lower = _root((1.0 + ALONE) * np.eye(width) - rows.T @ rows)
+        some = rows[:: max(len(rows) // (ENOUGH * width), 1)]
+        lower = _root((1.0 + ALONE) * np.eye(width) - len(rows) / len(some) * (some.T @ some))
         reach = solve_triangular(lower, outcome.T, lower=True)
         change = reach.T @ solve_triangular(lower, rows.T @ around.v[members], lower=True)
         variance = np.sum(reach**2, axis=0) - own

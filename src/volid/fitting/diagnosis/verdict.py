@@ -41,6 +41,7 @@ LARGEST = 5.0**0.5  # factor from which on the misfit alone exceeds U = 2 u
 WORSE = 1.15  # unit weight from which on the smoothness is estimated anew with a larger u
 BARE_U = "times the U that the stated u gives"
 ACCEPTED_BUT = "model accepted by the data, though a cause of a small misfit is known"
+TESTED = 0.5  # share of the readings below which the verdict says so
 CONCENTRATED = 1.5  # unit weight of one group over that of all others
 PESSIMISTIC = 0.8  # unit weight below which u is said to be too large
 WORST = 4  # groups named in the verdict
@@ -114,14 +115,21 @@ def judge(around: Around, fit: Fit, machine: Machine, tested: Adequacy, waves: M
     alternatives = named(around, fit, machine, doubtful, bool(waves))
     explained = [j for j in alternatives if j.log_probability < np.log(CERTAIN)]
     outside = [j for j in explained if not (waves and j.alternative.cause == PITCH)]  # waves are part of u then
-    reasons = _reasons(certain, tested.groups, outside)
     causes = [_cause(j) for j in alternatives]
     if tested.probability < SIGNIFICANT or found.groups:
         causes += _rest(around, tested, found, alternatives)
-    factor = found.factor_with(alternatives) if doubtful or alternatives else 1.0
+    unknown = _unknown(around, tested, alternatives) if causes and causes[-1].cause == NONE else 0.0
+    reasons = _reasons(certain, tested.groups, outside, unknown if tested.probability < CERTAIN else 0.0)
+    factor = float(np.hypot(found.factor_with(alternatives), unknown)) if doubtful or alternatives else 1.0
     grade = REJECTED if reasons else ENLARGED if factor > 1.0 or waves or alternatives else ACCEPTED
     adequacy = replace(tested, rejected=bool(reasons), grade=grade, factor=factor, causes=tuple(causes))
-    return replace(adequacy, verdict=verdict_text(adequacy, reasons, waves))
+    text = verdict_text(adequacy, reasons, waves)
+    if around.share < TESTED and not reasons:
+        text += (
+            f"; {100.0 * around.share:.0f} % of the readings were tested one by one: a misfit that moves results by less than "
+            f"{1.0 / np.sqrt(around.share):.1f} u may not show"
+        )
+    return replace(adequacy, verdict=text)
 
 
 def explained_otherwise(adequacy: Adequacy) -> bool:
@@ -154,7 +162,18 @@ def _concentrated(groups: tuple[GroupTest, ...]) -> list[GroupTest]:
     return sorted(found, key=lambda g: -g.unit_weight)
 
 
-def _reasons(found: Misfit, groups: tuple[GroupTest, ...], explained: list[Judged]) -> list[str]:
+def _unknown(around: Around, tested: Adequacy, alternatives: list[Judged]) -> float:
+    """What a misfit of unknown shape may bring to the outcome, in units of its u: all of it, as it is in the readings [mm]."""
+    chi = around.share * tested.chi_square - sum(j.drop for j in alternatives)
+    nu = max(int(around.share * tested.degrees_of_freedom) - sum(j.k for j in alternatives), 1)
+    lengths, seen = around.outcome.u[around.outcome.is_length], np.linalg.norm(around.target, axis=0)
+    if not len(lengths) or not np.any(seen > 0.0):
+        return 0.0
+    reading = 1.0 / float(np.median(seen[seen > 0.0]))  # u of a reading as a displacement of the target [mm]
+    return float(np.sqrt(max(chi / nu - 1.0, 0.0))) * reading / typical(lengths)
+
+
+def _reasons(found: Misfit, groups: tuple[GroupTest, ...], explained: list[Judged], unknown: float) -> list[str]:
     """Why a misfit may move a result by more than its U, in words; empty where it does not. `found`: what is certain."""
     reasons = []
     moving = [j for j in explained if largest(j.change) > 1.0]
@@ -167,10 +186,11 @@ def _reasons(found: Misfit, groups: tuple[GroupTest, ...], explained: list[Judge
     if concentrated:
         worst = concentrated[0]
         reasons.append(f"the misfit sits in one place: {worst.what} (unit weight {worst.unit_weight:.2f})")
-    if found.factor > LARGEST:
+    factor = float(np.hypot(found.factor, unknown))
+    if factor > LARGEST:
         most = max(found.displacement, found.influence, key=lambda e: e.variance)
-        seen = f", by hold-outs of {most.sort}" if most.variance > 0.5 * found.factor**2 else ""
-        reasons.append(f"the misfit may move results by more than their U (u {found.factor:.1f} times as large{seen})")
+        seen = f", by hold-outs of {most.sort}" if most.variance > 0.5 * factor**2 else ""
+        reasons.append(f"the misfit may move results by more than their U (u {factor:.1f} times as large{seen})")
     return reasons
 
 

@@ -21,7 +21,8 @@ from scipy.special import chdtrc, gammaln
 from volid.fitting.diagnosis.around import Around
 
 OPEN = 1e-5  # share of a column that the model does not take up: below, the alternative is in the model already
-COLUMNS = 400  # tested at once
+SEEN = 3.0  # standard deviations of an independent part of an estimate from which on it counts for what it does to the outcome
+NUMBERS = 20_000_000  # of the sensitivities that are tested at once, 160 MB
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +92,7 @@ def judged(around: Around, alternatives: Iterable[Alternative]) -> Iterator[Judg
     group: list[Alternative] = []
     for alternative in alternatives:
         group.append(alternative)
-        if sum(a.columns.shape[1] for a in group) >= COLUMNS:
+        if sum(a.columns.shape[1] for a in group) * len(around.v) >= NUMBERS:
             yield from _group(around, group)
             group = []
     if group:
@@ -162,4 +163,5 @@ def _one(around: Around, alternative: Alternative, reach: np.ndarray, pull: np.n
     chi, nu, k = around.share * around.chi_square, int(around.share * around.freedom), len(free.values)
     gain = max(before - profile(max(chi - drop, 0.0), nu), 0.0)
     chance = min(log_chance(gain, k) + float(np.log(alternative.tried)), 0.0)
-    return Judged(alternative, drop, gain, k, chance, estimates, _change(around, alternative, reach, estimates))
+    seen = free.turn @ np.where(turned**2 > SEEN**2 * free.values, turned / free.values, 0.0)
+    return Judged(alternative, drop, gain, k, chance, estimates, _change(around, alternative, reach, seen))

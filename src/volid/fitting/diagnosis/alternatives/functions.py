@@ -25,6 +25,7 @@ FINEST = 1.0  # mm: shortest period looked for
 FEWEST_WAVES = 12  # in the measured range: longer ones are a matter of the smooth functions
 OVERSAMPLED = 2.0  # trial periods per resolved one
 MOST_PERIODS = 3000
+OUTSTANDING = 8.0  # medians of the periodogram; the largest of a thousand white ones is about 5
 SCANNED = 6000  # readings that the first look at all periods takes
 
 
@@ -161,6 +162,8 @@ def pitches(around: Around, machine: Machine) -> Iterator[Alternative]:
             continue
         frequencies = _frequencies(measured)
         period = _best_period(around, i, frequencies)
+        if period is None:
+            continue
         yield Alternative(
             PITCH,
             f"waves with a period of {period:.4g} mm along {axis.letter}",
@@ -184,8 +187,11 @@ def _waves(seen: Sensitivities, i: int, period: float) -> np.ndarray:
     return np.concatenate([seen.errors[ROWS * i : ROWS * i + 3] * f(phase) for f in (np.cos, np.sin)]).T
 
 
-def _best_period(around: Around, i: int, frequencies: np.ndarray) -> float:
-    """Largest sum of the three translations' periodograms, refined between its neighbours [mm]."""
+def _best_period(around: Around, i: int, frequencies: np.ndarray) -> float | None:
+    """Where the sum of the three translations' periodograms is largest, between its neighbours too [mm].
+
+    None where nothing stands out: other misfits fill the whole periodogram, and any period explains a little of them.
+    """
     every = max(len(around.v) // SCANNED, 1)
     q = around.seen.positions[::every, i]
     rows = around.seen.errors[ROWS * i : ROWS * i + 3, ::every]
@@ -196,6 +202,9 @@ def _best_period(around: Around, i: int, frequencies: np.ndarray) -> float:
         return np.asarray(np.sum(np.abs(turned @ (rows * around.v[::every]).T) ** 2 / strength, axis=1))
 
     parts = [power(part) for part in np.array_split(frequencies, max(len(frequencies) // 200, 1))]
-    best = int(np.argmax(np.concatenate(parts)))
+    whole = np.concatenate(parts)
+    best = int(np.argmax(whole))
+    if whole[best] < OUTSTANDING * np.median(whole):
+        return None
     near = np.linspace(frequencies[max(best - 1, 0)], frequencies[min(best + 1, len(frequencies) - 1)], 41)
     return float(1.0 / near[int(np.argmax(power(near)))])

@@ -20,7 +20,7 @@ from volid.fitting.diagnosis.alternatives.functions import (
     pitches,
     reversals,
 )
-from volid.fitting.diagnosis.alternatives.readings import OUTLIERS, SCALE, TOOL, outliers, scales, tools
+from volid.fitting.diagnosis.alternatives.readings import OUTLIERS, RANGE, SCALE, TOOL, outliers, ranges, scales, tools
 from volid.fitting.diagnosis.alternatives.time import BREAK, DRIFT, GROWTH, WARMTH, breaks, drifts, growths
 from volid.fitting.diagnosis.around import Around, Fit
 from volid.model.error_model import ErrorModel
@@ -40,6 +40,7 @@ TRIED = (
     FINER,
     TOOL,
     SCALE,
+    RANGE,
     ORDER,
     SENSE,
     COLUMNS,
@@ -84,6 +85,7 @@ def _linear(around: Around, model: ErrorModel, doubtful: bool) -> Iterator[Alter
     yield from breaks(around)
     yield from tools(around)
     yield from scales(around)
+    yield from ranges(around)
     yield from outliers(around)
     yield from reversals(around, model)
     yield from cross_effects(around, model)

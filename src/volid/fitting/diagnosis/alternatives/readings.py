@@ -10,12 +10,14 @@ from scipy.special import ndtri
 from volid.campaign import SAME_TOOL
 from volid.effects.base import lengths_of
 from volid.fitting.diagnosis.alternatives.base import Alternative
+from volid.fitting.diagnosis.alternatives.shapes import span
 from volid.fitting.diagnosis.around import Around
 from volid.fitting.diagnosis.robust import spread
 from volid.observations import KINDS
 from volid.observations.base import STATION
 
-TOOL, SCALE, OUTLIERS = "tool length", "scale of a station", "outliers"
+TOOL, SCALE, RANGE, OUTLIERS = "tool length", "scale of a station", "error along the range", "outliers"
+DEGREES = 8  # of an error along the range
 WHOLE, PART, NONE = "u as a whole", "u of a part of the readings", "none of these"
 SCALE_CURE = (
     'campaign, [[set.effect]]: name = "scale", type = "scale", per = "station", u = {size:.1e}; and check the refractive index '
@@ -56,6 +58,24 @@ def scales(around: Around) -> Iterator[Alternative]:
         yield Alternative(SCALE, f"lengths from {name} have another scale", SCALE_CURE, columns[-1])
     if len(columns) > 1:
         yield Alternative(SCALE, "lengths from several stations have other scales", SCALE_CURE, np.hstack(columns))
+
+
+def ranges(around: Around) -> Iterator[Alternative]:
+    """Lengths have an error that is a function of length, the same from every station: no straight scale.
+
+    Columns: Legendre polynomials of degree 2 … `DEGREES` over the lengths' range, over u, (n, `DEGREES` - 1) [1/mm].
+    """
+    sets = around.campaign.sets
+    lengths = np.concatenate(
+        [lengths_of(s).ravel() if STATION in KINDS[s.kind].labels else 0.0 * s.u.ravel() for s in sets]
+    )
+    measured = (lengths != 0.0) & around.active
+    if np.ptp(lengths[measured]) <= 0.0 if measured.any() else True:
+        return
+    x = np.where(measured, span(np.where(measured, lengths, np.mean(lengths[measured]))), 0.0)
+    columns = [around.weight * measured * np.polynomial.legendre.Legendre.basis(d)(x) for d in range(2, DEGREES + 1)]
+    cure = "calibrate the instrument over its range, and correct the readings"
+    yield Alternative(RANGE, "readings have an error that depends on the length", cure, np.stack(columns, axis=1))
 
 
 def outliers(around: Around) -> Iterator[Alternative]:
