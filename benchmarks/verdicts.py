@@ -36,7 +36,7 @@ from volid.fitting.diagnosis.tally import assess
 from volid.fitting.diagnosis.verdict import judge
 from volid.fitting.equations.choice import engine_for_fit
 from volid.fitting.equations.solver import solve
-from volid.fitting.fit import How, Stages
+from volid.fitting.stages import How, Stages
 
 SIZES = (1.0, 3.0, 10.0)
 UNIT = 1e-3  # mm, size of a mistake at which its effect is measured; also 1 % of the errors, 100 % of u

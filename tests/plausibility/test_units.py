@@ -16,7 +16,7 @@ from support.plain_distances import VOLUME, distances, moved
 from volid.campaign import Campaign
 from volid.cli import main
 from volid.exceptions import InputError
-from volid.fitting.fit import breakdown_named
+from volid.fitting.stages import breakdown_named
 from volid.io import parse_machine, read_manifest
 from volid.plausibility.checks import check_campaign
 

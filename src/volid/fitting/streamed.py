@@ -27,10 +27,10 @@ from volid.fitting.equations.free_directions import FreeDirections
 from volid.fitting.equations.problem import Problem, build_problem, reweight, scatter, with_random_effects
 from volid.fitting.equations.solver import Objective, solve
 from volid.fitting.equations.system import Normal
-from volid.fitting.fit import How, Progress, Stages, breakdown_named
 from volid.fitting.smooth_fit import SmoothFit
 from volid.fitting.smoothness.scatter import with_scatter
 from volid.fitting.solution import Solution
+from volid.fitting.stages import How, Progress, Stages, breakdown_named
 from volid.model.machine import Datum
 from volid.observations.base import NuisanceTable
 

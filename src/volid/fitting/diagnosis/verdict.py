@@ -31,20 +31,15 @@ from volid.fitting.diagnosis.around import Around, Fit
 from volid.fitting.diagnosis.blocks import Excess, cells, displacement, influence, partitions
 from volid.fitting.diagnosis.groups import SET
 from volid.fitting.diagnosis.outcome import largest, typical
+from volid.fitting.diagnosis.verdict_text import BARE_U, CERTAIN, concentrated, power, verdict_text
 from volid.model.machine import Machine
 from volid.observations import KINDS
 
 SIGNIFICANT = 1e-3  # probability of a misfit by chance, per family of tests
 BLOCKS = 1e-4  # the same for hold-outs by block, whose distribution is known only about
-CERTAIN = 1e-6  # the same, for a verdict that rejects
 LARGEST = 5.0**0.5  # factor from which on the misfit alone exceeds U = 2 u
 WORSE = 1.15  # unit weight from which on the smoothness is estimated anew with a larger u
-BARE_U = "times the U that the stated u gives"
-ACCEPTED_BUT = "model accepted by the data, though a cause of a small misfit is known"
 TESTED = 0.5  # share of the readings below which the verdict says so
-CONCENTRATED = 1.5  # unit weight of one group over that of all others
-PESSIMISTIC = 0.8  # unit weight below which u is said to be too large
-WORST = 4  # groups named in the verdict
 
 
 class Misfit(NamedTuple):
@@ -148,20 +143,6 @@ def untested(tested: Adequacy) -> Adequacy:
     return replace(tested, grade=NOT_TESTABLE, verdict="not testable: there are no more readings than unknowns")
 
 
-def _concentrated(groups: tuple[GroupTest, ...]) -> list[GroupTest]:
-    """Groups whose unit weight is certainly above 1 and far above that of the others of their sort, the largest first."""
-    found = []
-    for g in groups:
-        others = [o for o in groups if o.sort == g.sort and o is not g]
-        n = sum(o.n for o in others)
-        if not n or g.probability * len(groups) > CERTAIN:
-            continue
-        rest = float(np.sqrt(sum(o.n * o.unit_weight**2 for o in others) / n))
-        if g.unit_weight > CONCENTRATED * max(rest, 1.0):
-            found.append(g)
-    return sorted(found, key=lambda g: -g.unit_weight)
-
-
 def _unknown(around: Around, tested: Adequacy, alternatives: list[Judged]) -> float:
     """What a misfit of unknown shape may bring to the outcome, in units of its u: all of it, as it is in the readings [mm]."""
     chi = around.share * tested.chi_square - sum(j.drop for j in alternatives)
@@ -180,11 +161,11 @@ def _reasons(found: Misfit, groups: tuple[GroupTest, ...], explained: list[Judge
     if moving:
         size = largest(moving[0].change)
         by = f"moves results by up to {size:.1f} {BARE_U}" if np.isfinite(size) else "is another machine"
-        chance = _power(moving[0].log_probability / float(np.log(10.0)))
+        chance = power(moving[0].log_probability / float(np.log(10.0)))
         reasons.append(f"{moving[0].alternative.what} (by chance with a probability {chance}), which {by}")
-    concentrated = _concentrated(groups)
-    if concentrated:
-        worst = concentrated[0]
+    worst_groups = concentrated(groups)
+    if worst_groups:
+        worst = worst_groups[0]
         reasons.append(f"the misfit sits in one place: {worst.what} (unit weight {worst.unit_weight:.2f})")
     factor = float(np.hypot(found.factor, unknown))
     if factor > LARGEST:
@@ -192,11 +173,6 @@ def _reasons(found: Misfit, groups: tuple[GroupTest, ...], explained: list[Judge
         seen = f", by hold-outs of {most.sort}" if most.variance > 0.5 * factor**2 else ""
         reasons.append(f"the misfit may move results by more than their U (u {factor:.1f} times as large{seen})")
     return reasons
-
-
-def _power(log10: float) -> str:
-    """A probability in words, from its decimal logarithm."""
-    return "below 1e-300" if log10 < -300.0 else f"of 1e{log10:.0f}"
 
 
 def _cause(j: Judged) -> Cause:
@@ -214,12 +190,12 @@ def _rest(around: Around, tested: Adequacy, found: Misfit, alternatives: list[Ju
     if alternatives and (probability > SIGNIFICANT or alternatives[0].gain > left):
         return []
     weight, log10 = float(np.sqrt(max(chi, 0.0) / nu)), float(np.log10(max(probability, 1e-300)))
-    parts = [g for g in _concentrated(tested.groups) if g.sort in _labels()]
+    parts = [g for g in concentrated(tested.groups) if g.sort in _labels()]
     if parts and not alternatives:
         what = f"readings of {parts[0].what} are worse than stated by the factor {parts[0].unit_weight:.2f}"
         cure = f"campaign: column 'u' of these readings times {parts[0].unit_weight:.2f}, once it is known why"
         return [Cause(PART, what, cure, 0.0, 0.0, 1, log10, 0.0)]
-    if found.is_structured or probability > SIGNIFICANT or _concentrated(tested.groups):
+    if found.is_structured or probability > SIGNIFICANT or concentrated(tested.groups):
         rest = "the rest of the misfit" if alternatives else "the misfit"
         what = f"none of these explains {rest}: {', '.join(TRIED)}"
         cure = "look at the residuals by station, place and time, and repeat what looks odd"
@@ -231,34 +207,3 @@ def _rest(around: Around, tested: Adequacy, found: Misfit, alternatives: list[Ju
 def _labels() -> set[str]:
     """Sorts of groups that share an instrument or what stands still, not a place or a time."""
     return {SET, *(label for kind in KINDS.values() for label in kind.tested_by)}
-
-
-def verdict_text(adequacy: Adequacy, reasons: list[str], waves: Mapping[str, float]) -> str:
-    """The verdict in words."""
-    weight, freedom = adequacy.unit_weight, adequacy.degrees_of_freedom
-    if adequacy.grade == ACCEPTED:
-        if weight < PESSIMISTIC and freedom > 30:
-            return f"model accepted by the data; unit weight {weight:.2f}: the stated uncertainties are pessimistic"
-        return "model accepted by the data"
-    p = adequacy.probability
-    chance = f"probability {p:.1e}" if p > 0.0 else "probability below 1e-300"
-    if adequacy.grade == ENLARGED:
-        sizes = " and ".join(f"{1e3 * u:.2f} µm in {direction}" for direction, u in waves.items())
-        by = [f"by the factor {adequacy.factor:.2f}"] if adequacy.factor > 1.0 else []
-        by += [f"by waves too short for the functions, of {sizes} (standard deviation)"] if waves else []
-        text = f"model accepted by the data, with every u enlarged {' and '.join(by)}" if by else ACCEPTED_BUT
-        return f"{text} (unit weight {weight:.2f}, {chance}): there is a misfit, too small to move a result by more than its U"
-    text = f"model rejected by the data (unit weight {weight:.2f}, {chance}): {'; '.join(reasons)}"
-    where = "; ".join(f"{g.what} (unit weight {g.unit_weight:.2f})" for g in _worst(adequacy.groups))
-    text += f"; worst: {where}" if where else ""
-    if adequacy.suspects:
-        text += f"; {len(adequacy.suspects)} reading(s) beyond the critical value, first {adequacy.suspects[0].where}"
-    return text
-
-
-def _worst(groups: tuple[GroupTest, ...]) -> list[GroupTest]:
-    """Groups whose unit weight is far above that of the others, one of each sort."""
-    found: dict[str, GroupTest] = {}
-    for group in _concentrated(groups):
-        found.setdefault(group.sort, group)
-    return list(found.values())[:WORST]
