@@ -108,7 +108,8 @@ figure = volume_distribution(solution, tool)
 
 # %% [markdown]
 # ## What if an effect is left out?
-# The same readings, fitted as if noise were all: the stated uncertainties are too small, and the intervals miss the truth.
+# The same readings, fitted as if noise were all. The residuals show that something is missing: the verdict says what it may be,
+# and hold-outs of whole stations, times and places enlarge every u by one factor.
 
 # %%
 naive = volid.fit(replace(campaign, sets=(replace(campaign.sets[0], effects=()),)))
@@ -119,3 +120,5 @@ for name, found in (("effects stated", solution), ("effects left out", naive)):
     print(
         f"{name:17s} u(EC0Y) = {u:.2f} µrad; 95 % intervals of functions that hold the truth: {np.nanmean(inside):.0%}"
     )
+print(naive.adequacy.verdict)
+print(*(cause.what for cause in naive.adequacy.causes), sep="\n")
