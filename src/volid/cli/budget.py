@@ -13,6 +13,7 @@ from volid.cli.common import (
     conclude,
     explain,
     print_json,
+    print_verdict,
     tool_vector,
     write_sheet,
 )
@@ -72,6 +73,7 @@ def run(args: argparse.Namespace) -> int:
     elif args.json:
         print_json({"lines": [line._asdict() for line in lines], "lack_of_fit": lack_of_fit(solution)._asdict()})
     if not args.json:
+        print_verdict(solution)
         print(format_budget(lines, lack_of_fit(solution)) + (f"\n\nwritten: {args.output}" if args.output else ""))
     return conclude(args, attention(solution))
 

@@ -176,13 +176,23 @@ def attention(solution: Solution, named: bool = False) -> list[str]:
         )
     if not solution.statistics.converged:
         messages.append("the fit has not converged: do not use its numbers")
-    messages += solution.unseen
+    if not (solution.adequacy.rejected and solution.adequacy.causes):  # levels and segments follow from the misfit then
+        messages += solution.unseen
     if not named and not solution.fully_determined:
         directions = solution.null_space.shape[1]
         messages.append(
             f"the data do not determine {directions} combination(s) of the parameters (volid summary names them)"
         )
     return messages
+
+
+def print_verdict(solution: Solution) -> None:
+    """One line on standard output where numbers below it need more than a look: rejected, or u enlarged."""
+    from volid.fitting.diagnosis.adequacy import ACCEPTED, NOT_TESTABLE
+    from volid.uncertainty.lack_of_fit import verdict_words
+
+    if solution.adequacy.grade not in (ACCEPTED, NOT_TESTABLE):
+        print(f"*** {verdict_words(solution)} ***\n")
 
 
 def tell(args: argparse.Namespace, notes: Sequence[str]) -> None:

@@ -16,6 +16,7 @@ from volid.cli.common import (
     conclude,
     explain,
     print_json,
+    print_verdict,
     tool_vector,
     write_sheet,
 )
@@ -218,5 +219,6 @@ def _write(found: Forecast, solution: Solution, feeds: Any, notes: list[str], ar
     if args.json:
         print_json(forecast_data(found, solution.machine, feeds) | {"notes": notes})
         return
+    print_verdict(solution)
     shown = 1 + len(args.tools or [])
     print("\n".join([*forecast_text(found, solution.machine, feeds, shown), *notes]))

@@ -31,7 +31,7 @@ from volid.model.axis_lines import AXIS_LINE
 from volid.model.error_functions import describe_datum
 from volid.model.iso230 import parse
 from volid.model.machine import Machine
-from volid.uncertainty.lack_of_fit import lack_of_fit
+from volid.uncertainty.lack_of_fit import lack_of_fit, verdict_words
 
 if TYPE_CHECKING:  # what these stand on takes long to import
     from volid.uncertainty.budget import Line
@@ -110,6 +110,7 @@ def source_lines(solution: Solution, source: str | Path | None = None) -> dict[s
     """What every table says about its origin; `source`: the solution's file."""
     machine, campaign = solution.machine, solution.campaign
     lines = {
+        "verdict": verdict_words(solution),
         "datum": describe_datum(solution.machine, solution.datum),
         "machine": f"{machine.name} [{machine.structure.strip().strip('[]')}]",
         "campaign": campaign.title,
@@ -126,6 +127,8 @@ def source_lines(solution: Solution, source: str | Path | None = None) -> dict[s
     lines["lack of fit"] = str(lack_of_fit(solution))
     if solution.unseen:
         lines["attention"] = " ".join(f"{text}." for text in solution.unseen)
+    if not solution.statistics.converged:
+        lines["NOT CONVERGED"] = "the iteration stopped early; do not use these numbers"
     lines["date"] = datetime.now(UTC).isoformat(timespec="seconds")
     if solution.adequacy.rejected:
         lines[REJECTED] = solution.adequacy.verdict

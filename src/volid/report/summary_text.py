@@ -44,7 +44,7 @@ def _verdict_lines(data: dict[str, Any]) -> list[str]:
     lines += paragraph(verdict + ".")
     if data["not_determined"] and not data["accepted"]:
         lines.append("Not everything is determined; see below. n.d.: not determined.")
-    for text in data["unseen"]:
+    for text in data["unseen"] if not (data["rejected"] and data["causes"]) else ():  # they follow from the misfit then
         lines += paragraph(f"Attention: {text}.")
     if not data["converged"]:
         lines.append("*** NOT CONVERGED: the iteration stopped early; do not use these numbers ***")

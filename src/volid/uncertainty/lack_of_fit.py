@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from volid.fitting.diagnosis.adequacy import NOT_TESTABLE, REJECTED
+from volid.fitting.diagnosis.adequacy import ENLARGED, NOT_TESTABLE, REJECTED
 from volid.fitting.solution import Solution
 
 
@@ -45,3 +45,13 @@ def lack_of_fit(solution: Solution) -> LackOfFit:
     """The unmodelled error that the residuals show."""
     adequacy = solution.adequacy
     return LackOfFit(float(adequacy.unit_weight), adequacy.factor, adequacy.grade)
+
+
+def verdict_words(solution: Solution) -> str:
+    """The grade in one line, for the head of every output: "accepted, u enlarged by the factor 1.10"."""
+    adequacy = solution.adequacy
+    if adequacy.grade == REJECTED:
+        return "MODEL REJECTED BY THE DATA; the uncertainties do not hold"
+    if adequacy.grade == ENLARGED and adequacy.factor > 1.0:
+        return f"{adequacy.grade} by the factor {adequacy.factor:.2f}"
+    return adequacy.grade

@@ -25,7 +25,7 @@ from scipy.special import chdtrc
 from volid.fitting.diagnosis.adequacy import ACCEPTED, ENLARGED, NOT_TESTABLE, REJECTED, Adequacy, Cause, GroupTest
 from volid.fitting.diagnosis.alternatives.base import Judged, profile
 from volid.fitting.diagnosis.alternatives.functions import PITCH
-from volid.fitting.diagnosis.alternatives.ranking import TRIED, named
+from volid.fitting.diagnosis.alternatives.ranking import CHAINS, TRIED, named
 from volid.fitting.diagnosis.alternatives.readings import NONE, PART, WHOLE
 from volid.fitting.diagnosis.around import Around, Fit
 from volid.fitting.diagnosis.blocks import Excess, cells, displacement, influence, partitions
@@ -108,14 +108,16 @@ def judge(around: Around, fit: Fit, machine: Machine, tested: Adequacy, waves: M
     found, certain = (_misfit(tested, blocks, *p) for p in ((SIGNIFICANT, BLOCKS), (CERTAIN, CERTAIN)))
     doubtful = tested.probability < SIGNIFICANT or bool(found.groups) or found.is_structured
     alternatives = named(around, fit, machine, doubtful, bool(waves))
-    explained = [j for j in alternatives if j.log_probability < np.log(CERTAIN)]
+    own = [j for j in alternatives if not j.alternative.is_rival]
+    explained = [j for j in own if j.log_probability < np.log(CERTAIN)]
     outside = [j for j in explained if not (waves and j.alternative.cause == PITCH)]  # waves are part of u then
     causes = [_cause(j) for j in alternatives]
-    if tested.probability < SIGNIFICANT or found.groups:
-        causes += _rest(around, tested, found, alternatives)
-    unknown = _unknown(around, tested, alternatives) if causes and causes[-1].cause == NONE else 0.0
+    on_another_machine = bool(own) and own[0].alternative.cause in CHAINS
+    if (tested.probability < SIGNIFICANT or found.groups) and not on_another_machine:
+        causes += _rest(around, tested, found, own)
+    unknown = _unknown(around, tested, own) if causes and causes[-1].cause == NONE else 0.0
     reasons = _reasons(certain, tested.groups, outside, unknown if tested.probability < CERTAIN else 0.0)
-    factor = float(np.hypot(found.factor_with(alternatives), unknown)) if doubtful or alternatives else 1.0
+    factor = float(np.hypot(found.factor_with(own), unknown)) if doubtful or alternatives else 1.0
     grade = REJECTED if reasons else ENLARGED if factor > 1.0 or waves or alternatives else ACCEPTED
     adequacy = replace(tested, rejected=bool(reasons), grade=grade, factor=factor, causes=tuple(causes))
     text = verdict_text(adequacy, reasons, waves)

@@ -32,7 +32,8 @@ class Alternative:
     `cause`: its sort, such as "drift of a station". `what`: itself, "drift of station S2". `cure`: what to write into which file,
     or what to do. `columns` (n, k): sensitivities of the readings over their u. `outcome` (q, k): what one unit of its unknowns
     does to the numbers of the outcome directly, over their u; None: nothing. `tried`: how many places it was chosen from.
-    `readings`: the numbers of those that it concerns, where that helps to cure it.
+    `readings`: the numbers of those that it concerns, where that helps to cure it. `is_rival`: it explains what another one
+    explains already, nearly as well.
     """
 
     cause: str
@@ -42,6 +43,7 @@ class Alternative:
     outcome: np.ndarray | None = None
     tried: float = 1.0
     readings: tuple[int, ...] = ()
+    is_rival: bool = False
 
 
 class Judged(NamedTuple):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -28,6 +29,9 @@ from volid.model.machine import Machine
 
 CHANCE = 1e-3  # that any alternative is named on a sound campaign, all of them together
 LISTED = 4
+RIVAL = 0.75  # of the best score, from which on another cause is as likely as that
+# Machines grow in every campaign, instruments are calibrated: where both explain a misfit alike, growth is the first to look for.
+PLAUSIBLE = {SCALE: 0.7, RANGE: 0.7}
 WORTH = 0.1  # of the first score: an alternative with less retells what the first one, of low order, leaves of itself
 CHAINS = (ORDER, SENSE, COLUMNS)
 TRIED = (
@@ -66,6 +70,8 @@ def named(around: Around, fit: Fit, machine: Machine, doubtful: bool, scattered:
         if best is None or (found and best.score < WORTH * found[0].score):
             break
         found.append(best)
+        if turn == 0:
+            found += _rivals(best, tested)
         if best.alternative.cause in CHAINS:  # nothing else can be tested around a fit on the wrong machine
             break
         now = with_unknowns(now, best)
@@ -73,9 +79,27 @@ def named(around: Around, fit: Fit, machine: Machine, doubtful: bool, scattered:
 
 
 def _best(tested: list[Judged]) -> Judged | None:
+    return max(_certain(tested), key=_weighted, default=None)
+
+
+def _certain(tested: list[Judged]) -> list[Judged]:
     limit = float(np.log(CHANCE / max(len(tested), 1)))
-    certain = [j for j in tested if j.log_probability < limit and j.score > 0.0]
-    return max(certain, key=lambda j: j.score, default=None)
+    return [j for j in tested if j.log_probability < limit and j.score > 0.0]
+
+
+def _weighted(j: Judged) -> float:
+    return j.score * PLAUSIBLE.get(j.alternative.cause, 1.0)
+
+
+def _rivals(best: Judged, tested: list[Judged]) -> list[Judged]:
+    """The best alternative of another cause, where it explains the misfit nearly as well: readings do not tell them apart."""
+    others = [j for j in _certain(tested) if j.alternative.cause != best.alternative.cause]
+    near = [j for j in others if j.score > RIVAL * best.score]
+    if not near:
+        return []
+    rival = max(near, key=_weighted)
+    what = f"or, nearly as likely: {rival.alternative.what}"
+    return [rival._replace(alternative=replace(rival.alternative, what=what, is_rival=True))]
 
 
 def _linear(around: Around, model: ErrorModel, doubtful: bool) -> Iterator[Alternative]:

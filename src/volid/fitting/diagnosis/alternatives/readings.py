@@ -91,6 +91,8 @@ def outliers(around: Around) -> Iterator[Alternative]:
     columns[worst, np.arange(len(worst))] = 1.0
     first = around.where(int(worst[0]))
     count = f"{len(beyond)} outlier{'s' if len(beyond) > 1 else ''}"
-    yield Alternative(
-        OUTLIERS, f"{count}, first {first}", "fit robustly (`robust=True`), or take the rows out", columns
-    )
+    active = int(around.active.sum())
+    choices = gammaln(active + 1) - gammaln(len(worst) + 1) - gammaln(active - len(worst) + 1)
+    cure = "fit with the option robust, which finds all of them and sets them aside"
+    what = f"{count}, first {first}"
+    yield Alternative(OUTLIERS, what, cure, columns, tried=float(np.exp(min(choices, LARGEST))))

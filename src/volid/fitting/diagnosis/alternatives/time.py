@@ -34,7 +34,9 @@ def drifts(around: Around) -> Iterator[Alternative]:
         kind, label = name.split(" ", 1)
         cure = (
             f"campaign: give the readings of {label} other names in column '{kind}' from one part of its time to the next "
-            f"({label}a, {label}b, …), so that each part has a place of its own; or fix it better, and measure from there again"
+            f"({label}a, {label}b, …, stated like {label}), so that each part has a place of its own; where only the readings "
+            f'grow with a recorded time, [[set.effect]]: name = "drift", type = "drift", u = 0.005, per = "{kind}"; or fix '
+            f"{label} better, and measure from there again"
         )
         yield Alternative(DRIFT, f"{name} drifts with {clock}", cure, np.concatenate([moved, grown]).T)
 
@@ -83,7 +85,7 @@ def breaks(around: Around) -> Iterator[Alternative]:
         runs_on = tuple(numbers[i:].tolist())
         where, when = around.where(int(numbers[i])), around.when[numbers[i]]
         at = f" (time {when:g} s)" if around.has_time else ""
-        cure = f"campaign: another name in column 'segment' from {where} on; a robust fit does so by itself"
+        cure = f"campaign: another name in column 'segment' from {where} on; a robust fit does so where the step exceeds 4 u"
         what = f"beam of {name} was broken before {where}{at}"
         yield Alternative(BREAK, what, cure, column[:, None], tried=tried, readings=runs_on)
 
