@@ -30,8 +30,7 @@ from volid.model.machine import Machine
 CHANCE = 1e-3  # that any alternative is named on a sound campaign, all of them together
 LISTED = 4
 RIVAL = 0.75  # of the best score, from which on another cause is as likely as that
-# Machines grow in every campaign, instruments are calibrated: where both explain a misfit alike, growth is the first to look for.
-PLAUSIBLE = {SCALE: 0.7, RANGE: 0.7}
+COMMON = 0.7  # the same for growth against scales: machines grow in every campaign, instruments are calibrated
 WORTH = 0.1  # of the first score: an alternative with less retells what the first one, of low order, leaves of itself
 CHAINS = (ORDER, SENSE, COLUMNS)
 TRIED = (
@@ -79,16 +78,18 @@ def named(around: Around, fit: Fit, machine: Machine, doubtful: bool, scattered:
 
 
 def _best(tested: list[Judged]) -> Judged | None:
-    return max(_certain(tested), key=_weighted, default=None)
+    """The one with the best score; growth instead of scales of instruments, where it explains the misfit nearly as well."""
+    certain = _certain(tested)
+    best = max(certain, key=lambda j: j.score, default=None)
+    if best is None or best.alternative.cause not in (SCALE, RANGE):
+        return best
+    growing = [j for j in certain if j.alternative.cause in (GROWTH, WARMTH) and j.score > COMMON * best.score]
+    return max(growing, key=lambda j: j.score, default=best)
 
 
 def _certain(tested: list[Judged]) -> list[Judged]:
     limit = float(np.log(CHANCE / max(len(tested), 1)))
     return [j for j in tested if j.log_probability < limit and j.score > 0.0]
-
-
-def _weighted(j: Judged) -> float:
-    return j.score * PLAUSIBLE.get(j.alternative.cause, 1.0)
 
 
 def _rivals(best: Judged, tested: list[Judged]) -> list[Judged]:
@@ -97,7 +98,7 @@ def _rivals(best: Judged, tested: list[Judged]) -> list[Judged]:
     near = [j for j in others if j.score > RIVAL * best.score]
     if not near:
         return []
-    rival = max(near, key=_weighted)
+    rival = max(near, key=lambda j: j.score)
     what = f"or, nearly as likely: {rival.alternative.what}"
     return [rival._replace(alternative=replace(rival.alternative, what=what, is_rival=True))]
 
