@@ -153,7 +153,7 @@ def drawn(task: tuple[str, int, int, int]) -> list[dict[str, Any]]:
         probability = float(chdtrc(freedom, chi))
         tested = replace(tested, chi_square=chi, unit_weight=float(np.sqrt(chi / freedom)), probability=probability)
         now = replace(seen, v=v, chi_square=chi, freedom=freedom)
-        found = judge(now, fit, fitter.problem.model.machine, tested, False)
+        found = judge(now, fit, fitter.problem.model.machine, tested, {})
         first_cause = found.causes[0].cause if found.causes else ""
         rows.append(
             {

@@ -106,6 +106,6 @@ def test_not_testable_without_redundancy():
 def test_summary_lists_causes_with_cures():
     solution = fit(drift("vertical", 0, 0.06, **FEW).campaign)
     text, data = volid.summary(solution), summary_data(solution)
-    assert text.index("likely causes of the misfit") < text.index("machine ")
+    assert text.index("likely causes of the misfit") < text.index("\nmachine ")
     assert data["grade"] == "rejected" and data["causes"][0]["cause"] == "drift of a station"
     assert "What to do: campaign: give the readings of S1 other names in column 'station'" in text.replace("\n  ", " ")

@@ -27,7 +27,7 @@ from volid.campaign import SAME_TOOL
 from volid.fitting.diagnosis.around import Around
 from volid.model.machine import Machine
 
-TIMES, LEVELS, CELLS = 8, 8, 4  # blocks in time, along an axis, and per axis of a pair
+TIMES, LEVELS, CELLS = 6, 6, 4  # blocks in time, along an axis, and per axis of a pair
 MOST = 24  # blocks of one sort
 FEWEST = 6  # readings of a block
 ENOUGH = 8  # readings of a block per unknown from which on a part of them tells its information

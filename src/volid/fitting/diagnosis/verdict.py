@@ -109,24 +109,30 @@ def judge(around: Around, fit: Fit, machine: Machine, tested: Adequacy, waves: M
     doubtful = tested.probability < SIGNIFICANT or bool(found.groups) or found.is_structured
     alternatives = named(around, fit, machine, doubtful, bool(waves))
     own = [j for j in alternatives if not j.alternative.is_rival]
-    explained = [j for j in own if j.log_probability < np.log(CERTAIN)]
-    outside = [j for j in explained if not (waves and j.alternative.cause == PITCH)]  # waves are part of u then
-    causes = [_cause(j) for j in alternatives]
-    on_another_machine = bool(own) and own[0].alternative.cause in CHAINS
-    if (tested.probability < SIGNIFICANT or found.groups) and not on_another_machine:
-        causes += _rest(around, tested, found, own)
+    causes = [*map(_cause, alternatives), *_rest(around, tested, found, own)]
     unknown = _unknown(around, tested, own) if causes and causes[-1].cause == NONE else 0.0
-    reasons = _reasons(certain, tested.groups, outside, unknown if tested.probability < CERTAIN else 0.0)
+    reasons = _reasons(certain, tested, _moving(own, waves), unknown)
     factor = float(np.hypot(found.factor_with(own), unknown)) if doubtful or alternatives else 1.0
-    grade = REJECTED if reasons else ENLARGED if factor > 1.0 or waves or alternatives else ACCEPTED
+    larger = factor > 1.0 or bool(waves) or bool(alternatives)
+    grade = REJECTED if reasons else ENLARGED if larger else ACCEPTED
     adequacy = replace(tested, rejected=bool(reasons), grade=grade, factor=factor, causes=tuple(causes))
-    text = verdict_text(adequacy, reasons, waves)
-    if around.share < TESTED and not reasons:
-        text += (
-            f"; {100.0 * around.share:.0f} % of the readings were tested one by one: a misfit that moves results by less than "
-            f"{1.0 / np.sqrt(around.share):.1f} u may not show"
-        )
-    return replace(adequacy, verdict=text)
+    return replace(adequacy, verdict=verdict_text(adequacy, reasons, waves) + _tested(around.share, bool(reasons)))
+
+
+def _moving(own: list[Judged], waves: Mapping[str, float]) -> list[Judged]:
+    """Alternatives that certainly explain the misfit and move some result by more than its U; waves are part of u where found."""
+    explained = [j for j in own if j.log_probability < np.log(CERTAIN) and largest(j.change) > 1.0]
+    return [j for j in explained if not (waves and j.alternative.cause == PITCH)]
+
+
+def _tested(share: float, rejected: bool) -> str:
+    """How little a part of the readings may show, where only that was tested one by one."""
+    if share >= TESTED or rejected:
+        return ""
+    return (
+        f"; {100.0 * share:.0f} % of the readings were tested one by one: a misfit that moves results by less than "
+        f"{1.0 / np.sqrt(share):.1f} u may not show"
+    )
 
 
 def explained_otherwise(adequacy: Adequacy) -> bool:
@@ -156,10 +162,9 @@ def _unknown(around: Around, tested: Adequacy, alternatives: list[Judged]) -> fl
     return float(np.sqrt(max(chi / nu - 1.0, 0.0))) * reading / typical(lengths)
 
 
-def _reasons(found: Misfit, groups: tuple[GroupTest, ...], explained: list[Judged], unknown: float) -> list[str]:
-    """Why a misfit may move a result by more than its U, in words; empty where it does not. `found`: what is certain."""
-    reasons = []
-    moving = [j for j in explained if largest(j.change) > 1.0]
+def _reasons(certain: Misfit, tested: Adequacy, moving: list[Judged], unknown: float) -> list[str]:
+    """Why a misfit may move a result by more than its U, in words; empty where it does not. `certain`: what surely is one."""
+    reasons, groups = [], tested.groups
     if moving:
         size = largest(moving[0].change)
         by = f"moves results by up to {size:.1f} {BARE_U}" if np.isfinite(size) else "is another machine"
@@ -169,9 +174,9 @@ def _reasons(found: Misfit, groups: tuple[GroupTest, ...], explained: list[Judge
     if worst_groups:
         worst = worst_groups[0]
         reasons.append(f"the misfit sits in one place: {worst.what} (unit weight {worst.unit_weight:.2f})")
-    factor = float(np.hypot(found.factor, unknown))
+    factor = float(np.hypot(certain.factor, unknown if tested.probability < CERTAIN else 0.0))
     if factor > LARGEST:
-        most = max(found.displacement, found.influence, key=lambda e: e.variance)
+        most = max(certain.displacement, certain.influence, key=lambda e: e.variance)
         seen = f", by hold-outs of {most.sort}" if most.variance > 0.5 * factor**2 else ""
         reasons.append(f"the misfit may move results by more than their U (u {factor:.1f} times as large{seen})")
     return reasons
@@ -185,25 +190,46 @@ def _cause(j: Judged) -> Cause:
 
 def _rest(around: Around, tested: Adequacy, found: Misfit, alternatives: list[Judged]) -> list[Cause]:
     """What is left of the misfit when all alternatives are taken out: u as a whole or of a part, or none of these."""
+    on_another_machine = bool(alternatives) and alternatives[0].alternative.cause in CHAINS
+    if on_another_machine or not (tested.probability < SIGNIFICANT or found.groups):
+        return []
     chi = around.share * tested.chi_square - sum(j.drop for j in alternatives)
     nu = max(int(around.share * tested.degrees_of_freedom) - sum(j.k for j in alternatives), 1)
     probability = float(chdtrc(nu, max(chi, 0.0)))
     left = chi - profile(chi, nu)
     if alternatives and (probability > SIGNIFICANT or alternatives[0].gain > left):
         return []
-    weight, log10 = float(np.sqrt(max(chi, 0.0) / nu)), float(np.log10(max(probability, 1e-300)))
-    parts = [g for g in concentrated(tested.groups) if g.sort in _labels()]
+    return [_leftover(tested, found, alternatives, _Left(chi, nu, probability, left))]
+
+
+class _Left(NamedTuple):
+    """Chi-square, degrees of freedom and probability of what alternatives leave, and what a larger u would gain."""
+
+    chi_square: float
+    freedom: int
+    probability: float
+    gain: float
+
+
+def _leftover(tested: Adequacy, found: Misfit, alternatives: list[Judged], left: _Left) -> Cause:
+    weight, log10 = (
+        float(np.sqrt(max(left.chi_square, 0.0) / left.freedom)),
+        float(np.log10(max(left.probability, 1e-300))),
+    )
+    worst = concentrated(tested.groups)
+    parts = [g for g in worst if g.sort in _labels()]
     if parts and not alternatives:
         what = f"readings of {parts[0].what} are worse than stated by the factor {parts[0].unit_weight:.2f}"
         cure = f"campaign: column 'u' of these readings times {parts[0].unit_weight:.2f}, once it is known why"
-        return [Cause(PART, what, cure, 0.0, 0.0, 1, log10, 0.0)]
-    if found.is_structured or probability > SIGNIFICANT or concentrated(tested.groups):
+        return Cause(PART, what, cure, 0.0, 0.0, 1, log10, 0.0)
+    if found.is_structured or left.probability > SIGNIFICANT or worst:
         rest = "the rest of the misfit" if alternatives else "the misfit"
         what = f"none of these explains {rest}: {', '.join(TRIED)}"
         cure = "look at the residuals by station, place and time, and repeat what looks odd"
-        return [Cause(NONE, what, cure, 0.0, 0.0, 0, log10, 0.0)]
+        return Cause(NONE, what, cure, 0.0, 0.0, 0, log10, 0.0)
     what = f"all u are too small by the factor {weight:.2f}: the instrument is worse than stated"
-    return [Cause(WHOLE, what, f"campaign, [[set]]: u times {weight:.2f}", chi - nu, left, 1, log10, 0.0)]
+    drop = left.chi_square - left.freedom
+    return Cause(WHOLE, what, f"campaign, [[set]]: u times {weight:.2f}", drop, left.gain, 1, log10, 0.0)
 
 
 def _labels() -> set[str]:

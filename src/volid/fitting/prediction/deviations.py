@@ -90,6 +90,9 @@ def _calls(function: PointFunction, model: ErrorModel, coefficients: np.ndarray,
 
 def _each(carry_out: Callable[[slice], Any], slices: list[slice]) -> Iterator[Any]:
     """Results slice by slice, in order; `THREADS` at a time, and few of them waiting to be used."""
+    if len(slices) < 2:  # starting threads takes longer than many a question
+        yield from map(carry_out, slices)
+        return
     with ThreadPoolExecutor(THREADS) as pool:  # XLA and NumPy let other threads work meanwhile
         waiting: deque[Future[Any]] = deque()
         for part in slices:
