@@ -30,7 +30,7 @@ MOST = 12  # times that all segments are looked through
 def with_new_segments(
     campaign: Campaign, fitter: SmoothFit, starts: Mapping[Any, float]
 ) -> tuple[Campaign, tuple[str, ...]]:
-    """The campaign with a new segment after every break that is certain, and what was found in words; () where there is none.
+    """The campaign with a new segment after the most certain break, and what was found in words; () where there is none.
 
     `fitter`: at its optimum, gross readings included; they are weighted down here (Huber).
     """
@@ -48,16 +48,13 @@ def with_new_segments(
     found = [j for j in judged(seen, breaks(seen)) if j.log_probability < np.log(CHANCE) and _is_step(j, seen)]
     slow = max((j.score for j in judged(seen, drifts(seen))), default=0.0)
     found = [j for j in found if j.score > slow]  # what drifts is no step, and would be cut again and again
-    if found and seen.share < 1.0:
-        return campaign, (
-            f"{max(found, key=lambda j: j.gain).alternative.what}, or near it; too many readings to cut there",
-        )
-    found.sort(key=lambda j: -j.gain)
-    notes = []
-    for j in found[:1]:  # the next one is looked for when this one is cured
-        campaign = _cut(campaign, np.array(j.alternative.readings), seen.set_number, seen.row)
-        notes.append(f"{j.alternative.what} (by {1e3 * float(j.values[0]):.1f} µm): a new segment begins there")
-    return campaign, tuple(notes)
+    if not found:
+        return campaign, ()
+    best = max(found, key=lambda j: j.gain)  # the next one is looked for when this one is cured
+    if seen.share < 1.0:
+        return campaign, (f"{best.alternative.what}, or near it; too many readings to cut there",)
+    cut = _cut(campaign, np.array(best.alternative.readings), seen.set_number, seen.row)
+    return cut, (f"{best.alternative.what} (by {1e3 * float(best.values[0]):.1f} µm): a new segment begins there",)
 
 
 def _is_step(found: Judged, seen: Around) -> bool:

@@ -196,7 +196,7 @@ def _slope(fit: Fit, v: np.ndarray, rows: np.ndarray) -> float:
 
 
 def _fitted(fit: Fit, v: np.ndarray, rows: np.ndarray, outcome: Outcome) -> tuple[np.ndarray, np.ndarray, Outcome]:
-    """Residuals, rows and outcome of the linear fit to the readings that are left, with all prior knowledge."""
+    """Residuals, rows and outcome at the minimum of the linear fit to the readings that are here, with all prior knowledge."""
     system = fit.problem.system
     known = np.asarray(system.prior_root) @ fit.root
     matrix = rows.T @ rows + known.T @ known

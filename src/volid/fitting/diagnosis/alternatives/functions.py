@@ -43,7 +43,7 @@ def cross_effects(around: Around, model: ErrorModel) -> Iterator[Alternative]:
                 yield Alternative(
                     CROSS,
                     f"{name} changes with {other.letter}",
-                    f'machine file, [model.functions]: {name} = {{ over = ["{axis.letter}", "{other.letter}"] }}',
+                    f'{_MODEL} {name} = {{ over = ["{axis.letter}", "{other.letter}"] }}',
                     _crossed(around.seen, machine, axis.letter, other.letter, component),
                     _crossed(around.outcome.seen, machine, axis.letter, other.letter, component),
                 )
@@ -74,9 +74,9 @@ def left_out(around: Around, model: ErrorModel) -> Iterator[Alternative]:
         each = [(_along(around.seen, machine, i, c), _along(around.outcome.seen, machine, i, c)) for c in missing]
         names = [f"E{DIRECTIONS[c]}{axis.letter}" for c in missing]
         for name, (columns, change) in zip(names, each, strict=True):
-            cure = f"machine file, [model.functions]: {name} = true"
+            cure = f"{_MODEL} {name} = true"
             yield Alternative(LEFT_OUT, f"{name} is not in the model, but the machine has it", cure, columns, change)
-        cure = f'machine file, [model.functions]: "E?{axis.letter}" = true'
+        cure = f'{_MODEL} "E?{axis.letter}" = true'
         what = f"error motions of {axis.letter} are not in the model, but the machine has them"
         yield Alternative(LEFT_OUT, what, cure, np.hstack([c for c, _ in each]), np.hstack([o for _, o in each]))
 
@@ -133,11 +133,11 @@ def reversals(around: Around, model: ErrorModel) -> Iterator[Alternative]:
         outcome = [_reversed(around.outcome.seen, machine, i, c) for c in missing]
         for component, columns, change in zip(missing, each, outcome, strict=True):
             name = names[component]
-            cure = f"machine file, [model.functions]: {name} = {{ reversal = true }}"
+            cure = f"{_MODEL} {name} = {{ reversal = true }}"
             yield Alternative(REVERSAL, f"{name} has a reversal", cure, columns, change)
         if len(missing) < 2:
             continue
-        cure = f'machine file, [model.functions]: "E?{axis.letter}" = {{ reversal = true }}'
+        cure = f'{_MODEL} "E?{axis.letter}" = {{ reversal = true }}'
         what = f"several error functions of {axis.letter} have a reversal"
         yield Alternative(REVERSAL, what, cure, np.hstack(each), np.hstack(outcome))
 
