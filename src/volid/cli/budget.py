@@ -15,6 +15,7 @@ from volid.cli.common import (
     print_json,
     print_verdict,
     tool_vector,
+    usable_solution,
     write_sheet,
 )
 from volid.cli.progress import Progress
@@ -60,12 +61,11 @@ def run(args: argparse.Namespace) -> int:
     with Progress() as progress:
         progress("reading the solution")
         from volid.io.functions_csv import budget_sheet
-        from volid.io.solutions import read_solution
         from volid.report.budget_text import format_budget
         from volid.uncertainty.budget import budget, budget_lines
         from volid.uncertainty.lack_of_fit import lack_of_fit
 
-        solution = read_solution(args.solution)
+        solution = usable_solution(args.solution)
         progress("propagating every source")
         lines = list(budget_lines(budget(solution), _rows(solution, args)))
     if args.output:

@@ -174,6 +174,9 @@ def attention(solution: Solution, named: bool = False) -> list[str]:
         messages.append(
             "the model is REJECTED by the data: the stated uncertainties do not hold (volid summary names likely causes)"
         )
+    asked = solution.adequacy.questions
+    if asked and not solution.adequacy.rejected:
+        messages.append(f"the result is not accepted before a question is answered: {asked[0].text}")
     if not solution.statistics.converged:
         messages.append("the fit has not converged: do not use its numbers")
     if not (solution.adequacy.rejected and solution.adequacy.causes):  # levels and segments follow from the misfit then
@@ -184,6 +187,20 @@ def attention(solution: Solution, named: bool = False) -> list[str]:
             f"the data do not determine {directions} combination(s) of the parameters (volid summary names them)"
         )
     return messages
+
+
+def usable_solution(path: str) -> Solution:
+    """A solution for tables and grids. Raises `InputError`, also where its numbers follow from a mistake, with the reason."""
+    from volid.exceptions import InputError
+    from volid.io.solutions import read_solution
+
+    solution = read_solution(path)
+    if reason := solution.adequacy.barrier:
+        raise InputError(
+            f"{path}: no table or grid is made of this solution: {reason}. Mend the campaign, and fit again (volid summary says "
+            "more)"
+        )
+    return solution
 
 
 def print_verdict(solution: Solution) -> None:

@@ -5,7 +5,16 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from volid.cli.common import add_output, add_solution, attention, check_output, conclude, explain, write_sheet
+from volid.cli.common import (
+    add_output,
+    add_solution,
+    attention,
+    check_output,
+    conclude,
+    explain,
+    usable_solution,
+    write_sheet,
+)
 from volid.cli.progress import Progress
 
 if TYPE_CHECKING:
@@ -50,9 +59,8 @@ def run(args: argparse.Namespace) -> int:
     with Progress() as progress:
         progress("reading")
         from volid.io.functions_csv import deviations_sheet, read_points
-        from volid.io.solutions import read_solution
 
-        solution = read_solution(args.solution)
+        solution = usable_solution(args.solution)
         points = read_points(args.at, solution.machine)
         progress(f"evaluating {len(points.positions)} points")
         if args.extrapolate:

@@ -71,6 +71,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="read one HDF5 campaign part by part, for more readings than fit into memory; stations, smoothness and rank are "
         "decided on a sample",
     )
+    parser.add_argument(
+        "--accept-large-errors",
+        action="store_true",
+        help="take errors of any size without asking whether readings are in another unit (in a [[set]]: large_errors = true)",
+    )
     add_output(parser, "SOLUTION.h5", "solution, with its campaign and machine", required=True)
 
 
@@ -111,9 +116,18 @@ def _in_memory(args: argparse.Namespace, prior: Solution | None, progress: Progr
     from volid.io import load_campaign
 
     campaign = load_campaign(*args.campaign)
-    record = _record(args, {"robust": args.robust, "solver": args.solver})
+    large = args.accept_large_errors
+    record = _record(args, {"robust": args.robust, "solver": args.solver, "accept_large_errors": large})
     datum = parse_datum(campaign.machine, args.datum) if args.datum else None
-    found = fit(campaign, robust=args.robust, datum=datum, prior=prior, solver=args.solver, progress=progress)
+    found = fit(
+        campaign,
+        robust=args.robust,
+        datum=datum,
+        prior=prior,
+        solver=args.solver,
+        accept_large_errors=large,
+        progress=progress,
+    )
     return replace(found, provenance=record)
 
 
@@ -141,7 +155,9 @@ def _stream(args: argparse.Namespace, prior: Solution | None, progress: Progress
     stream = CampaignStream(args.campaign[0])
     record = _record(args, {"stream": True})
     datum = parse_datum(next(stream.parts()).machine, args.datum) if args.datum else None
-    return replace(fit_streamed(stream, datum=datum, prior=prior, progress=progress), provenance=record)
+    large = args.accept_large_errors
+    found = fit_streamed(stream, datum=datum, prior=prior, accept_large_errors=large, progress=progress)
+    return replace(found, provenance=record)
 
 
 def _summarise(args: argparse.Namespace, solution: Solution, progress: Progress) -> None:

@@ -4,7 +4,16 @@ from __future__ import annotations
 
 import argparse
 
-from volid.cli.common import add_output, add_solution, attention, check_output, conclude, explain, write_sheet
+from volid.cli.common import (
+    add_output,
+    add_solution,
+    attention,
+    check_output,
+    conclude,
+    explain,
+    usable_solution,
+    write_sheet,
+)
 
 HELP = "table of the error functions and location errors with their uncertainty"
 
@@ -41,9 +50,8 @@ def run(args: argparse.Namespace) -> int:
         raise InputError(f"--step is {args.step:g}; expected a spacing of at least 0.001 in mm or degrees")
     check_output(args.output, args.force, [args.solution])
     from volid.io.functions_csv import functions_sheet
-    from volid.io.solutions import read_solution
 
-    solution = read_solution(args.solution)
+    solution = usable_solution(args.solution)
     rows, intervals = solution.functions(step=args.step), None
     if solution.samples:
         from volid.uncertainty.intervals import function_intervals

@@ -18,6 +18,7 @@ from volid.cli.common import (
     print_json,
     tell,
     tool_vector,
+    usable_solution,
     write_sheets,
 )
 from volid.cli.compensation_options import (
@@ -100,9 +101,8 @@ def run(args: argparse.Namespace) -> int:
     check_output(args.output, args.force, [args.solution])
     with Progress() as progress:
         progress("reading the solution")
-        from volid.io.solutions import read_solution
 
-        solution = read_solution(args.solution)
+        solution = usable_solution(args.solution)
         progress("evaluating the grid")
         grids, notes = _grids(solution, args)
         paths = _write(grids, solution, args, notes)

@@ -4,7 +4,16 @@ from __future__ import annotations
 
 import argparse
 
-from volid.cli.common import add_output, add_solution, attention, check_output, conclude, explain, write_sheet
+from volid.cli.common import (
+    add_output,
+    add_solution,
+    attention,
+    check_output,
+    conclude,
+    explain,
+    usable_solution,
+    write_sheet,
+)
 
 HELP = "location errors of the rotary axes: axis average lines, relative to the machine or to another axis"
 
@@ -43,9 +52,8 @@ def run(args: argparse.Namespace) -> int:
     from volid.exceptions import InputError
     from volid.fitting.location_errors import location_errors
     from volid.io.locations import locations_sheet
-    from volid.io.solutions import read_solution
 
-    solution = read_solution(args.solution)
+    solution = usable_solution(args.solution)
     if all(axis.is_linear for axis in solution.machine.axes):
         raise InputError(
             f"{args.solution}: machine '{solution.machine.name}' has no rotary axis; expected one at least"

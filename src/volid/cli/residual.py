@@ -18,6 +18,7 @@ from volid.cli.common import (
     print_json,
     print_verdict,
     tool_vector,
+    usable_solution,
     write_sheet,
 )
 from volid.cli.compensation_options import (
@@ -122,9 +123,7 @@ def run(args: argparse.Namespace) -> int:
         progress("reading the solution")
         import numpy as np
 
-        from volid.io.solutions import read_solution
-
-        solution = read_solution(args.solution)
+        solution = usable_solution(args.solution)
         progress("predicting")
         found, notes = _forecast(solution, args)
         feeds = np.array([args.feed if a.is_linear else args.turn for a in solution.machine.axes])

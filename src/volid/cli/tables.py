@@ -14,6 +14,7 @@ from volid.cli.common import (
     explain,
     print_json,
     tell,
+    usable_solution,
 )
 from volid.cli.compensation_options import (
     add_base,
@@ -93,9 +94,8 @@ def run(args: argparse.Namespace) -> int:
     _refuse_existing(args)
     with Progress() as progress:
         progress("reading the solution")
-        from volid.io.solutions import read_solution
 
-        solution = read_solution(args.solution)
+        solution = usable_solution(args.solution)
         progress("tabulating")
         tables, notes = _tables(solution, args)
         sheets = _sheets(tables, form, solution, args, notes)

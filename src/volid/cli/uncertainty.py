@@ -16,6 +16,7 @@ from volid.cli.common import (
     explain,
     print_json,
     tool_vector,
+    usable_solution,
 )
 from volid.cli.progress import Progress
 
@@ -100,7 +101,7 @@ def _sampled(args: argparse.Namespace, progress: Progress) -> Solution:
     from volid.io.solutions import read_solution
 
     folder = Path(f"{args.output}.trials") if args.output else None
-    solution = read_solution(args.solution).monte_carlo(
+    solution = usable_solution(args.solution).monte_carlo(
         args.trials,
         digits=args.digits,
         seed=args.seed,

@@ -11,7 +11,7 @@ from volid.fitting.equations.choice import engine_for_compiled_solver, engine_fo
 from volid.fitting.equations.solver import solve
 from volid.fitting.smooth_fit import SmoothFit
 from volid.fitting.solution import Solution
-from volid.fitting.stages import How, Progress, Stages, breakdown_named
+from volid.fitting.stages import How, Progress, Stages, breakdown_named, with_large_errors
 from volid.model.machine import Datum
 
 CHORD, OPTIMISTIX = "chord", "optimistix"
@@ -31,6 +31,7 @@ def fit(
     prior: Solution | None = None,
     solver: str = CHORD,
     engine: str | None = None,
+    accept_large_errors: bool = False,
     progress: Progress | None = None,
 ) -> Solution:
     """Identify a machine's error model from a campaign by nonlinear least squares.
@@ -53,6 +54,8 @@ def fit(
             step); both reach the same minimum.
         engine: "interpreted" (NumPy) or "compiled" (JAX); None: the one with which the whole fit takes less time. The solver
             "optimistix" is a compiled program, and takes "compiled" only.
+        accept_large_errors: take errors of any size without asking whether readings are in another unit; the same as the option
+            `large_errors` of every set.
         progress: called with a message at every stage.
 
     Raises:
@@ -71,6 +74,8 @@ def fit(
         raise InputError(
             f"fit takes a Campaign; got {type(campaign).__name__}. Read a file with volid.load_campaign(path)"
         )
+    if accept_large_errors:
+        campaign = with_large_errors(campaign)
     return _fit(campaign, robust, datum, prior, _how(campaign, robust, solver, engine), progress or _silent)
 
 

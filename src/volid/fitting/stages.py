@@ -17,8 +17,10 @@ from volid.fitting.diagnosis.verdict import explained_otherwise, perhaps_u
 from volid.fitting.equations.engine import Engine
 from volid.fitting.equations.problem import Problem, build_problem, nothing_known, with_random_effects
 from volid.fitting.fitter import Method
+from volid.fitting.nominal import check_nominal
 from volid.fitting.open_frame import in_open_frame
 from volid.fitting.prior import check_prior, prior_notes, prior_of, stated_segments
+from volid.fitting.questions import asked
 from volid.fitting.remarks import remarks
 from volid.fitting.segments import segments_of
 from volid.fitting.shape_notes import shape_notes
@@ -29,6 +31,7 @@ from volid.fitting.solution import EARLIER_LEVELS, EARLIER_RANGES, Solution
 from volid.fitting.starts import find_starts
 from volid.model.error_model import build_model
 from volid.model.machine import Machine
+from volid.observations.base import LARGE_ERRORS, takes_large_errors
 from volid.plausibility.checks import check_campaign
 
 Progress = Callable[[str], None]
@@ -78,6 +81,12 @@ def _prepared(task: _Task) -> SmoothFit:
     return found
 
 
+def with_large_errors(campaign: Campaign) -> Campaign:
+    """The campaign whose user says of every set that the machine's errors are as large as they seem."""
+    sets = tuple(replace(s, options={**s.options, LARGE_ERRORS: True}) for s in campaign.sets)
+    return replace(campaign, sets=sets)
+
+
 @contextmanager
 def breakdown_named() -> Iterator[None]:
     """Also a decorator: raises `InputError` in place of a factorisation that fails, which no sound campaign causes."""
@@ -117,6 +126,8 @@ class Stages:
         progress("checking the campaign")
         warnings = check_campaign(campaign)
         progress("locating stations")
+        if not any(map(takes_large_errors, campaign.sets)):
+            check_nominal(campaign)
         starts = find_starts(campaign)
         if prior is not None:
             check_prior(prior, campaign.machine)
@@ -161,7 +172,7 @@ class Stages:
         found = in_open_frame(found)
         notes = (*found.notes, *shape_notes(found, fitter.found.weak))
         found = replace(found, campaign=self.measured)
-        return replace(found, notes=(*notes, *remarks(found)))
+        return asked(replace(found, notes=(*notes, *remarks(found))))
 
     def _with_larger_u(
         self, fitter: SmoothFit, found: Solution, outliers: list[np.ndarray], options: dict[str, Any]

@@ -30,7 +30,7 @@ from volid.fitting.equations.system import Normal
 from volid.fitting.smooth_fit import SmoothFit
 from volid.fitting.smoothness.scatter import with_scatter
 from volid.fitting.solution import Solution
-from volid.fitting.stages import How, Progress, Stages, breakdown_named
+from volid.fitting.stages import How, Progress, Stages, breakdown_named, with_large_errors
 from volid.model.machine import Datum
 from volid.observations.base import NuisanceTable
 
@@ -128,6 +128,7 @@ def fit_streamed(
     datum: Datum | None = None,
     prior: Solution | None = None,
     sample: int = SAMPLE,
+    accept_large_errors: bool = False,
     progress: Progress | None = None,
 ) -> Solution:
     """Identify a machine's error model from a campaign that need not fit into memory.
@@ -141,6 +142,7 @@ def fit_streamed(
         datum: The datum of the solution, the same as in `fit`.
         prior: An earlier solution, the same as in `fit`.
         sample: Number of rows of the sample.
+        accept_large_errors: Take errors of any size without asking, the same as in `fit`.
         progress: Function that is called with messages, the same as in `fit`.
 
     Raises:
@@ -157,6 +159,8 @@ def fit_streamed(
     progress = progress or (lambda message: None)
     progress("reading a sample")
     few = stream.sample(sample)
+    if accept_large_errors:
+        few = with_large_errors(few)
     _check_effects(few)
     stages = Stages.begin(few, prior, progress, How(solve, engine_for_fit(few)))
     fitter = stages.solved()

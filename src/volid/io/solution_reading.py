@@ -12,7 +12,7 @@ import numpy as np
 
 from volid.campaign import Campaign
 from volid.exceptions import InputError
-from volid.fitting.diagnosis.adequacy import Adequacy, Cause, GroupTest, SuspectReading, reading_label
+from volid.fitting.diagnosis.adequacy import Adequacy, Cause, GroupTest, Question, SuspectReading, reading_label
 from volid.fitting.results import Residuals, SmoothPrior, Statistics, read_only
 from volid.io.basics.hdf5_values import read_text, reading
 from volid.io.solution_writing import Row
@@ -169,7 +169,13 @@ def read_adequacy(group: h5py.Group, campaign: Campaign) -> Adequacy:
         grade=attributes.get("grade", ""),
         factor=float(attributes.get("factor", 1.0)),
         causes=read_rows(group["causes"], Cause) if "causes" in group else (),
+        questions=_read_questions(group["questions"]) if "questions" in group else (),
     )
+
+
+def _read_questions(group: h5py.Group) -> tuple[Question, ...]:
+    about = group["about_values"][()].astype(bool).tolist()
+    return tuple(Question(*pair) for pair in zip(read_text(group["text"]).tolist(), about, strict=True))
 
 
 def read_statistics(file: h5py.File) -> Statistics:

@@ -150,6 +150,9 @@ def write_adequacy(group: h5py.Group, adequacy: Adequacy) -> None:
     ):
         group.attrs[name] = getattr(adequacy, name)
     write_rows(group.create_group("causes"), Cause, adequacy.causes)
+    asked = group.create_group("questions")
+    write_text(asked, "text", [q.text for q in adequacy.questions])
+    write_array(asked, "about_values", [q.about_values for q in adequacy.questions], bool)
     write_rows(group.create_group("groups"), GroupTest, adequacy.groups)
     write_rows(group.create_group("suspects"), SuspectReading, adequacy.suspects)
 

@@ -18,6 +18,7 @@ from volid.observations.response import UNMOVED, Key, Response
 Place = tuple[float, float, float]
 DEGREES, MM = "degrees", "mm"
 STATION = "station"  # label of the station that a reading is made from
+LARGE_ERRORS = "large_errors"  # option of every set: its user says that the machine's errors are as large as they seem
 
 
 class Group(NamedTuple):
@@ -96,6 +97,11 @@ class Part(NamedTuple):
     rows: np.ndarray
 
 
+def takes_large_errors(observations: ObservationSet) -> bool:
+    """Whether the user of a set says that the machine's errors are as large as they seem."""
+    return bool(observations.options.get(LARGE_ERRORS, False))
+
+
 class Kind(ABC):
     """One kind of observation (CONVENTIONS 6). Each kind has one final class that overrides what differs, with one instance.
 
@@ -125,6 +131,11 @@ class Kind(ABC):
     named_by: tuple[str, ...] = ()
     standing: str = ""
     takes_centres: bool = False
+
+    @property
+    def further(self) -> Mapping[str, Any]:
+        """All keys of a set that it need not state: those of the kind, and those of every kind."""
+        return {**self.optional, LARGE_ERRORS: False}
 
     # ------------------------------------------------------------------------------------- what is read, and from what
 

@@ -19,12 +19,15 @@ from volid.model.iso230 import DIRECTIONS, ROTATIONS
 from volid.model.jacobian import rigid_motion_rows, tool_rotation_rows
 from volid.model.kinematics import deviation
 from volid.model.machine import Machine
-from volid.observations.base import Group, Kind, NuisanceTable, Part
+from volid.observations.base import Group, Kind, NuisanceTable, Part, takes_large_errors
 from volid.observations.response import Linear, Remainder, remainder
 
 SPREAD = {"mm": 0.01, "rad": 1e-4}  # of a line's offset; a virtual instrument draws from it
 SLOPE_SPREAD = {"mm": 1e-4, "rad": 1e-7}  # per mm of travel
-LARGEST_VALUE = {"mm": 1.0, "rad": 0.01}  # far beyond any machine that can still be compensated
+LARGEST_VALUE = {
+    "mm": 1.0,
+    "rad": 0.001,
+}  # above, the user is asked: few machines are so bad, and many columns are in µm or arcseconds
 _UNFOLLOWED = (
     "the new datum turns the workpiece frame, and the readings of line {line} of set '{name}' ({component}) would change by more "
     "than its offset{slope} can follow. {advice} fit in that datum: [datum] of the machine file"
@@ -108,13 +111,23 @@ class Component(Kind):
                 yield Part(f"{self.name} {''.join(sorted(set(components[rows])))}", unit, rows)
 
     def check_values(self, observations: ObservationSet, campaign: Campaign) -> None:
-        """Raises `InputError` when a value lies more than 1 mm or 10 mrad from the middle of its line."""
+        """Raises `InputError` when a value lies more than 1 mm or 1 mrad from the middle of its line, or a free slope.
+
+        Not where the set says `large_errors`.
+        """
+        if takes_large_errors(observations):
+            return
         components = observations.labels["component"]
         for line in np.unique(observations.labels["line"]):
             for component in np.unique(components):
                 rows = np.flatnonzero((observations.labels["line"] == line) & (components == component))
                 if len(rows):
-                    _check_line(observations, rows, "rad" if component in ROTATIONS else "mm")
+                    _check_line(observations, rows, self._of(observations, campaign, rows))
+
+    def _of(self, observations: ObservationSet, campaign: Campaign, rows: np.ndarray) -> _Line:
+        labels, slope = observations.labels, bool(observations.options.get("slope", False))
+        line, component = str(labels["line"][rows[0]]), str(labels["component"][rows[0]])
+        return _Line(observations, campaign.machine, rows, line, component, slope)
 
 
 class _Line:
@@ -182,16 +195,18 @@ class _Line:
         return (rows[0], rows[1]), remainder(residual, self.observations.u[self.rows, 0], reason)
 
 
-def _check_line(observations: ObservationSet, rows: np.ndarray, unit: str) -> None:
-    values = observations.readings[rows, 0]
-    offset = np.abs(values - np.median(values))
+def _check_line(observations: ObservationSet, rows: np.ndarray, line: _Line) -> None:
+    values, unit = observations.readings[rows, 0], line.unit
+    straight = np.polyval(np.polyfit(line.arm, values, 1), line.arm) if line.slope and np.ptp(line.arm) > 0.0 else 0.0
+    offset = np.abs(values - straight - np.median(values - straight))
     i = int(np.argmax(offset))
     if offset[i] <= LARGEST_VALUE[unit]:
         return
-    likely, limit = ("µrad or arcseconds", "10 mrad") if unit == "rad" else ("µm", "1 mm")
+    likely, limit = ("degrees, µrad or arcseconds", "1 mrad") if unit == "rad" else ("µm", "1 mm")
     raise InputError(
         f"{observations.where(int(rows[i]))}: value {values[i]:g} lies more than {limit} from the middle of its line; "
-        f"it looks like {likely}, expected {unit}"
+        f"is it in {likely}? Expected {unit}. If the machine's errors are that large, set large_errors = true in the [[set]], or "
+        "pass `accept_large_errors=True`"
     )
 
 

@@ -54,16 +54,12 @@ def summary_data(solution: Solution, tool: Sequence[float] | None = None) -> dic
         tool: Tool vector (3,) for which the volumetric numbers hold [mm]; None: the one of most readings.
     """
     x, y, z = solution.most_used_tool() if tool is None else map(float, tool)
-    table = _tabulated(solution)
     data = {
         "format": FORMAT,
         **_verdict(solution),
         **_origin(solution),
         "tool": [x, y, z],
-        **_constants(solution),
-        "volume": _volume(solution, (x, y, z)),
-        "functions": [_function(solution, n, rows) for n, rows in table.items() if not parse(n).location],
-        "weakest": _weakest(row for rows in table.values() for row in rows),
+        **(_NO_NUMBERS if solution.adequacy.barrier else _numbers(solution, (x, y, z))),
         "not_determined": list(solution.statements),
         "unseen": list(solution.unseen),
         "held_tool_frame": list(solution.held_tool_rotation),
@@ -77,6 +73,27 @@ def summary_data(solution: Solution, tool: Sequence[float] | None = None) -> dic
     return {key: plain(value) for key, value in data.items()}
 
 
+_NO_NUMBERS: dict[str, Any] = {  # behind the barrier: they would follow from a mistake
+    "squareness": [],
+    "location_errors": [],
+    "tool_frame": [],
+    "volume": None,
+    "functions": [],
+    "weakest": None,
+}
+
+
+def _numbers(solution: Solution, tool: tuple[float, float, float]) -> dict[str, Any]:
+    """What a solution says about the machine."""
+    table = _tabulated(solution)
+    return {
+        **_constants(solution),
+        "volume": _volume(solution, tool),
+        "functions": [_function(solution, n, rows) for n, rows in table.items() if not parse(n).location],
+        "weakest": _weakest(row for rows in table.values() for row in rows),
+    }
+
+
 def _verdict(solution: Solution) -> dict[str, Any]:
     """Whether the model agrees with the data, and the numbers of the fit."""
     adequacy, statistics, lack = solution.adequacy, solution.statistics, lack_of_fit(solution)
@@ -87,6 +104,8 @@ def _verdict(solution: Solution) -> dict[str, Any]:
         "causes": [asdict(cause) for cause in adequacy.causes],
         "rejected": adequacy.rejected,
         "verdict": adequacy.verdict,
+        "questions": [asdict(question) for question in adequacy.questions],
+        "barrier": adequacy.barrier or None,
         "unit_weight": adequacy.unit_weight,
         "probability": adequacy.probability,
         "degrees_of_freedom": adequacy.degrees_of_freedom,

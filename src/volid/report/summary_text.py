@@ -24,24 +24,37 @@ def format_summary(data: dict[str, Any]) -> str:
         _head_lines(data),
         _set_lines(data),
         _held_out_lines(data),
-        _missing_lines(data),
-        _constant_lines(data),
-        _volume_lines(data),
-        _function_lines(data),
+        *([_barrier_lines(data)] if data["barrier"] else _number_blocks(data)),
         _reading_lines(data),
         bullets("notes", data["notes"]),
     ]
     return "\n\n".join("\n".join(block) for block in blocks if block)
 
 
+def _number_blocks(data: dict[str, Any]) -> list[list[str]]:
+    """What the readings say about the machine."""
+    return [_missing_lines(data), _constant_lines(data), _volume_lines(data), _function_lines(data)]
+
+
+def _barrier_lines(data: dict[str, Any]) -> list[str]:
+    return paragraph(
+        "No squareness, volume and functions are shown, and no table or grid is made of this solution, because they would "
+        "follow from a mistake. Mend it, and fit again."
+    )
+
+
 def _verdict_lines(data: dict[str, Any]) -> list[str]:
     lines = []
     if data["rejected"]:
         lines.append("*** MODEL REJECTED BY THE DATA: the uncertainties below do not hold ***")
+    if data["questions"] and not data["rejected"]:
+        lines.append("*** QUESTION: the result is not accepted before it is answered ***")
     verdict = data["verdict"][:1].upper() + data["verdict"][1:]
     if data["accepted"] and data["not_determined"]:
         verdict += ", but not everything is determined (n.d.); see below"
-    lines += paragraph(verdict + ".")
+    lines += paragraph(verdict + ("" if verdict.endswith((".", "?")) else "."))
+    for question in data["questions"][0 if data["rejected"] else 1 :]:
+        lines += paragraph(f"Question: {question['text']}.")
     if data["not_determined"] and not data["accepted"]:
         lines.append("Not everything is determined; see below. n.d.: not determined.")
     for text in data["unseen"] if not (data["rejected"] and data["causes"]) else ():  # they follow from the misfit then

@@ -8,11 +8,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from volid.campaign import ObservationSet
 from volid.observations import KINDS
 
 ACCEPTED, ENLARGED, REJECTED, NOT_TESTABLE = "accepted", "accepted, u enlarged", "rejected", "not testable"
-GRADES = (ACCEPTED, ENLARGED, REJECTED, NOT_TESTABLE)
+QUESTIONED = "questioned"
+GRADES = (ACCEPTED, ENLARGED, REJECTED, NOT_TESTABLE, QUESTIONED)
+HOPELESS = 50.0  # unit weight from which on a rejected fit says nothing about the machine
 
 
 @dataclass(frozen=True)
@@ -61,6 +65,15 @@ class Cause:
 
 
 @dataclass(frozen=True)
+class Question:
+    """What cannot be told from the readings, and has to be asked: `text`, with what to do. `about_values`: the numbers of the
+    solution may be wrong as a whole, so that no table is made of them before it is answered; otherwise only their u."""
+
+    text: str
+    about_values: bool
+
+
+@dataclass(frozen=True)
 class Adequacy:
     """Verdict on a fit.
 
@@ -68,6 +81,7 @@ class Adequacy:
     at least this large if the model holds. `groups`: all group tests, least probable first. `suspects`: readings beyond
     the critical value. `rejected`: the model, with the stated uncertainties, is rejected by the data. `grade`: one of `GRADES`.
     `factor`: what every u of the solution is multiplied by, 1 for none. `causes`: what explains the misfit, best first.
+    `questions`: what the readings cannot tell, and is asked.
     """
 
     chi_square: float
@@ -81,6 +95,20 @@ class Adequacy:
     grade: str = ""
     factor: float = 1.0
     causes: tuple[Cause, ...] = ()
+    questions: tuple[Question, ...] = ()
+
+    @property
+    def barrier(self) -> str:
+        """Why no numbers of the solution are worth looking at, in one sentence; empty where they are.
+
+        A fit whose residuals are fifty times their u follows a mistake, not the machine; and where a question about the values
+        themselves is open, the answer decides about all of them.
+        """
+        if self.rejected and (self.unit_weight > HOPELESS or any(np.isinf(c.change) for c in self.causes)):
+            likely = f"; likely cause: {self.causes[0].what}" if self.causes else ""
+            return f"the model is rejected by the data with unit weight {self.unit_weight:.3g}{likely}"
+        asked = [q.text for q in self.questions if q.about_values]
+        return asked[0] if asked else ""
 
     def __post_init__(self) -> None:
         if not self.grade:  # files of earlier versions do not state it

@@ -167,7 +167,7 @@ def _reasons(certain: Misfit, tested: Adequacy, moving: list[Judged], unknown: f
     reasons, groups = [], tested.groups
     if moving:
         size = largest(moving[0].change)
-        by = f"moves results by up to {size:.1f} {BARE_U}" if np.isfinite(size) else "is another machine"
+        by = f"moves results by up to {size:.1f} {BARE_U}" if np.isfinite(size) else "moves all results"
         chance = power(moving[0].log_probability / float(np.log(10.0)))
         reasons.append(f"{moving[0].alternative.what} (by chance with a probability {chance}), which {by}")
     worst_groups = concentrated(groups)

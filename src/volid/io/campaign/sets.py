@@ -35,7 +35,7 @@ def read_set(table: Table, folder: Path, machine: Machine, *, plan: bool) -> Obs
     csv = _csv(table, folder)
     kind = _form(find_kind(table.text("kind"), table.where), table, csv)
     extra = probe_centres.KEYS if kind.takes_centres else ()
-    table.only((*_SET_KEYS, *extra, *uncertainty_keys(kind.readings), *kind.options, *kind.optional))
+    table.only((*_SET_KEYS, *extra, *uncertainty_keys(kind.readings), *kind.options, *kind.further))
     purpose = f"every row of a '{kind.name}' set needs one"
     content = _centres(table, csv, kind, machine, purpose, plan) or _content(table, csv, kind, machine, purpose, plan)
     u, pending = _uncertainty(table, csv, kind, content.readings)
@@ -246,7 +246,7 @@ def _positive(values: np.ndarray, csv: CsvTable, name: str) -> np.ndarray:
 
 def _options(table: Table, kind: Kind) -> dict[str, Any]:
     """Options of the kind with their defaults; a given one must be of the default's type."""
-    stated = {name: default for name, default in kind.optional.items() if name in table.data}
+    stated = {name: default for name, default in kind.further.items() if name in table.data}
     return {name: _option(table, name, default) for name, default in {**kind.options, **stated}.items()}
 
 

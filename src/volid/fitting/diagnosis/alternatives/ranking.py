@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from volid.fitting.diagnosis.alternatives.axes import COLUMNS, ORDER, SENSE, judged_chains
+from volid.fitting.diagnosis.alternatives.axes import ORDER, other_orders
 from volid.fitting.diagnosis.alternatives.base import Alternative, Judged, judged, with_unknowns
 from volid.fitting.diagnosis.alternatives.functions import (
     CROSS,
@@ -22,6 +22,8 @@ from volid.fitting.diagnosis.alternatives.functions import (
     reversals,
 )
 from volid.fitting.diagnosis.alternatives.readings import OUTLIERS, RANGE, SCALE, TOOL, outliers, ranges, scales, tools
+from volid.fitting.diagnosis.alternatives.refits import judged_others, refitted, some_rows
+from volid.fitting.diagnosis.alternatives.slips import EXPLAINS, GROSS, SLIPS, possible_slips
 from volid.fitting.diagnosis.alternatives.time import BREAK, DRIFT, GROWTH, WARMTH, breaks, drifts, growths
 from volid.fitting.diagnosis.around import Around, Fit
 from volid.model.error_model import ErrorModel
@@ -32,7 +34,11 @@ LISTED = 4
 RIVAL = 0.75  # of the best score, from which on another cause is as likely as that
 COMMON = 0.7  # the same for growth against scales: machines grow in every campaign, instruments are calibrated
 WORTH = 0.1  # of the first score: an alternative with less retells what the first one, of low order, leaves of itself
-CHAINS = (ORDER, SENSE, COLUMNS)
+CHAINS = (ORDER, *SLIPS)
+REFITTED, GROSS_ROWS = (
+    4000,
+    1200,
+)  # readings that other chains are compared by, the second where all of them are off by much
 TRIED = (
     DRIFT,
     GROWTH,
@@ -45,8 +51,7 @@ TRIED = (
     SCALE,
     RANGE,
     ORDER,
-    SENSE,
-    COLUMNS,
+    *SLIPS,
     PITCH,
     REVERSAL,
     OUTLIERS,
@@ -64,7 +69,7 @@ def named(around: Around, fit: Fit, machine: Machine, doubtful: bool, scattered:
     for turn in range(LISTED):
         tested = list(judged(now, _linear(now, fit.problem.model, wide and turn < 2)))
         if wide and turn == 0:
-            tested += judged_chains(fit, machine, around.chi_square, around.freedom, around.share)
+            tested += _otherwise(around, fit, machine)
         best = _best(tested)
         if best is None or (found and best.score < WORTH * found[0].score):
             break
@@ -118,3 +123,15 @@ def _linear(around: Around, model: ErrorModel, doubtful: bool) -> Iterator[Alter
     yield from finer(around, model)
     if doubtful:
         yield from pitches(around, machine)
+
+
+def _otherwise(around: Around, fit: Fit, machine: Machine) -> list[Judged]:
+    """Other orders of the axes, and where the readings are off by much, slips. `machine`: travels cut to what was measured."""
+    weight = float(np.sqrt(around.chi_square / max(around.freedom, 1)))
+    gross = weight > GROSS
+    campaign = replace(some_rows(fit.campaign, fit.factors, GROSS_ROWS if gross else REFITTED), machine=machine)
+    base = refitted(fit, campaign, around, gross)
+    if not np.isfinite(base.now):
+        return []
+    found = list(judged_others(fit, base, other_orders(campaign)))
+    return found + list(judged_others(fit, base, possible_slips(campaign, weight), EXPLAINS))

@@ -1,0 +1,36 @@
+"""Alternatives in what the campaign says: slips that make most readings contradict the positions, fitted with the whole model."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from volid.campaign import Campaign
+from volid.fitting.diagnosis.alternatives.refits import Other
+from volid.fitting.nominal import ROWS, few, nominal_misfit
+from volid.plausibility.slips import COLUMNS, HAND, PATHS, READINGS, SENSE, STATIONS, TOOL, UNITS, slips
+
+GROSS, HOPELESS = 5.0, 50.0  # unit weights from which on a few, and all slips are tried
+EXPLAINS = 0.2  # unit weight without the slip over that with it, at most
+ORDINARY = (SENSE, COLUMNS, TOOL, PATHS)
+SLIPS = (SENSE, COLUMNS, TOOL, PATHS, UNITS, HAND, READINGS, STATIONS)
+_FITTED = 12  # of all slips, those that leave the least of the nominal misfit
+_NO_WORSE = 1.5  # nominal misfit of a slip that is worth a fit, over that of the campaign as it stands
+
+
+def possible_slips(campaign: Campaign, unit_weight: float) -> Iterator[Other]:
+    """The campaign without each slip that is worth a fit, the most promising first.
+
+    Below `HOPELESS` those that are ordinary; above it all, after they were tried on the nominal chain.
+    """
+    if unit_weight < GROSS:
+        return
+    if unit_weight < HOPELESS:
+        for s in slips(campaign):
+            if s.cause in ORDINARY:
+                yield Other(s.cause, s.what, s.cure, s.campaign, True)
+        return
+    limit = _NO_WORSE * nominal_misfit(few(campaign, ROWS))
+    tried = [(nominal_misfit(few(s.campaign, ROWS)) / s.scale, i, s) for i, s in enumerate(slips(campaign))]
+    promising = sorted(t for t in tried if t[0] <= limit)
+    for _, _, s in promising[:_FITTED]:
+        yield Other(s.cause, s.what, s.cure, s.campaign, True)

@@ -1,0 +1,247 @@
+"""Slips: the one mistake in what a campaign says that makes readings and positions contradict each other by much.
+
+Each slip is the same campaign as it would be without that mistake, with its name and what to write into which file. Whether one
+of them makes the readings agree is for others to try: on the nominal chain before a fit (`fitting.nominal`), and with the whole
+model after one (`fitting.diagnosis.alternatives.slips`). A slip that cannot occur in a campaign is not tried.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+
+from volid.campaign import SAME_TOOL, Campaign, ObservationSet
+from volid.model.machine import Machine
+from volid.observations import KINDS
+from volid.observations.base import MM, STATION
+
+SENSE, COLUMNS, UNITS, TOOL, HAND = (
+    "sense of an axis",
+    "exchanged columns",
+    "a wrong unit",
+    "a tool vector",
+    "the frame",
+)
+STATIONS, PATHS, READINGS = "station labels", "dead paths", "sense of the readings"
+METRE, INCH = 1000.0, 25.4
+_MOST_LABELS = 60  # exchanged labels that are tried
+_MOST_TOOLS = 6
+
+
+class Slip(NamedTuple):
+    """Sort of a mistake, itself and its cure in words, and the campaign without it. `scale`: by which readings are multiplied."""
+
+    cause: str
+    what: str
+    cure: str
+    campaign: Campaign
+    scale: float = 1.0
+
+
+def slips(campaign: Campaign) -> Iterator[Slip]:
+    """Every single slip that is known, the ordinary ones first."""
+    yield from _axes(campaign)
+    yield from _units(campaign)
+    yield from _tools(campaign)
+    yield from _hands(campaign)
+    yield from _paths(campaign)
+    yield from _stations(campaign)
+
+
+def _with_sets(campaign: Campaign, change: Callable[[ObservationSet], ObservationSet]) -> Campaign:
+    return replace(campaign, sets=tuple(change(s) for s in campaign.sets))
+
+
+def _with_set(campaign: Campaign, of: ObservationSet, changed: ObservationSet) -> Campaign:
+    return replace(campaign, sets=tuple(changed if s is of else s for s in campaign.sets))
+
+
+def covering(campaign: Campaign) -> Campaign:
+    """The campaign on its machine with travels that hold all positions, which a slip may have put elsewhere."""
+    low, high = campaign.measured_range().T
+    ends = {
+        axis.letter: (min(axis.travel[0], float(a)), max(axis.travel[1], float(b)))
+        for axis, a, b in zip(campaign.machine.axes, low, high, strict=True)
+    }
+    return replace(campaign, machine=campaign.machine.over(ends))
+
+
+# ------------------------------------------------------------------------------------------------------------------ positions
+
+
+def _axes(campaign: Campaign) -> Iterator[Slip]:
+    """Axes that count the other way, and exchanged columns."""
+    machine = campaign.machine
+    for i, axis in enumerate(machine.axes):
+        if not any(s.positions[:, i].any() for s in campaign.sets):
+            continue
+        if axis.is_linear:
+            signs = np.where(np.arange(len(machine.axes)) == i, -1.0, 1.0)
+            cure = f"campaign: negate column {axis.letter}"
+            yield Slip(SENSE, f"axis {axis.letter} counts the other way", cure, _scaled(campaign, signs))
+        else:
+            yield _turning_the_other_way(campaign, i)
+    for chosen in (True, False):
+        for i, j in combinations([i for i, axis in enumerate(machine.axes) if axis.is_linear == chosen], 2):
+            yield _exchanged(campaign, i, j)
+
+
+def _scaled(campaign: Campaign, factors: np.ndarray) -> Campaign:
+    """Positions times one factor for each axis."""
+    return covering(_with_sets(campaign, lambda s: replace(s, positions=s.positions * factors)))
+
+
+def _turning_the_other_way(campaign: Campaign, i: int) -> Slip:
+    machine, axis = campaign.machine, campaign.machine.axes[i]
+    x, y, z = (0.0 - c for c in axis.unit_vector)
+    axes = tuple(replace(a, direction=(x, y, z)) if k == i else a for k, a in enumerate(machine.axes))
+    cure = f"machine file, [axis.{axis.letter}]: direction = [{x:g}, {y:g}, {z:g}]"
+    changed = replace(campaign, machine=replace(machine, axes=axes))
+    return Slip(SENSE, f"axis {axis.letter} counts the other way", cure, changed)
+
+
+def _exchanged(campaign: Campaign, i: int, j: int) -> Slip:
+    machine: Machine = campaign.machine
+    a, b = machine.letters[i], machine.letters[j]
+    columns = [j if k == i else i if k == j else k for k in range(len(machine.axes))]
+
+    def change(s: ObservationSet) -> ObservationSet:
+        return replace(s, positions=s.positions[:, columns], directions=s.directions[:, columns])
+
+    changed = covering(_with_sets(campaign, change))
+    return Slip(COLUMNS, f"positions of {a} and {b} are exchanged", f"campaign: exchange columns {a} and {b}", changed)
+
+
+# ---------------------------------------------------------------------------------------------------------------------- units
+
+
+def _units(campaign: Campaign) -> Iterator[Slip]:
+    """Positions, readings and tool vectors in another unit than mm and degrees, all sets alike or one of them."""
+    linear = np.array([axis.is_linear for axis in campaign.machine.axes])
+    rotary = [axis.letter for axis in campaign.machine.axes if not axis.is_linear]
+    for factor, unit in ((METRE, "metres"), (INCH, "inches"), (1.0 / METRE, "micrometres")):
+        moved = _scaled(campaign, np.where(linear, factor, 1.0))
+        yield Slip(UNITS, f"axis positions are in {unit}", f"campaign: positions times {factor:g}", moved)
+        for s in campaign.sets:
+            if MM in (KINDS[s.kind].unit_of(k) for k in range(len(KINDS[s.kind].readings))):
+                cure = f"campaign: the readings of this set times {factor:g}"
+                what = f"readings of set '{s.name}' are in {unit}"
+                yield Slip(UNITS, what, cure, _read_times(campaign, s, factor), factor)
+    if rotary:
+        names, degree = " and ".join(rotary), 180.0 / np.pi
+        turned = _scaled(campaign, np.where(linear, 1.0, degree))
+        yield Slip(UNITS, f"positions of {names} are in radians", "campaign: give them in degrees", turned)
+
+
+def _read_times(campaign: Campaign, of: ObservationSet, factor: float) -> Campaign:
+    kind = KINDS[of.kind]
+    factors = np.array([factor if kind.unit_of(k) == MM else 1.0 for k in range(len(kind.readings))])
+    return _with_set(campaign, of, replace(of, readings=of.readings * factors))
+
+
+# ----------------------------------------------------------------------------------------------------------------- tools, hands
+
+
+def _tools(campaign: Campaign) -> Iterator[Slip]:
+    """Tool vectors negated, one component of them, or in metres."""
+    sets = [s for s in campaign.sets if KINDS[s.kind].sees_tool(s)]
+    tools = np.concatenate([s.tool for s in sets]) if sets else np.zeros((1, 3))
+    if not tools.any():
+        return
+    for said, factors in (("x", (-1, 1, 1)), ("y", (1, -1, 1)), ("z", (1, 1, -1))):
+        if tools[:, "xyz".index(said)].any():
+            cure = f"campaign: negate tool_{said}, or the {said} of `tool`"
+            yield _tool_slip(campaign, factors, f"tool vectors have the wrong sign in {said}", cure)
+    if np.count_nonzero(tools.any(axis=0)) > 1:
+        yield _tool_slip(campaign, (-1, -1, -1), "tool vectors are negated", "campaign: negate the tool vectors")
+    metres = (METRE, METRE, METRE)
+    if np.linalg.norm(tools, axis=1).max() < 2.0:
+        yield _tool_slip(campaign, metres, "tool vectors are in metres", "campaign: tool vectors times 1000")
+
+
+def _tool_slip(campaign: Campaign, factors: tuple[float, float, float], what: str, cure: str) -> Slip:
+    changed = _with_sets(campaign, lambda s: replace(s, tool=s.tool * np.array(factors, dtype=float)))
+    return Slip(TOOL, what, cure, changed)
+
+
+def _hands(campaign: Campaign) -> Iterator[Slip]:
+    """Readings of the other sense: lengths negated, coordinates in a frame of the other hand, one direction negated."""
+    for s in campaign.sets:
+        names = KINDS[s.kind].readings
+        if len(names) == 1:
+            cure = f"campaign: negate column {names[0]} of set '{s.name}'"
+            yield Slip(
+                READINGS, f"readings of set '{s.name}' have the other sign", cure, _read_times(campaign, s, -1.0)
+            )
+            continue
+        for k in (1, 0, 2):  # y first: the usual way to write a left-handed frame
+            signs = np.where(np.arange(len(names)) == k, -1.0, 1.0)
+            what = f"the frame of set '{s.name}' is of the other hand ({names[k]} has the other sign)"
+            changed = _with_set(campaign, s, replace(s, readings=s.readings * signs))
+            yield Slip(HAND, what, f"campaign: negate column {names[k]} of set '{s.name}'", changed)
+
+
+# --------------------------------------------------------------------------------------------------- dead paths and stations
+
+
+def _paths(campaign: Campaign) -> Iterator[Slip]:
+    """Dead paths left out, or the same through a change of the tool."""
+    for s in campaign.sets:
+        if "relative" not in KINDS[s.kind].options:
+            continue
+        if not s.options.get("relative", True):
+            changed = _with_set(campaign, s, replace(s, options={**s.options, "relative": True}))
+            cure = f"campaign, set '{s.name}': relative = true"
+            yield Slip(PATHS, f"the lengths of set '{s.name}' hold dead paths", cure, changed)
+        tools = np.unique(np.round(s.tool, SAME_TOOL), axis=0)
+        if "segment" in s.labels and 1 < len(tools) <= _MOST_TOOLS:
+            yield _by_tool(campaign, s, tools)
+
+
+def _by_tool(campaign: Campaign, of: ObservationSet, tools: np.ndarray) -> Slip:
+    """A new segment, with a dead path of its own, for every tool vector."""
+    rounded = np.round(of.tool, SAME_TOOL)
+    number = np.argmax((rounded[:, None, :] == tools).all(axis=2), axis=1)
+    segments = np.array([f"{a}, tool {n + 1}" for a, n in zip(of.labels["segment"], number.tolist(), strict=True)])
+    labels, options = {**of.labels, "segment": segments}, {**of.options, "relative": True}
+    changed = _with_set(campaign, of, replace(of, labels=labels, options=options))
+    what = f"the beams of set '{of.name}' were broken when the tool vector changed"
+    return Slip(PATHS, what, f"campaign, set '{of.name}': a new name in column segment for every tool vector", changed)
+
+
+def _stations(campaign: Campaign) -> Iterator[Slip]:
+    """Known places that are not, and two labels exchanged in the readings with one tool vector."""
+    if any(station.known for station in campaign.stations):
+        free = tuple(replace(station, known=False, frame="stations") for station in campaign.stations)
+        changed = replace(campaign, stations=free)
+        yield Slip(
+            STATIONS, "the known positions of stations do not hold", "campaign, [[station]]: known = false", changed
+        )
+    tried = 0
+    for s in campaign.sets:
+        for slip in _exchanged_labels(campaign, s):
+            tried += 1
+            if tried > _MOST_LABELS:
+                return
+            yield slip
+
+
+def _exchanged_labels(campaign: Campaign, of: ObservationSet) -> Iterator[Slip]:
+    if STATION not in of.labels:
+        return
+    rounded, names = np.round(of.tool, SAME_TOOL), np.unique(of.labels[STATION]).tolist()
+    for tool in np.unique(rounded, axis=0)[:_MOST_TOOLS]:
+        rows = (rounded == tool).all(axis=1)
+        said = f"with tool vector ({tool[0]:g}, {tool[1]:g}, {tool[2]:g}) mm"
+        for a, b in combinations(names, 2):
+            labels = of.labels[STATION].copy()
+            labels[rows & (of.labels[STATION] == a)], labels[rows & (of.labels[STATION] == b)] = b, a
+            if (labels == of.labels[STATION]).all():
+                continue
+            changed = _with_set(campaign, of, replace(of, labels={**of.labels, STATION: labels}))
+            what = f"stations {a} and {b} are exchanged in set '{of.name}' {said}"
+            yield Slip(STATIONS, what, f"campaign: exchange {a} and {b} in column station of these rows", changed)
