@@ -24,6 +24,7 @@ from support.wrong_inputs import (
     components,
     distances,
     is_named,
+    is_same,
     points,
     sound_campaigns,
     spheres,
@@ -57,13 +58,15 @@ def wrong(seed: int, only: str) -> None:
             if only and only not in f"{mistake.name} | {sound.name}":
                 continue
             made = mistake.make(sound.campaign)
-            if made is None:
+            if made is None or is_same(made, sound.campaign):
                 continue
             found, said = outcome(mistake, made)
             counts[mistake.name][found] += 1
             if found != NAMED:
                 print(f"{found:14} {mistake.name:45} {sound.name:30} {said[:220]}", flush=True)
-    print("\n| mistake | tried | named | only rejected | accepted, with a note that names it | accepted |\n|---|---|---|---|---|---|")
+    print(
+        "\n| mistake | tried | named | only rejected | accepted, with a note that names it | accepted |\n|---|---|---|---|---|---|"
+    )
     for name, found in counts.items():
         if found:
             print(
@@ -95,10 +98,16 @@ def sound(n: int, first: int) -> None:
             found = volid.fit(campaign)
             grade = found.adequacy.grade
             if grade not in (ACCEPTED, ENLARGED, NOT_TESTABLE):
-                print(f"{grade}: {kind}, {layout}, seed {seed}, u {u:.2g}, errors {size:.2g} mm: {found.adequacy.verdict[:250]}", flush=True)
+                print(
+                    f"{grade}: {kind}, {layout}, seed {seed}, u {u:.2g}, errors {size:.2g} mm: {found.adequacy.verdict[:250]}",
+                    flush=True,
+                )
         except volid.VolidError as problem:
             grade = "refused"
-            print(f"refused: {kind}, {layout}, seed {seed}, u {u:.2g}, errors {size:.2g} mm: {str(problem)[:250]}", flush=True)
+            print(
+                f"refused: {kind}, {layout}, seed {seed}, u {u:.2g}, errors {size:.2g} mm: {str(problem)[:250]}",
+                flush=True,
+            )
         counts[grade] += 1
         if seed % 20 == 19:
             print(dict(counts), flush=True)

@@ -50,7 +50,9 @@ def points(exact: ExactMachine, seed: int, u: float = 0.003, scale: float = 1.0,
     target = exact.functional_point(q, tool, truth)
     read = (target - PLACE) @ TURN.T + u * rng.standard_normal(target.shape)
     labels = {"station": np.full(n, "T")}
-    s = ObservationSet("tracker", "point", q, np.zeros_like(q), tool, read, np.full_like(read, u), labels, source="t.csv")
+    s = ObservationSet(
+        "tracker", "point", q, np.zeros_like(q), tool, read, np.full_like(read, u), labels, source="t.csv"
+    )
     return Campaign(volid_machine(exact), (Station("T"),), (s,))
 
 
@@ -71,7 +73,9 @@ def ball_bar(exact: ExactMachine, seed: int, u: float = 0.0005, scale: float = 1
             name = f"C{k}{TOOLS.tolist().index(tool.tolist())}"
             places[name] = centre + tool
             target = exact.functional_point(q, np.tile(tool, (len(q), 1)), truth)
-            rows.append((q, np.tile(tool, (len(q), 1)), np.linalg.norm(target - places[name], axis=1), np.full(len(q), name)))
+            rows.append(
+                (q, np.tile(tool, (len(q), 1)), np.linalg.norm(target - places[name], axis=1), np.full(len(q), name))
+            )
     q, tool, length, station = (np.concatenate(part) for part in zip(*rows, strict=True))
     reading = (length + u * rng.standard_normal(len(q)))[:, None]
     labels = {"station": station, "segment": np.full(len(q), "1")}
@@ -142,6 +146,16 @@ class Mistake(NamedTuple):
     make: Callable[[Campaign], Campaign | None]
 
 
+def is_same(one: Campaign, other: Campaign) -> bool:
+    """Whether a mistake changed nothing, because it could not be made."""
+
+    def text(c: Campaign) -> str:
+        with np.printoptions(threshold=10**9):
+            return repr([(s.positions, s.tool, s.readings, s.u, s.labels, s.options, s.temperature) for s in c.sets])
+
+    return one.stations == other.stations and text(one) == text(other)
+
+
 def _each(change: Callable[[ObservationSet], ObservationSet]) -> Callable[[Campaign], Campaign]:
     return lambda c: replace(c, sets=tuple(change(s) for s in c.sets))
 
@@ -179,7 +193,9 @@ def _negated(letter: str) -> Callable[[Campaign], Campaign | None]:
         if letter not in c.machine.letters or not c.positions[:, c.machine.index(letter)].any():
             return None
         i = c.machine.index(letter)
-        return _each(lambda s: replace(s, positions=np.where(np.arange(s.positions.shape[1]) == i, -1, 1) * s.positions))(c)
+        return _each(
+            lambda s: replace(s, positions=np.where(np.arange(s.positions.shape[1]) == i, -1, 1) * s.positions)
+        )(c)
 
     return make
 
@@ -229,7 +245,9 @@ def _u(factor: float) -> Callable[[Campaign], Campaign]:
 def _degrees(c: Campaign) -> Campaign:
     def change(s: ObservationSet) -> ObservationSet:
         rows = np.isin(s.labels["component"], list("ABC"))[:, None]
-        return replace(s, readings=np.where(rows, np.rad2deg(s.readings), s.readings), u=np.where(rows, np.rad2deg(s.u), s.u))
+        return replace(
+            s, readings=np.where(rows, np.rad2deg(s.readings), s.readings), u=np.where(rows, np.rad2deg(s.u), s.u)
+        )
 
     return _each(change)(c)
 
@@ -267,8 +285,8 @@ LENGTHS, COORDINATES = ("distance",), ("point", "displacement")
 MISTAKES = (
     Mistake("readings in metres", "metres", _kinds("distance", "point")(_readings(1e-3))),
     Mistake("readings in metres, u too", "metres|u is|u \\(", _kinds("distance", "point")(_both(1e-3))),
-    Mistake("readings in micrometres", "micrometres|µm", _kinds("distance", "point", "component")(_readings(1e3))),
-    Mistake("readings in micrometres, u too", "micrometres|µm", _kinds("distance", "point", "component")(_both(1e3))),
+    Mistake("readings in micrometres", "micrometres|µm|µrad", _kinds("distance", "point", "component")(_readings(1e3))),
+    Mistake("readings in micrometres, u too", "micrometres|µm|µrad", _kinds("distance", "point", "component")(_both(1e3))),
     Mistake("readings in inches", "inch", _kinds("distance", "point")(_readings(1 / 25.4))),
     Mistake("positions in metres", "metres", _positions(1e-3)),
     Mistake("positions in inches", "inch", _kinds("distance", "point", "displacement")(_positions(1 / 25.4))),
@@ -276,9 +294,9 @@ MISTAKES = (
     Mistake("rotary positions in radians", "radians", _radians),
     Mistake("angles in degrees", "degrees", _kinds("component")(_only_degrees)),
     Mistake("angles and their u in degrees", "degrees", _kinds("component")(_degrees)),
-    Mistake("tool vectors in metres", "tool", _tools(1e-3, 1e-3, 1e-3)),
-    Mistake("tool vectors negated", "tool", _tools(-1.0, -1.0, -1.0)),
-    Mistake("tool_z with the wrong sign", "tool", _tools(1.0, 1.0, -1.0)),
+    Mistake("tool vectors in metres", "tool vectors", _tools(1e-3, 1e-3, 1e-3)),
+    Mistake("tool vectors negated", "tool vectors", _tools(-1.0, -1.0, -1.0)),
+    Mistake("tool_z with the wrong sign", "tool vectors", _tools(1.0, 1.0, -1.0)),
     *(Mistake(f"{a} counts the other way", f"{a} counts|{a}.*outside", _negated(a)) for a in "XYZABC"),
     *(
         Mistake(f"columns {a} and {b} exchanged", f"{a} and {b}|{b} and {a}", _swapped(a, b))

@@ -68,7 +68,7 @@ class Assembly:
             model=self.problem.model,
             campaign=self.campaign,
             nuisance_table=self.problem.nuisance,
-            adequacy=self._tested() if every is None else every.tested,
+            adequacy=self.tested() if every is None else every.tested,
             statistics=self._statistics(),
             readings=self._readings(),
             statements=self.fitter.found.statements,
@@ -124,7 +124,7 @@ class Assembly:
         theta = cho_solve(factor, basis.T @ self.optimum.z[:n])
         return theta, np.vstack([cho_solve(factor, basis.T @ root[:n]), root[n:]])
 
-    def _tested(self) -> Adequacy:
+    def tested(self) -> Adequacy:
         """Chi-square and group tests; what is known beforehand counts as readings."""
         system = self.problem.system
         pseudo = np.asarray(system.prior_residual(self.optimum.z))

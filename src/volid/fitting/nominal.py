@@ -33,6 +33,7 @@ LARGE = (
 LEAST = 2.0  # mm, however small the extent: lines of rotary axes may be stated as wrongly as that
 BETTER = 0.1  # misfit without the slip over that with it, at most
 SURE = 0.2  # the same for the second-best slip: where another explains it as well, both are named
+PLACED = 0.05  # mm: a misfit above is looked into where stations are known
 ANGLE = 1e-3  # rad that count as 1 mm
 
 
@@ -113,6 +114,7 @@ def check_nominal(campaign: Campaign) -> None:
     """
     thinned = few(campaign, ROWS)
     misfit = nominal_misfit(thinned)
+    _check_known(thinned, misfit)
     if not misfit > max(LARGE * extent(thinned), LEAST):
         return
     found = explained(thinned, misfit)
@@ -126,6 +128,23 @@ def check_nominal(campaign: Campaign) -> None:
         f"(root mean square), but by {best.misfit:.2g} mm without that. What to do: {best.slip.cure}; if the campaign is right "
         "as it stands, pass `accept_large_errors=True`"
     )
+
+
+def _check_known(campaign: Campaign, misfit: float) -> None:
+    """Raises `InputError` where stations are said to be known, and the readings agree ten times better if they are not.
+
+    That takes less than a gross misfit: errors of the machine would remain with stations of unknown position as well.
+    """
+    if misfit < PLACED or not any(station.known for station in campaign.stations):
+        return
+    free = replace(campaign, stations=tuple(replace(s, known=False, frame="stations") for s in campaign.stations))
+    remaining = nominal_misfit(free)
+    if remaining <= BETTER * misfit:
+        raise InputError(
+            f"{campaign.source or 'campaign'}: stations are stated as known, but the readings disagree with their positions by "
+            f"{misfit:.2g} mm (root mean square), and by {remaining:.2g} mm if they are unknown. What to do: [[station]] known = "
+            "false, or mend the positions (mm, machine frame or a common one); if they are right, pass `accept_large_errors=True`"
+        )
 
 
 def _as_likely(found: list[Explained]) -> Iterator[str]:

@@ -9,15 +9,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 
+from volid.campaign import SAME_TOOL
 from volid.fitting.diagnosis.adequacy import QUESTIONED, REJECTED, Question
 from volid.fitting.solution import Solution
 from volid.model.axis_lines import constant_rows
 from volid.model.iso230 import parse
+from volid.model.machine import WORKPIECE
 from volid.observations import KINDS
-from volid.observations.base import takes_large_errors
+from volid.observations.base import MM, takes_large_errors
 
 LARGE = 0.01  # of the travel, and rad: errors from here on are asked about
 LARGEST_OF_ROTARY = 5.0  # mm, translations of a rotary axis
@@ -29,27 +32,32 @@ SEEN = 0.5  # share of a reading that others check, from which on its residual c
 STEEP = 40.0  # rise of a guideway that its angles demand, over its straightness error
 LEAST_ANGLE = 1e-4  # rad
 DEEP = 0.15  # of the box of its targets, from every face: a station there stands where the tool moves
-_UNITS = {1e3: "µm", 25.4: "inches"}
+LEAST_U = 2e-5  # mm: 20 nm
+SHORT = 2.0  # mm: a tool vector in metres is no longer
+FAR = 50.0  # mm, from its stated position to where a station is found, from which on a reason is looked for
+NEARER = 0.2  # of that distance: what a reason has to leave at most
+_MICRO = 30.0  # times too large: a u in µm is 1000 times too large, of which smoother functions hide a part
 _INSIST = "if they are real, set large_errors = true in the [[set]], or pass `accept_large_errors=True`"
 
 
-def questions(solution: Solution) -> tuple[Question, ...]:
-    """What has to be asked of a solution before it is accepted, what concerns its values first.
+def questions(solution: Solution, scale: float = 1.0) -> tuple[Question, ...]:
+    """What has to be asked of a solution before it is accepted, what concerns its values first. `scale`: residuals over their u.
 
     >>> import volid
     >>> questions(volid.fit(volid.load_campaign("datasets/published_positioning/campaign.toml")))
     ()
     """
-    found = [Question(text, False) for text in _large_u(solution)]
+    found = [Question(text, False) for text in (*_small_u(solution), *_large_u(solution, scale))]
     if not any(takes_large_errors(s) for s in solution.campaign.sets):
-        texts = (*_large_errors(solution), *_steep(solution), *_stations_inside(solution))
+        sizes = (*_large_errors(solution), *_steep(solution), *_short_tools(solution))
+        texts = (*sizes, *_stations_inside(solution), *_stations_elsewhere(solution))
         found = [*(Question(f"{text}; {_INSIST}", True) for text in texts), *found]
     return tuple(found)
 
 
-def asked(solution: Solution) -> Solution:
-    """The solution with its questions; what is accepted otherwise is questioned then."""
-    found, adequacy = questions(solution), solution.adequacy
+def asked(solution: Solution, scale: float = 1.0) -> Solution:
+    """The solution with its questions; what is accepted otherwise is questioned then. `scale`: residuals over their u."""
+    found, adequacy = questions(solution, scale), solution.adequacy
     if not found:
         return solution
     if adequacy.grade == REJECTED:
@@ -128,6 +136,14 @@ def _steep(solution: Solution) -> Iterator[str]:
                 )
 
 
+def _short_tools(solution: Solution) -> Iterator[str]:
+    """Tool vectors that are all shorter than any tool, though not 0."""
+    tools = [s.tool for s in solution.campaign.sets if KINDS[s.kind].sees_tool(s)]
+    longest = float(np.linalg.norm(np.concatenate(tools), axis=1).max()) if tools else 0.0
+    if 0.0 < longest < SHORT:
+        yield f"all tool vectors are shorter than {SHORT:g} mm, the longest {longest:.3g} mm: are they in metres?"
+
+
 def _has_angles(labels: object) -> bool:
     components = labels.get("component", np.zeros(0)) if hasattr(labels, "get") else np.zeros(0)
     return bool(np.isin(components, list("ABC")).any())
@@ -136,29 +152,82 @@ def _has_angles(labels: object) -> bool:
 # ----------------------------------------------------------------------------------------------------------------------- stations
 
 
+def _found(solution: Solution) -> dict[str, np.ndarray]:
+    """Where the fit puts the stations whose places are unknown, by name, (3,) [mm]."""
+    values = {n.key: float(v) for n, v in zip(solution.nuisance_table, np.asarray(solution.nuisance), strict=True)}
+    names = [s.name for s in solution.campaign.stations if not s.known and ("station", s.name, "X") in values]
+    return {name: np.array([values["station", name, c] for c in "XYZ"]) for name in names}
+
+
 def _stations_inside(solution: Solution) -> Iterator[str]:
     """Stations on the workpiece that stand amid the places of the tool they see, where lengths are relative to a dead path."""
-    values = {n.key: float(v) for n, v in zip(solution.nuisance_table, np.asarray(solution.nuisance), strict=True)}
-    boxes: dict[str, list[np.ndarray]] = {}
+    places, boxes = _found(solution), dict[str, list[np.ndarray]]()
     for s in solution.campaign.sets:
         for beam in KINDS[s.kind].beams(s, solution.campaign):
-            if beam.relative and beam.station.body == "workpiece":
+            if beam.relative and beam.station.body == WORKPIECE and beam.station.name in places:
                 boxes.setdefault(beam.station.name, []).append(beam.targets)
     for name, targets in boxes.items():
-        place = np.array([values.get(("station", name, c), np.nan) for c in "XYZ"])
-        low, high = np.min(np.concatenate(targets), axis=0), np.max(np.concatenate(targets), axis=0)
+        place, points = places[name], np.concatenate(targets)
+        low, high = points.min(axis=0), points.max(axis=0)
         if np.all(place > low + DEEP * (high - low)) and np.all(place < high - DEEP * (high - low)):
             at = ", ".join(f"{v:.4g}" for v in place)
             yield f"station {name} is found at ({at}) mm, amid the places of the tool that it sees: are all lengths in mm?"
 
 
+def _stations_elsewhere(solution: Solution) -> Iterator[str]:
+    """Stations that are found where they would be if an axis counted the other way, columns were exchanged, or tools negated."""
+    found = _found(solution)
+    stated = {s.name: np.array(s.position) for s in solution.campaign.stations if s.position is not None}
+    names = [name for name in found if name in stated]
+    if not names:
+        return
+    places, said, tools = (np.array([d[n] for n in names]) for d in (found, stated, _tool_of(solution, names)))
+    before = float(np.median(np.linalg.norm(places - said, axis=1)))
+    after = {what: _median_distance(places, other) for what, other in _otherwise(said, tools)}
+    best = min(after, key=lambda k: after[k])
+    if before > FAR and after[best] < NEARER * before:
+        yield (
+            f"stations are found {before:.0f} mm from their stated positions, but {after[best]:.2g} mm from them if {best}: is that "
+            "so, or are the stated positions wrong?"
+        )
+
+
+def _median_distance(places: np.ndarray, other: np.ndarray) -> float:
+    return float(np.median(np.linalg.norm(places - other, axis=1)))
+
+
+def _tool_of(solution: Solution, names: list[str]) -> dict[str, np.ndarray]:
+    """The tool vector with which each station is seen, (3,) [mm]; not a number where there are several."""
+    seen: dict[str, np.ndarray] = {}
+    for s in solution.campaign.sets:
+        stations = KINDS[s.kind].stations_of(s)
+        for name in names:
+            own = np.unique(np.round(s.tool[stations == name], SAME_TOOL), axis=0) if len(stations) else s.tool[:0]
+            if len(own):
+                seen[name] = own[0] if len(own) == 1 and name not in seen else np.full(3, np.nan)
+    return {name: seen.get(name, np.full(3, np.nan)) for name in names}
+
+
+def _otherwise(said: np.ndarray, tools: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
+    """Where stations (n, 3) would be found after a slip, and its name."""
+    for i, letter in enumerate("XYZ"):
+        yield f"axis {letter} counts the other way", said * np.where(np.arange(3) == i, -1.0, 1.0)
+    for i, j in combinations(range(3), 2):
+        columns = [j if k == i else i if k == j else k for k in range(3)]
+        yield f"columns {'XYZ'[i]} and {'XYZ'[j]} are exchanged", said[:, columns]
+    if np.isfinite(tools).all():
+        for i, letter in enumerate("xyz"):
+            yield f"tool vectors have the wrong sign in {letter}", said + 2.0 * tools * (np.arange(3) == i)
+        yield "tool vectors are negated", said + 2.0 * tools
+
+
 # --------------------------------------------------------------------------------------------------------------------------- of u
 
 
-def _large_u(solution: Solution) -> Iterator[str]:
-    """Sets whose residuals are far below the u that they were stated with."""
-    for s, normalised, residual in zip(
-        solution.campaign.sets, solution.readings.normalised, solution.readings.residuals, strict=True
+def _large_u(solution: Solution, scale: float) -> Iterator[str]:
+    """Sets whose residuals are far below the u that they were stated with; `scale`: residuals over u, all sets together."""
+    for s, residual, normalised in zip(
+        solution.campaign.sets, solution.readings.residuals, solution.readings.normalised, strict=True
     ):
         with np.errstate(divide="ignore", invalid="ignore"):
             redundancy = np.where(normalised != 0.0, (residual / s.u / normalised) ** 2, 0.0)
@@ -166,11 +235,23 @@ def _large_u(solution: Solution) -> Iterator[str]:
         if np.count_nonzero(counted) < ENOUGH:
             continue
         weight = float(np.sqrt(np.mean(normalised[counted] ** 2)))
+        weight = min(weight, scale) if weight < 0.5 else weight
         if weight < TOO_LARGE:
-            times = 1.0 / max(weight, 1e-9)
-            unit = next((said for k, said in _UNITS.items() if 0.1 < k / times < 30.0), "")
-            hint = f"is it in {unit}, where the unit of the readings is expected" if unit else "is it in another unit"
+            times, unit = 1.0 / max(weight, 1e-9), KINDS[s.kind].unit_words
+            hint = "is it in µm, where mm is expected" if unit == "mm" and times > _MICRO else "is it in another unit"
             yield (
-                f"set '{s.name}': the stated u (median {np.median(s.u):.3g} {KINDS[s.kind].unit_words}) is {times:.0f} times "
-                f"as large as what the residuals show; {hint}? Every u below is as much too large"
+                f"set '{s.name}': the stated u (median {np.median(s.u):.3g} {unit}) is about {times:.0f} times as large as what the "
+                f"residuals show; {hint}? Every u below is too large as well"
+            )
+
+
+def _small_u(solution: Solution) -> Iterator[str]:
+    """Sets with a u that no instrument for machines has."""
+    for s in solution.campaign.sets:
+        kind = KINDS[s.kind]
+        lengths = [k for k in range(len(kind.readings)) if kind.unit_of(k) == MM]
+        if lengths and np.median(s.u[:, lengths]) < LEAST_U and s.readings[:, lengths].any():
+            yield (
+                f"set '{s.name}': u is {1e6 * np.median(s.u[:, lengths]):.2g} nm, which no instrument for machine tools has; is it in "
+                "metres, where mm is expected? Functions follow the noise of readings whose u is too small"
             )

@@ -35,6 +35,7 @@ from volid.observations.base import LARGE_ERRORS, takes_large_errors
 from volid.plausibility.checks import check_campaign
 
 Progress = Callable[[str], None]
+PESSIMISTIC, FREE = 0.5, 30  # unit weight below which, and degrees of freedom above which, u is estimated anew
 LARGER, SAME = 6, 0.02  # times that a larger u is tried, and relative change of it that is none
 
 
@@ -172,7 +173,24 @@ class Stages:
         found = in_open_frame(found)
         notes = (*found.notes, *shape_notes(found, fitter.found.weak))
         found = replace(found, campaign=self.measured)
-        return asked(replace(found, notes=(*notes, *remarks(found))))
+        scale = 1.0 if every is not None else self._scale_of_u(fitter, found, outliers)
+        return asked(replace(found, notes=(*notes, *remarks(found))), scale)
+
+    def _scale_of_u(self, fitter: SmoothFit, found: Solution, outliers: list[np.ndarray]) -> float:
+        """Residuals over their u, with the smoothness that belongs to residuals of that size; 1 where they are not far below.
+
+        With a u that is far too large functions are taken for smoother than they are, and what they leave looks like noise.
+        """
+        tested = found.adequacy
+        kappa = tested.unit_weight if tested.degrees_of_freedom > FREE else 1.0
+        if not kappa < PESSIMISTIC or not fitter.processes:
+            return kappa
+        self.task.progress("testing the model with a smaller u")
+        for _ in range(LARGER):
+            last, kappa = kappa, Assembly(fitter.with_larger_u(kappa), outliers).tested().unit_weight
+            if abs(kappa / last - 1.0) < 5.0 * SAME:
+                break
+        return kappa
 
     def _with_larger_u(
         self, fitter: SmoothFit, found: Solution, outliers: list[np.ndarray], options: dict[str, Any]

@@ -14,11 +14,12 @@ from volid.model.machine import Machine
 from volid.observations import KINDS
 from volid.plausibility.rotary import check_motion, check_radians, scattered
 from volid.plausibility.tools import check_stations, check_tools
-from volid.plausibility.travels import check_digits, check_far, check_metres
+from volid.plausibility.travels import check_digits, check_far, check_metres, check_outside
 from volid.plausibility.units import check_lengths, positions_look_small
 
 SAME_POSITION = {True: 1e-3, False: 1e-6}  # linear [mm], rotary [degrees]: commanded positions nearer are the same
 _ROWS_NAMED = 5
+_HOTTEST = 150.0  # °C
 _CONTINUOUS = 1e-4  # of the spread of repeated readings: a resolution that is as good as continuous
 _STEPS_TRIED = 1000  # differences that the resolution is found from
 _COINCIDENCES = 10.0  # identical readings, over those expected by chance, that can be no chance
@@ -66,6 +67,7 @@ def check_campaign(campaign: Campaign) -> tuple[str, ...]:
         _check_numbers(readings)
         _check_labels(readings)
         check_digits(readings)
+        _check_temperature(readings)
         check_far(readings, campaign.machine)
         KINDS[readings.kind].check_values(readings, campaign)
         check_lengths(readings, campaign)
@@ -78,6 +80,7 @@ def check_campaign(campaign: Campaign) -> tuple[str, ...]:
         warnings += _outside_travel(readings, campaign.machine)
         warnings += _duplicates(readings, campaign.machine)
     check_motion(campaign)
+    check_outside(campaign)
     return tuple(warnings)
 
 
@@ -92,6 +95,17 @@ def _check_numbers(readings: ObservationSet) -> None:
     if wrong.any():
         i = int(np.argmax(wrong))
         raise InputError(f"{readings.where(i)}: u is {readings.u[i].min():g}; expected a standard uncertainty > 0")
+
+
+def _check_temperature(readings: ObservationSet) -> None:
+    """Raises `InputError` for temperatures in kelvin: no machine is measured at 150 °C."""
+    if readings.temperature is None or not np.isfinite(readings.temperature).any():
+        return
+    i = int(np.nanargmax(np.abs(readings.temperature)))
+    if abs(readings.temperature[i]) > _HOTTEST:
+        raise InputError(
+            f"{readings.where(i)}: temperature is {readings.temperature[i]:g}; expected °C. Is it in kelvin? Subtract 273.15"
+        )
 
 
 def _check_labels(readings: ObservationSet) -> None:

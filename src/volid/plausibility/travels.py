@@ -10,16 +10,20 @@ A campaign whose positions, tool vectors and readings are all in metres agrees w
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
-from volid.campaign import ObservationSet
+from volid.campaign import Campaign, ObservationSet
 from volid.exceptions import InputError
 from volid.model.machine import Axis, Machine
+from volid.observations.base import takes_large_errors
 
 _FAR = 10.0  # travels; positions whose median lies farther outside cannot be meant
 _METRE = 1000.0
 _SLACK = 0.05  # of the travel: positions in metres may lie that far outside
 _FILLED = 0.2  # of the travel, by positions in metres
+_MANY, _MOST = 0.1, 0.5  # share of the positions outside: with a slip that explains it, and without one
 _LEAST_AXES = 2  # that move and are filled
 _DIGITS = range(8)  # decimal places after which readings count as not rounded
 _LEAST_READINGS = 10
@@ -60,6 +64,51 @@ def check_metres(readings: ObservationSet, machine: Machine) -> None:
         f"{readings.file_and_set}: axis positions seem to be in metres: {found}, where the travels are {travels} mm; expected "
         "mm. Multiply these columns by 1000, and see whether tool vectors and readings need the same"
     )
+
+
+def check_outside(campaign: Campaign) -> None:
+    """Raises `InputError` when many positions of an axis lie outside its travel, naming the slip that would put them all inside.
+
+    A few positions outside, as in an over-travel, are a warning and no more (`checks`).
+    """
+    if any(takes_large_errors(s) for s in campaign.sets):
+        return
+    machine, q = campaign.machine, campaign.positions
+    outside = [_share_outside(q[:, i], axis) for i, axis in enumerate(machine.axes)]
+    if max(outside) < _MANY:
+        return
+    i = int(np.argmax(outside))
+    letter, (low, high) = machine.letters[i], machine.axes[i].travel
+    slip = " or ".join(_inside_otherwise(campaign, i))
+    if not slip and outside[i] < _MOST:
+        return
+    what = (
+        f"if {slip}, all lie inside"
+        if slip
+        else f"is the column right, and travel in [axis.{letter}] of the machine file?"
+    )
+    raise InputError(
+        f"{campaign.source or 'campaign'}: {100.0 * outside[i]:.0f} % of the positions of {letter} "
+        f"({q[:, i].min():g} … {q[:, i].max():g}) lie outside its travel {low:g} … {high:g} {machine.axes[i].unit}; {what}. If the "
+        "positions are right, widen the travel in the machine file"
+    )
+
+
+def _share_outside(q: np.ndarray, axis: Axis) -> float:
+    slack = _SLACK * axis.length
+    return float(np.mean((q < axis.travel[0] - slack) | (q > axis.travel[1] + slack)))
+
+
+def _inside_otherwise(campaign: Campaign, i: int) -> Iterator[str]:
+    """Slips that put all positions of axis number i inside, and those of the axis that it is exchanged with."""
+    machine, q = campaign.machine, campaign.positions
+    axes, letters = machine.axes, machine.letters
+    if _share_outside(-q[:, i], axes[i]) == 0.0:
+        yield f"{letters[i]} counts the other way"
+    for j in range(len(axes)):
+        alike = j != i and axes[j].is_linear == axes[i].is_linear
+        if alike and _share_outside(q[:, j], axes[i]) == 0.0 and _share_outside(q[:, i], axes[j]) == 0.0:
+            yield f"columns {letters[i]} and {letters[j]} are exchanged"
 
 
 def _inside(q: np.ndarray, axis: Axis) -> bool:
