@@ -29,7 +29,7 @@ class Sound(NamedTuple):
     campaign: Campaign
 
 
-# ----------------------------------------------------------------------------------------------------------------- sound campaigns
+# --------------------------------------------------------------------------------------------------- sound campaigns
 
 
 def distances(exact: ExactMachine, seed: int, u: float = 0.0005, scale: float = 1.0, n: int = 90, **plan) -> Campaign:
@@ -134,7 +134,7 @@ def sound_campaigns(seed: int) -> Iterator[Sound]:
         yield Sound(f"displacement, {structure}", spheres(structure, seed))
 
 
-# ------------------------------------------------------------------------------------------------------------------------ mistakes
+# ------------------------------------------------------------------------------------------------------------- mistakes
 
 
 class Mistake(NamedTuple):
@@ -262,6 +262,9 @@ def _both(factor: float) -> Callable[[Campaign], Campaign]:
     return _each(lambda s: replace(s, readings=s.readings * factor, u=s.u * factor))
 
 
+_mirrored = _each(lambda s: replace(s, readings=s.readings * np.array([1.0, -1.0, 1.0])))
+
+
 def _stations(factor: float) -> Callable[[Campaign], Campaign]:
     def make(c: Campaign) -> Campaign:
         moved = (replace(s, position=tuple(factor * v for v in s.position)) if s.position else s for s in c.stations)
@@ -286,7 +289,9 @@ MISTAKES = (
     Mistake("readings in metres", "metres", _kinds("distance", "point")(_readings(1e-3))),
     Mistake("readings in metres, u too", "metres|u is|u \\(", _kinds("distance", "point")(_both(1e-3))),
     Mistake("readings in micrometres", "micrometres|µm|µrad", _kinds("distance", "point", "component")(_readings(1e3))),
-    Mistake("readings in micrometres, u too", "micrometres|µm|µrad", _kinds("distance", "point", "component")(_both(1e3))),
+    Mistake(
+        "readings in micrometres, u too", "micrometres|µm|µrad", _kinds("distance", "point", "component")(_both(1e3))
+    ),
     Mistake("readings in inches", "inch", _kinds("distance", "point")(_readings(1 / 25.4))),
     Mistake("positions in metres", "metres", _positions(1e-3)),
     Mistake("positions in inches", "inch", _kinds("distance", "point", "displacement")(_positions(1 / 25.4))),
@@ -302,7 +307,7 @@ MISTAKES = (
         Mistake(f"columns {a} and {b} exchanged", f"{a} and {b}|{b} and {a}", _swapped(a, b))
         for a, b in (("X", "Y"), ("X", "Z"), ("Y", "Z"), ("C", "A"), ("C", "B"))
     ),
-    Mistake("frame of the other hand", "hand", _kinds("point", "displacement")(_each(lambda s: replace(s, readings=s.readings * [1, -1, 1])))),
+    Mistake("frame of the other hand", "hand", _kinds("point", "displacement")(_mirrored)),
     Mistake("readings negated", "sign|negative", _kinds("distance")(_readings(-1.0))),
     Mistake("two stations exchanged with one tool", "exchanged", _kinds("distance")(_labels)),
     Mistake("beams broken at tool changes, one segment", "segment|broken|dead path", _kinds("distance")(_one_segment)),
@@ -314,7 +319,7 @@ MISTAKES = (
     Mistake("u ten times too large", "u ", _u(15.0)),
     Mistake("u ten times too small", "u ", _u(1 / 15.0)),
     Mistake("temperatures in kelvin", "kelvin", _kelvin),
-)  # fmt: skip
+)
 
 
 def is_named(mistake: Mistake, text: str) -> bool:

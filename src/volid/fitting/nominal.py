@@ -1,7 +1,7 @@
 """A campaign against the nominal machine: how far readings are from a chain without errors, and which slip explains that.
 
-Only what is unknown of the instruments (stations, dead paths, spheres, offsets) is adjusted, with one weight for all lengths. What
-remains is about as large as the machine's errors: micrometres, or some millimetres on a large machine. A slip, such as two
+Only what is unknown of the instruments (stations, dead paths, spheres, offsets) is adjusted, with one weight for all lengths.
+What remains is about as large as the machine's errors: micrometres, or some millimetres on a large machine. A slip, such as two
 exchanged columns, makes it a thousand times larger, and trying every slip takes a second. The adjustment does not see a mistake
 that moves nothing nominally; the verdict on the whole model does (`diagnosis.alternatives.slips`).
 """

@@ -187,8 +187,8 @@ def _stations_elsewhere(solution: Solution) -> Iterator[str]:
     best = min(after, key=lambda k: after[k])
     if before > FAR and after[best] < NEARER * before:
         yield (
-            f"stations are found {before:.0f} mm from their stated positions, but {after[best]:.2g} mm from them if {best}: is that "
-            "so, or are the stated positions wrong?"
+            f"stations are found {before:.0f} mm from their stated positions, but {after[best]:.2g} mm if {best}: is that so, or "
+            "are the stated positions wrong?"
         )
 
 
@@ -240,8 +240,8 @@ def _large_u(solution: Solution, scale: float) -> Iterator[str]:
             times, unit = 1.0 / max(weight, 1e-9), KINDS[s.kind].unit_words
             hint = "is it in µm, where mm is expected" if unit == "mm" and times > _MICRO else "is it in another unit"
             yield (
-                f"set '{s.name}': the stated u (median {np.median(s.u):.3g} {unit}) is about {times:.0f} times as large as what the "
-                f"residuals show; {hint}? Every u below is too large as well"
+                f"set '{s.name}': the stated u (median {np.median(s.u):.3g} {unit}) is about {times:.0f} times as large as what "
+                f"the residuals show; {hint}? Every u below is too large as well"
             )
 
 
@@ -252,6 +252,6 @@ def _small_u(solution: Solution) -> Iterator[str]:
         lengths = [k for k in range(len(kind.readings)) if kind.unit_of(k) == MM]
         if lengths and np.median(s.u[:, lengths]) < LEAST_U and s.readings[:, lengths].any():
             yield (
-                f"set '{s.name}': u is {1e6 * np.median(s.u[:, lengths]):.2g} nm, which no instrument for machine tools has; is it in "
-                "metres, where mm is expected? Functions follow the noise of readings whose u is too small"
+                f"set '{s.name}': u is {1e6 * np.median(s.u[:, lengths]):.2g} nm, which no instrument for machine tools has; is it "
+                "in metres, where mm is expected? Functions follow the noise of readings whose u is too small"
             )

@@ -87,10 +87,10 @@ def check_outside(campaign: Campaign) -> None:
         if slip
         else f"is the column right, and travel in [axis.{letter}] of the machine file?"
     )
+    found = f"positions of {letter} ({q[:, i].min():g} … {q[:, i].max():g})"
     raise InputError(
-        f"{campaign.source or 'campaign'}: {100.0 * outside[i]:.0f} % of the positions of {letter} "
-        f"({q[:, i].min():g} … {q[:, i].max():g}) lie outside its travel {low:g} … {high:g} {machine.axes[i].unit}; {what}. If the "
-        "positions are right, widen the travel in the machine file"
+        f"{campaign.source or 'campaign'}: {100.0 * outside[i]:.0f} % of the {found} lie outside its travel {low:g} … {high:g} "
+        f"{machine.axes[i].unit}; {what}. If the positions are right, widen the travel in the machine file"
     )
 
 
