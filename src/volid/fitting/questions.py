@@ -252,6 +252,6 @@ def _small_u(solution: Solution) -> Iterator[str]:
         lengths = [k for k in range(len(kind.readings)) if kind.unit_of(k) == MM]
         if lengths and np.median(s.u[:, lengths]) < LEAST_U and s.readings[:, lengths].any():
             yield (
-                f"set '{s.name}': u is {1e6 * np.median(s.u[:, lengths]):.2g} nm, which no instrument for machine tools has; is it "
+                f"set '{s.name}': u is {1e6 * np.median(s.u[:, lengths]):.2g} nm, which no such instrument has; is it "
                 "in metres, where mm is expected? Functions follow the noise of readings whose u is too small"
             )
