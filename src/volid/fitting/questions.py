@@ -34,8 +34,12 @@ LEAST_ANGLE = 1e-4  # rad
 DEEP = 0.15  # of the box of its targets, from every face: a station there stands where the tool moves
 LEAST_U = 2e-5  # mm: 20 nm
 SHORT = 2.0  # mm: a tool vector in metres is no longer
-FAR = 50.0  # mm, from its stated position to where a station is found, from which on a reason is looked for
-NEARER = 0.2  # of that distance: what a reason has to leave at most
+FAR = 20.0  # mm, from its stated position to where a station is found, from which on a reason is looked for
+NEARER, MUCH_NEARER = (
+    0.2,
+    0.05,
+)  # of that distance: what a reason has to leave at most, for fewer than `FEW` stations the second
+FEW = 3
 _MICRO = 30.0  # times too large: a u in µm is 1000 times too large, of which smoother functions hide a part
 _INSIST = "if they are real, set large_errors = true in the [[set]], or pass `accept_large_errors=True`"
 
@@ -185,7 +189,7 @@ def _stations_elsewhere(solution: Solution) -> Iterator[str]:
     before = float(np.median(np.linalg.norm(places - said, axis=1)))
     after = {what: _median_distance(places, other) for what, other in _otherwise(said, tools)}
     best = min(after, key=lambda k: after[k])
-    if before > FAR and after[best] < NEARER * before:
+    if before > FAR and after[best] < (NEARER if len(names) >= FEW else MUCH_NEARER) * before:
         yield (
             f"stations are found {before:.0f} mm from their stated positions, but {after[best]:.2g} mm if {best}: is that so, or "
             "are the stated positions wrong?"
@@ -210,11 +214,13 @@ def _tool_of(solution: Solution, names: list[str]) -> dict[str, np.ndarray]:
 
 def _otherwise(said: np.ndarray, tools: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
     """Where stations (n, 3) would be found after a slip, and its name."""
+    offset = np.where(np.isfinite(tools), tools, 0.0)
     for i, letter in enumerate("XYZ"):
-        yield f"axis {letter} counts the other way", said * np.where(np.arange(3) == i, -1.0, 1.0)
+        turned = (said - offset) * np.where(np.arange(3) == i, -1.0, 1.0)
+        yield f"axis {letter} counts the other way", turned + offset
     for i, j in combinations(range(3), 2):
         columns = [j if k == i else i if k == j else k for k in range(3)]
-        yield f"columns {'XYZ'[i]} and {'XYZ'[j]} are exchanged", said[:, columns]
+        yield f"columns {'XYZ'[i]} and {'XYZ'[j]} are exchanged", (said - offset)[:, columns] + offset
     if np.isfinite(tools).all():
         for i, letter in enumerate("xyz"):
             yield f"tool vectors have the wrong sign in {letter}", said + 2.0 * tools * (np.arange(3) == i)

@@ -17,6 +17,7 @@ from volid.model.geometry import best_rigid_motion
 _FLAT = 1e-3  # second singular value of the points over the first: below, they lie on a line
 _FITS = 5e-3  # of the targets' extent: more than a machine's errors
 _BETTER = 0.1
+_ALIKE = 0.05  # of the targets' extent: what the right unit may leave where something small is wrong besides
 
 
 def best_pose(nominal: np.ndarray, read: np.ndarray, what: str) -> tuple[np.ndarray, np.ndarray]:
@@ -51,7 +52,7 @@ def check_units(
         return
     after = {said: misfit(change(observations.readings)) for said, change in units.items()}
     said = min(after, key=lambda k: after[k])
-    if after[said] < _BETTER * before:
+    if after[said] < min(_BETTER * before, _ALIKE):  # readings that are much too small fit nothing, but miss by less
         raise InputError(f"{observations.file_and_set}: {said}")
 
 

@@ -18,6 +18,8 @@ from volid.observations.base import STATION
 
 TOOL, SCALE, RANGE, OUTLIERS = "tool length", "scale of a station", "error along the range", "outliers"
 DEGREES = 8  # of an error along the range
+STEPS, NOISES = 64, 50.0  # of the range, in which lengths are told apart; u, which a step is at least
+LEAST_LENGTHS = DEGREES + 1  # that differ
 WHOLE, PART, NONE = "u as a whole", "u of a part of the readings", "none of these"
 SCALE_CURE = (
     'campaign, [[set.effect]]: name = "scale", type = "scale", per = "station", u = {size:.1e}; and check the refractive index '
@@ -70,12 +72,23 @@ def ranges(around: Around) -> Iterator[Alternative]:
         [lengths_of(s).ravel() if STATION in KINDS[s.kind].labels else 0.0 * s.u.ravel() for s in sets]
     )
     measured = (lengths != 0.0) & around.active
-    if np.ptp(lengths[measured]) <= 0.0 if measured.any() else True:
+    if not measured.any():
+        return
+    lengths = _in_steps(lengths, measured, around.weight)
+    if len(np.unique(lengths[measured])) < LEAST_LENGTHS:
         return
     x = np.where(measured, span(np.where(measured, lengths, np.mean(lengths[measured]))), 0.0)
     columns = [around.weight * measured * np.polynomial.legendre.Legendre.basis(d)(x) for d in range(2, DEGREES + 1)]
     cure = "calibrate the instrument over its range, and correct the readings"
     yield Alternative(RANGE, "readings have an error that depends on the length", cure, np.stack(columns, axis=1))
+
+
+def _in_steps(lengths: np.ndarray, measured: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Lengths rounded to steps far above their noise: a function of a length would follow the noise of that very reading, most
+    of all on a ball bar, whose lengths differ by little else."""
+    noise = 1.0 / float(np.min(weight[measured]))
+    step = max(float(np.ptp(lengths[measured])) / STEPS, NOISES * noise)
+    return np.asarray(np.round(lengths / step) * step)
 
 
 def outliers(around: Around) -> Iterator[Alternative]:

@@ -11,7 +11,7 @@ from volid.plausibility.slips import COLUMNS, HAND, PATHS, READINGS, SENSE, STAT
 
 GROSS, HOPELESS = 5.0, 50.0  # unit weights from which on a few, and all slips are tried
 EXPLAINS = 0.2  # unit weight without the slip over that with it, at most
-ORDINARY = (SENSE, COLUMNS, TOOL, PATHS)
+ORDINARY = (SENSE, COLUMNS, TOOL, PATHS, HAND)
 SLIPS = (SENSE, COLUMNS, TOOL, PATHS, UNITS, HAND, READINGS, STATIONS)
 _FITTED = 12  # of all slips, those that leave the least of the nominal misfit
 _NO_WORSE = 1.5  # nominal misfit of a slip that is worth a fit, over that of the campaign as it stands
