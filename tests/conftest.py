@@ -23,7 +23,7 @@ install_import_hook(MODULES, "support.shape_checks.checked")  # before anything 
 from exact_chain import ExactMachine, Truth, machine_toml, random_truth, tracker_campaign, write_campaign
 from support.small_campaign import ONLY_C, RICH, SINGLE_TOOL, TRAVEL, Virtual, fitted, make_campaign
 
-pytest_plugins = ["support.leftovers", "support.order"]
+pytest_plugins = ["support.commands", "support.leftovers", "support.order"]
 
 
 @pytest.fixture(autouse=True, scope="module")

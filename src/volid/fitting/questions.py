@@ -244,7 +244,7 @@ def _large_u(solution: Solution, scale: float) -> Iterator[str]:
         weight = min(weight, scale) if weight < 0.5 else weight
         if weight < TOO_LARGE:
             times, unit = 1.0 / max(weight, 1e-9), KINDS[s.kind].unit_words
-            hint = "is it in µm, where mm is expected" if unit == "mm" and times > _MICRO else "is it in another unit"
+            hint = "is it in µm, where mm is expected" if MM in unit and times > _MICRO else "is it in another unit"
             yield (
                 f"set '{s.name}': the stated u (median {np.median(s.u):.3g} {unit}) is about {times:.0f} times as large as what "
                 f"the residuals show; {hint}? Every u below is too large as well"
@@ -254,10 +254,10 @@ def _large_u(solution: Solution, scale: float) -> Iterator[str]:
 def _small_u(solution: Solution) -> Iterator[str]:
     """Sets with a u that no instrument for machines has."""
     for s in solution.campaign.sets:
-        kind = KINDS[s.kind]
-        lengths = [k for k in range(len(kind.readings)) if kind.unit_of(k) == MM]
-        if lengths and np.median(s.u[:, lengths]) < LEAST_U and s.readings[:, lengths].any():
-            yield (
-                f"set '{s.name}': u is {1e6 * np.median(s.u[:, lengths]):.2g} nm, which no such instrument has; is it "
-                "in metres, where mm is expected? Functions follow the noise of readings whose u is too small"
-            )
+        for part in KINDS[s.kind].parts(s):
+            u, readings = s.u[part.rows], s.readings[part.rows]
+            if part.unit == MM and readings.any() and np.median(u) < LEAST_U:
+                yield (
+                    f"set '{s.name}': u is {1e6 * np.median(u):.2g} nm, which no such instrument has; is it in metres, where mm is "
+                    "expected? Functions follow the noise of readings whose u is too small"
+                )

@@ -1,4 +1,4 @@
-"""What the tests of commands share."""
+"""A fixture that runs commands in the process of the tests."""
 
 import pytest
 
