@@ -6,6 +6,7 @@ import argparse
 from typing import TYPE_CHECKING
 
 from volid.cli.common import add_output, add_solution, attention, check_output, conclude, explain, write_sheet
+from volid.cli.numbers import add_unusual, ask_points
 from volid.cli.progress import Progress
 
 if TYPE_CHECKING:
@@ -41,6 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--extrapolate", action="store_true", help="values outside the measured range, as smooth as the functions are"
     )
+    add_unusual(parser)
     add_output(parser, "OUT.csv", "table of deviations; default: standard output")
 
 
@@ -54,6 +56,7 @@ def run(args: argparse.Namespace) -> int:
 
         solution = read_solution(args.solution)
         points = read_points(args.at, solution.machine)
+        ask_points(solution, points, args.at)
         progress(f"evaluating {len(points.positions)} points")
         if args.extrapolate:
             solution = solution.extrapolated()

@@ -7,6 +7,7 @@ import shutil
 from typing import TYPE_CHECKING, Any
 
 from volid.cli.common import add_output, check_output, conclude, explain, input_files, print_json
+from volid.cli.numbers import add_unusual, count
 from volid.cli.progress import Progress
 
 if TYPE_CHECKING:
@@ -44,9 +45,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
     explain(parser, _EPILOG)
     parser.add_argument("study", metavar="STUDY.toml", help="machines, designs, noise and seeds")
-    parser.add_argument("--workers", type=int, metavar="N", help="processes on this machine; default: one per core")
+    parser.add_argument(
+        "--workers", type=count(1, 10_000), metavar="N", help="processes on this machine; default: one per core"
+    )
     parser.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler, such as tcp://host:8786, instead")
     parser.add_argument("--resume", action="store_true", help="go on with an interrupted study")
+    add_unusual(parser)
     add_output(parser, "RESULTS.h5", "results; RESULTS.csv and RESULTS.summary.csv beside it", required=True)
 
 

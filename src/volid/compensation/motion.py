@@ -10,6 +10,7 @@ import numpy as np
 from volid.compensation.control import Control
 from volid.exceptions import InputError
 from volid.model.machine import Machine
+from volid.model.requests import checked_number
 
 
 class Motion(NamedTuple):
@@ -46,6 +47,7 @@ def check_motion(
     for name, found, limits, unit in (("moves", motion.largest, motions, ""), ("speed", speed, speeds, "/min")):
         for letter, limit in limits.items():
             i = machine.index(letter)
+            checked_number(f"limit={letter}", limit, above=0.0)
             if found[i] > limit:
                 raise InputError(
                     f"the compensation asks axis {letter} for {name} of {found[i]:.4g} {machine.axes[i].unit}{unit}, "

@@ -28,6 +28,7 @@ from volid.model.error_functions import describe_datum
 from volid.model.iso230 import DIRECTIONS, SPINDLE, parse
 from volid.model.kinematics import ROWS
 from volid.model.machine import Axis, Machine
+from volid.model.requests import ask_metres, ask_step
 
 NEGLIGIBLE = 1e-9  # mm at the offset: a function that is nowhere larger needs no table
 MEAN_DIRECTION = 0.0
@@ -79,8 +80,8 @@ def error_tables(
     for t in types:
         if TABLES not in t.forms:
             raise InputError(f"{t.name} has no tables of single functions; it is a grid")
-    for letter in zero or {}:
-        solution.machine.index(letter)
+    ask_metres(solution.campaign.machine, zero or {}, "`zero`")
+    _ask_step(solution, types, sampling, ranges or {})
     solution = solution.without_waves()
     request = TableRequest(types, base, Sampling() if sampling is None else sampling, zero or {}, ranges or {})
     tables: list[ErrorTable] = []
@@ -89,6 +90,18 @@ def error_tables(
         if chosen:
             tables += _AxisTables(solution, axis, chosen, request).tables()
     return tuple(tables + _tool_frame(solution, request))
+
+
+def _ask_step(
+    solution: Solution,
+    types: Sequence[CompensationType],
+    sampling: Sampling | None,
+    ranges: Mapping[str, tuple[float, float]],
+) -> None:
+    """Raises `InputError` for a step longer than the ranges of all axes that have tables."""
+    if sampling is not None and sampling.step is not None:
+        axes = [axis for axis in solution.machine.axes if _types_of(axis, types)]
+        ask_step(sampling.step, {a.letter: ranges.get(a.letter, a.travel) for a in axes})
 
 
 def _types_of(axis: Axis, types: Sequence[CompensationType]) -> list[CompensationType]:
