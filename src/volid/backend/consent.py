@@ -75,10 +75,21 @@ def in_bytes(size: float) -> str:
     >>> in_bytes(9.4e9), in_bytes(512)
     ('9.4 GB', '512 bytes')
     """
+    if size >= 1e24:
+        return f"more than 1 {_UNITS[-1]}"
     k = 0
     while size >= 1000.0 and k < len(_UNITS) - 1:
         size, k = size / 1000.0, k + 1
     return f"{size:.3g} {_UNITS[k]}"
+
+
+def in_digits(number: float) -> str:
+    """A count with its digits in groups, or as a power of ten where nobody would read them.
+
+    >>> in_digits(8e6), in_digits(1.5e26)
+    ('8,000,000', '1.5e+26')
+    """
+    return f"{number:,.0f}" if number < 1e15 else f"{number:.3g}"
 
 
 def memory() -> float:

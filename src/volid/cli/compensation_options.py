@@ -28,6 +28,15 @@ def assignments(text: str) -> dict[str, float]:
     return found
 
 
+def limits(text: str) -> dict[str, float]:
+    """ "X=0.5,Y=0.3" as numbers above 0 by axis letter, for argparse."""
+    found = assignments(text)
+    wrong = next((f"{letter}={value:g}" for letter, value in found.items() if not value > 0.0), None)
+    if wrong:
+        raise argparse.ArgumentTypeError(f"{wrong}: expected a number > 0")
+    return found
+
+
 def _refuse_twice(letter: str, found: dict[str, Any]) -> None:
     """Raises `ArgumentTypeError` for an axis that already has a value, which the new one would replace unseen."""
     if letter in found:

@@ -93,7 +93,7 @@ def ask_points(solution: Solution, points: Points, path: str) -> None:
 
     positions = dict(zip(solution.machine.letters, points.positions.T, strict=True))
     ask_positions(solution.campaign.machine, positions, path)
-    solution.ask(points.tool, name=f"{path}, tool")
+    solution.ask(points.tool, name=f"{path}: tool")
 
 
 def add_unusual(parser: argparse.ArgumentParser) -> None:

@@ -23,9 +23,9 @@ from volid.cli.compensation_options import (
     ByAxis,
     add_base,
     add_range,
-    assignments,
     base_from,
     in_frame,
+    limits,
     prepared,
     ranges_from,
     rule_from,
@@ -95,7 +95,7 @@ def _add_motion(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--increment",
         metavar="X=..",
-        type=assignments,
+        type=limits,
         action=ByAxis,
         help="least increments of the axes, mm or degrees",
     )
@@ -109,10 +109,10 @@ def _add_motion(parser: argparse.ArgumentParser) -> None:
         help="where that begins, degrees; default 5",
     )
     parser.add_argument(
-        "--limit", metavar="X=..", type=assignments, action=ByAxis, default={}, help="largest correction, mm or degrees"
+        "--limit", metavar="X=..", type=limits, action=ByAxis, default={}, help="largest correction, mm or degrees"
     )
     parser.add_argument(
-        "--speed-limit", metavar="X=..", type=assignments, action=ByAxis, default={}, help="largest speed, per minute"
+        "--speed-limit", metavar="X=..", type=limits, action=ByAxis, default={}, help="largest speed, per minute"
     )
     parser.add_argument(
         "--feed",

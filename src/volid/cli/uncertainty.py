@@ -101,7 +101,10 @@ def _sampled(args: argparse.Namespace, progress: Progress) -> Solution:
     from volid.io.solutions import read_solution
 
     folder = Path(f"{args.output}.trials") if args.output else None
-    solution = read_solution(args.solution).monte_carlo(
+    solution = read_solution(args.solution)
+    if args.tool is not None:
+        solution.ask(args.tool)
+    solution = solution.monte_carlo(
         args.trials,
         digits=args.digits,
         seed=args.seed,

@@ -15,7 +15,7 @@ from volid.model.jacobian import influence
 from volid.model.kinematics import ROWS
 from volid.model.linear_maps import error_value_rows
 from volid.model.machine import Axis
-from volid.model.requests import ask_place, ask_metres, checked_number, checked_vectors
+from volid.model.requests import ask_metres, ask_place, checked_number, checked_vectors
 
 CHUNK = 256  # places at a time
 

@@ -44,10 +44,11 @@ def check_motion(
     machine: Machine, motion: Motion, speed: np.ndarray, motions: Mapping[str, float], speeds: Mapping[str, float]
 ) -> None:
     """Raises `InputError` when an axis is asked for more than `motions` [mm, °] or `speeds` [mm/min, °/min] allow."""
+    for letter, limit in (*motions.items(), *speeds.items()):
+        checked_number(f"limit={letter}", limit, above=0.0)
     for name, found, limits, unit in (("moves", motion.largest, motions, ""), ("speed", speed, speeds, "/min")):
         for letter, limit in limits.items():
             i = machine.index(letter)
-            checked_number(f"limit={letter}", limit, above=0.0)
             if found[i] > limit:
                 raise InputError(
                     f"the compensation asks axis {letter} for {name} of {found[i]:.4g} {machine.axes[i].unit}{unit}, "

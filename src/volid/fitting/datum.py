@@ -59,10 +59,10 @@ def parse_datum(machine: Machine, text: str) -> Datum:
 def _check_axes(machine: Machine, primary: str, secondary: str, stated: Collection[str]) -> None:
     """Raises `InputError` for a primary or secondary axis that is none; a machine with fewer linear axes has none to state."""
     linear = [axis.letter for axis in machine.linear]
-    known = f"this machine has {', '.join(linear) if linear else 'none'} of linear axes"
+    known = f"this machine has one linear axis, {linear[0]}" if linear else "this machine has no linear axis"
     for key, letter, needed in (("primary", primary, 1), ("secondary", secondary, 2)):
         if key in stated and len(linear) < needed:
-            raise InputError(f"datum: {key} = '{letter}': {known}; a {key} axis needs {needed}. Leave it out")
+            raise InputError(f"datum: {key} = '{letter}': {known}; leave {key} out")
         if letter not in linear and len(linear) >= needed:
             raise InputError(f"datum: {key} = '{letter}' is no linear axis of this machine; it has {', '.join(linear)}")
     if primary and primary == secondary:

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from volid.backend.consent import ask, ask_memory
+from volid.backend.consent import ask, ask_memory, in_digits
 from volid.exceptions import InputError
 from volid.model.machine import Axis, Machine
 
@@ -29,7 +29,7 @@ _TURNS = 3600.0  # degrees outside the travel of a rotary axis
 _METRE = 1000.0
 _SLACK = 0.05  # of the travel: positions in metres may lie that far outside
 _REACHED = 0.05  # of the travel, by positions in metres
-_COARSE = {True: 0.1, False: 1.0}  # least increments of linear [mm] and rotary axes [degrees] are finer
+_COARSE = 0.1  # mm, degrees: least increments of controls are finer, and errors that an interpolation may leave smaller
 _U = (1e-6, 0.1)  # mm: standard uncertainties of readings lie between
 
 
@@ -67,7 +67,7 @@ def ask_tools(machine: Machine, tools: Any, known: Callable[[], np.ndarray] | No
         machine: The machine that carries them.
         tools: Tool vectors, shape (..., 3) [mm].
         known: Gives the tool vectors that were used on the machine, shape (k, 3) [mm]: they are not asked about.
-        name: Name of the parameter, for the message.
+        name: Name of the parameter, or where they stand, for the message.
     """
     vectors = checked_vectors(name, tools)
     lengths = np.linalg.norm(vectors, axis=1)
@@ -111,7 +111,8 @@ def _about(name: str, vector: np.ndarray, length: float, machine: Machine) -> st
     travels = ", ".join(f"{axis.length:g}" for axis in machine.linear)
     against = f"; the travels of the machine are {travels} mm" if travels else ""
     unit = "metres" if length < SHORT else "micrometres"
-    found = f"`{name}={_listed(vector)}` is a tool vector of {length:g} mm{against}"
+    shown = f"`{name}={_listed(vector)}`" if name.isidentifier() else f"{name} {_listed(vector)}"
+    found = f"{shown} is a tool vector of {length:g} mm{against}"
     return f"{found}. Expected a vector in mm, such as 0,0,-150: is it in {unit}?"
 
 
@@ -181,7 +182,7 @@ def _inside(q: np.ndarray, axis: Axis) -> bool:
 def _say_metres(linear: Mapping[Axis, np.ndarray], where: str) -> None:
     found = ", ".join(f"{a.letter} = {_span(q)}" for a, q in linear.items())
     travels = ", ".join(f"{a.letter} {a.travel[0]:g} … {a.travel[1]:g}" for a in linear)
-    ask(f"{where}: {found} seem to be in metres, where the travels are {travels} mm. Expected mm.")
+    ask(f"{where}: {found} fill the travels, {travels} mm, as if they were in metres. Expected mm.")
 
 
 def _span(q: np.ndarray) -> str:
@@ -208,15 +209,24 @@ def ask_increments(increments: Iterable[tuple[str, bool, float | None]]) -> None
         if value is None:
             continue
         checked_number(name, value, above=0.0)
-        if value > _COARSE[is_length]:
+        if value >= _COARSE:
             unit = "mm" if is_length else "degrees"
-            usual = f"least increments of controls are below {_COARSE[is_length]:g} {unit}"
+            usual = f"least increments of controls are below {_COARSE:g} {unit}"
             ask(f"`{name}={value:g}`: {usual}. Expected {unit}, such as 0.0001.")
+
+
+def ask_bound(name: str, bound: float) -> None:
+    """Raises `InputError` for a bound on the error of an interpolation [mm] that is not positive, or larger than any error."""
+    checked_number(name, bound, above=0.0)
+    if bound >= _COARSE:
+        ask(
+            f"`{name}={bound:g}`: interpolation within {bound:g} mm. Expected mm, such as 0.0005: is it in micrometres?"
+        )
 
 
 def ask_plan(name: str, rows: int) -> None:
     """Raises `InputError` for a plan of more rows than two gigabytes hold."""
-    ask_memory(f"{name}: {rows:,} rows", _ROW * rows, "Take fewer points")
+    ask_memory(f"{name}: {in_digits(rows)} rows", _ROW * rows, "Take fewer points")
 
 
 def ask_bar(machine: Machine, length: float, name: str = "length") -> None:

@@ -91,7 +91,7 @@ def simulate(
 def _ask(plan: Campaign) -> None:
     """Raises `InputError` for a plan whose tool vectors or positions look like another unit than mm."""
     for planned in plan.sets:
-        ask_tools(plan.machine, planned.tool, name=f"{planned.file_and_set}, tool")
+        ask_tools(plan.machine, planned.tool, name=f"{planned.file_and_set}: tool")
         columns = dict(zip(plan.machine.letters, planned.positions.T, strict=True))
         ask_positions(plan.machine, columns, f"{planned.file_and_set}, positions")
 

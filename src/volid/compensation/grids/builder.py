@@ -24,7 +24,7 @@ from volid.compensation.grids.sides import LINEAR, axes_of, rotary_sides
 from volid.exceptions import InputError
 from volid.fitting.solution import Solution
 from volid.model.error_functions import describe_datum
-from volid.model.requests import ask_place, ask_metres
+from volid.model.requests import ask_metres, ask_place
 
 
 def build_grids(solution: Solution, request: GridRequest) -> tuple[AnyGrid, ...]:

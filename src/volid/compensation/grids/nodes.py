@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from volid.backend.consent import ask_memory, in_bytes
+from volid.backend.consent import ask_memory, in_bytes, in_digits
 from volid.backend.even_points import every_step, number_of_steps
 from volid.compensation.grids.evaluation import evaluate, field_values
 from volid.compensation.grids.grid import AnyGrid
@@ -60,9 +60,9 @@ def _asked(request: GridRequest, side: str, reach: Mapping[str, tuple[float, flo
 def _ask_size(request: GridRequest, counts: Sequence[float]) -> None:
     """Raises `InputError` for more nodes than are taken without a question, or than the computer can hold."""
     size = float(np.prod(np.array(counts, dtype=float)))
-    each = " × ".join(f"{n:,.0f}" for n in counts)
+    each = " × ".join(map(in_digits, counts))
     asked = "grid" if request.sampling.step is None else f"`step={request.sampling.step:g}`"
-    what = f"{asked}: {each} = {size:,.0f} nodes, a file of about {in_bytes(FILE * size)}"
+    what = f"{asked}: {each} = {in_digits(size)} nodes, a file of about {in_bytes(FILE * size)}"
     ask_memory(what, MEMORY * size, "Take a larger step or fewer points")
 
 

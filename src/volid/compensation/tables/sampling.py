@@ -12,7 +12,7 @@ import numpy as np
 
 from volid.backend.even_points import every_step, number_of_steps
 from volid.exceptions import InputError
-from volid.model.requests import checked_number
+from volid.model.requests import ask_bound, checked_number
 
 POINTS = 21  # of a table when nothing is asked for
 DENSE = 601  # points of the dense sampling: its own interpolation is good to (POINTS / DENSE)² of that of a table
@@ -44,6 +44,8 @@ class Sampling:
             value = getattr(self, name)
             if value is not None:
                 checked_number(name, value, above=0.0)
+        if self.max_error is not None:
+            ask_bound("max_error", self.max_error)
         if self.max_points is not None and not 2 <= self.max_points <= LARGEST:
             raise InputError(f"`max_points={self.max_points}`: expected 2 … {LARGEST}")
         if self.spacing not in (EQUAL, FREE):
