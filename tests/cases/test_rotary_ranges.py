@@ -90,7 +90,9 @@ def every_output(solution, part, tmp_path, capsys):
     at = [row[2] for row in json.loads(out)["rows"] if row[0] == "ECC"]
     assert (status in (0, 1), part is None or (min(at), max(at)) == part) == (True, True)
     low, high = solution.measured_range()[solution.machine.index("C")]
-    reach = () if part else ("--range", f"C={low:g}:{high:g}")  # a turn is more than was measured, which a grid would name
+    reach = (
+        () if part else ("--range", f"C={low:g}:{high:g}")
+    )  # a turn is more than was measured, which a grid would name
     status, out, err = run(capsys, "grid", path, "--type", "R-VOL", "--points", "5", "--json", *reach)
     assert status in (0, 1), err
     grids = json.loads(out)["grids"]
