@@ -76,6 +76,7 @@ _PUBLIC = {  # public name: where it comes from, in the order of the work
     "forecast": "volid.compensation.residual.forecast:forecast",
     "Forecast": "volid.compensation.residual.forecast:Forecast",
     # what can go wrong
+    "accept_unusual": "volid.backend.consent:accept_unusual",
     "VolidError": "volid.exceptions:VolidError",
     "InputError": "volid.exceptions:InputError",
     "OutputError": "volid.exceptions:OutputError",

@@ -1,5 +1,6 @@
 """The public names for type checkers. `_PUBLIC` in `__init__.py` says the same to Python; a test compares the two."""
 
+from volid.backend.consent import accept_unusual
 from volid.campaign import Campaign, ObservationSet, Station
 from volid.compensation.base import base_of as compensation_base
 from volid.compensation.control import Control
@@ -86,6 +87,7 @@ __all__ = [  # noqa: RUF022
     "predict_residual",
     "forecast",
     "Forecast",
+    "accept_unusual",
     "VolidError",
     "InputError",
     "OutputError",

@@ -368,8 +368,8 @@ def test_wrong_points_are_named(solution_file, run, tmp_path):
         (["--type", "R-VOL"], "has no rotary axis"),
         (["--type", "R-VOL", "--tool", "0,0,1"], "--tool is for L-VOL"),
         (["--reference-point", "0,0,1"], "--reference-point is for R-VOL"),
-        (["--points", "1"], "expected at least 2"),
-        (["--step", "-5"], "expected a distance > 0"),
+        (["--points", "1"], "expected a whole number from 2 to"),
+        (["--step", "-5"], "expected a finite number > 0"),
     ],
 )
 def test_wrong_grids_are_named(solution_file, run, arguments, message):
@@ -383,7 +383,7 @@ def test_wrong_steps_and_datums_are_named(solution_file, run, tmp_path):
     for step in ("0", "-1", "inf", "nan"):
         status, _, err = run("functions", solution_file, "--step", step)
         assert status == 2
-        assert "expected a spacing" in err
+        assert "expected a finite number > 0" in err
     status, _, err = run("datum", solution_file, "--to", "primary=Z,secondary=Z", "-o", tmp_path / "o.h5")
     assert status == 2
     assert "primary and secondary axis are both Z" in err

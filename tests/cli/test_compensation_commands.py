@@ -337,7 +337,7 @@ def test_grids_are_zero_where_asked_and_rounded(files, run, tmp_path):
             ("--type", "L-VOL", "--zero", "X=9000"),
             "--zero X=9000; expected positions of X, Y, Z within their travels",
         ),
-        ("grid", ("--type", "L-VOL", "--increment", "0"), "least increment 0 mm; expected a number > 0"),
+        ("grid", ("--type", "L-VOL", "--increment", "0"), "--increment: '0': expected a finite number > 0 in mm"),
         ("grid", ("--zero", "X=0", "--intervals"), "--intervals and --zero exclude each other"),
     ):
         status, _, err = run(verb, path, *option, "--points", "2", "-o", tmp_path / "no.csv")

@@ -157,7 +157,7 @@ def test_positions_left_out_are_named_kept_and_make_status_1(run, tmp_path):
         (["--test", "BK1", "--points", "3,4"], "--points 3,4: --test BK1 takes one number"),
         (["--test", "BK1", "--length", "100"], "--length is not for --test BK1, but for cone-frustum; leave it out"),
         (["--tool", "0,0,-90", "--test", "standard"], "--tool is not for --test standard"),
-        (["--u", "0"], "--u 0: expected a number > 0 in mm"),
+        (["--u", "0"], "--u: '0': expected a finite number > 0 in mm"),
         (["--sphere", "P=1,2,3", "--sphere", "P=1,2,4"], "two spheres have one name"),
         (["--test", "K1", "--tool", "0,0,1", "--tool", "0,0,2"], "--tool stands 2 times; --test K1 takes one"),
         (["--sphere", "1,2,3"], "'1,2,3' is no sphere; expected NAME=x,y,z in mm"),

@@ -119,16 +119,19 @@ def test_positions_outside_the_travel_are_left_out_and_named():
     ("call", "message"),
     [
         (
-            lambda m: rtest_static_grid(m, {"P": (5000, 0, 0)}, (0, 0, 0), 3, 3),
+            lambda m: rtest_static_grid(m, {"P": (2000, 0, 0)}, (0, 0, 0), 3, 3),
             r"no position lies within the travels: .*X would",
         ),
         (
             lambda m: rtest_static_grid(m, {"P": (0, 0, 0)}, (0, 0, 0), 1, 3),
             "1 positions of axis C; expected at least 2",
         ),
-        (lambda m: rtest_static_grid(m, {"P": (0, 0)}, (0, 0, 0)), r"needs spheres \{name: \(x, y, z\)\}"),
         (
-            lambda m: rtest_static_grid(m, dict.fromkeys("PQR", (0, 0, 0)), [(0, 0, 0), (1, 0, 0)]),
+            lambda m: rtest_static_grid(m, {"P": (0, 0)}, (0, 0, 0)),
+            r"`sphere`: an array of shape \(2,\); expected vectors of three numbers in mm",
+        ),
+        (
+            lambda m: rtest_static_grid(m, dict.fromkeys("PQR", (0, 0, 0)), [(0, 0, 0), (100, 0, 0)]),
             "3 spheres and 2 tool vectors; expected as many, or one of either",
         ),
         (lambda m: iso10791_path(m, "AK1", (0, 0, 0), (0, 0, 0)), "'AK1' is not for machine .* expected BK1, BK2, BK4"),

@@ -20,6 +20,17 @@ def every_step(low: float, high: float, step: float) -> np.ndarray:
     return inner if high - inner[-1] < 1e-6 * step else np.append(inner, high)
 
 
+def number_of_steps(low: float, high: float, step: float) -> float:
+    """How many positions `every_step` gives, before there are any; infinite where a float cannot hold the number.
+
+    >>> number_of_steps(0.0, 1.0, 0.4)
+    4.0
+    """
+    with np.errstate(over="ignore"):
+        full = float(np.floor(np.divide(high - low, step) + 1e-9))
+    return full + 1.0 + (high - (low + step * full) >= 1e-6 * step)
+
+
 def even_points(n: int, dimension: int, seed: int = 0) -> np.ndarray:
     """`n` points in [0, 1)^dimension, shape (n, dimension); `dimension` up to 10. Cranley and Patterson 1976.
 

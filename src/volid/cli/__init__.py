@@ -15,6 +15,7 @@ import re
 import sys
 from collections.abc import Sequence
 
+from volid.backend.consent import accept_unusual
 from volid.cli.common import in_options
 from volid.cli.environment import prepare, version
 from volid.cli.interrupts import INTERRUPTS
@@ -123,7 +124,7 @@ def _join_negative(arguments: Sequence[str]) -> list[str]:
 
 def _run(verb: str, args: argparse.Namespace) -> int:
     try:
-        with INTERRUPTS:
+        with INTERRUPTS, accept_unusual(getattr(args, "accept_unusual", False)):
             status: int = importlib.import_module(f"volid.cli.{VERBS[verb][0]}").run(args)
             sys.stdout.flush()
         return status

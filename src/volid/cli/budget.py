@@ -14,10 +14,10 @@ from volid.cli.common import (
     explain,
     print_json,
     print_verdict,
-    tool_vector,
     usable_solution,
     write_sheet,
 )
+from volid.cli.numbers import add_unusual, ask_points, tool_vector
 from volid.cli.progress import Progress
 
 if TYPE_CHECKING:
@@ -52,6 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--tool", metavar="x,y,z", type=tool_vector, help="mm, for the working volume; default: the most used one"
     )
+    add_unusual(parser)
     add_output(parser, "OUT.csv", "the complete budget; default: its summary on standard output")
 
 
@@ -88,6 +89,7 @@ def _rows(solution: Solution, args: argparse.Namespace) -> Rows:
 
     if args.at:
         points = read_points(args.at, solution.machine)
+        ask_points(solution, points, args.at)
         return point_rows(solution, points.positions, points.tool, points.directions)
     tool = solution.most_used_tool() if args.tool is None else args.tool
     return headline_rows(solution, headline_outputs(solution, np.asarray(tool)))

@@ -18,13 +18,14 @@ if TYPE_CHECKING:
 
 HDF5 = (".h5", ".hdf5")
 _CALLED = {"overwrite": "force", "ranges": "range", "types": "type"}  # parameter of the library: option of another name
-_COMMANDS = {  # function of the library: command that does it and writes a file
+_COMMANDS = {  # function of the library: command that does it and writes a file, or option that says the same
     "fit": "volid fit",
     "monte_carlo": "volid uncertainty with -o",
     "save_campaign": "volid import",
     "simulate": "volid simulate",
     "study.run_study": "volid study",
     "save_grid": "volid grid",
+    "accept_unusual": "--accept-unusual",
 }
 _PARAMETER = re.compile(r"`(\w+)(?:=([^`]*))?`")
 
@@ -45,17 +46,6 @@ def add_output(parser: argparse.ArgumentParser, metavar: str, text: str, require
 def add_solution(parser: argparse.ArgumentParser) -> None:
     """SOLUTION.h5."""
     parser.add_argument("solution", metavar="SOLUTION.h5", help="written by volid fit")
-
-
-def tool_vector(text: str) -> tuple[float, float, float]:
-    """ "0,0,-150" as a tool vector [mm], for argparse."""
-    try:
-        x, y, z = (float(part) for part in text.split(","))
-    except ValueError:
-        raise argparse.ArgumentTypeError(
-            f"'{text}' is no tool vector; expected x,y,z in mm, such as 0,0,-150"
-        ) from None
-    return x, y, z
 
 
 def in_options(text: str, args: argparse.Namespace) -> str:

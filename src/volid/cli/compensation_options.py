@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-from volid.cli.common import tool_vector
+from volid.cli.numbers import count, finite, number, tool_vector
 
 if TYPE_CHECKING:
     from volid.compensation.base import Base
@@ -22,9 +22,18 @@ def assignments(text: str) -> dict[str, float]:
         for part in text.split(","):
             key, value = part.split("=")
             _refuse_twice(key.strip(), found)
-            found[key.strip()] = float(value)
+            found[key.strip()] = finite(value)
     except ValueError:
         raise argparse.ArgumentTypeError(f"'{text}' is no list of positions; expected such as X=500,Y=300") from None
+    return found
+
+
+def limits(text: str) -> dict[str, float]:
+    """ "X=0.5,Y=0.3" as numbers above 0 by axis letter, for argparse."""
+    found = assignments(text)
+    wrong = next((f"{letter}={value:g}" for letter, value in found.items() if not value > 0.0), None)
+    if wrong:
+        raise argparse.ArgumentTypeError(f"{wrong}: expected a number > 0")
     return found
 
 
@@ -74,7 +83,11 @@ def add_base(parser: argparse.ArgumentParser, tool_help: str) -> None:
     )
     parser.add_argument("--tool", metavar="x,y,z", type=tool_vector, help=tool_help)
     parser.add_argument(
-        "--elevation", metavar="H", type=float, default=0.0, help="of R-RAX and R-ANG above a table axis's point, mm"
+        "--elevation",
+        metavar="H",
+        type=number("mm"),
+        default=0.0,
+        help="of R-RAX and R-ANG above a table axis's point, mm",
     )
     parser.add_argument("--functions", metavar="EXX,EAX", help="functions that L-SPEC or R-SPEC corrects")
     parser.add_argument(
@@ -91,13 +104,21 @@ def add_base(parser: argparse.ArgumentParser, tool_help: str) -> None:
 
 def add_sampling(parser: argparse.ArgumentParser, kind: str) -> None:
     """--step, --max-points, --max-error, --offset."""
-    parser.add_argument("--step", metavar="S", type=float, help=f"spacing of the {kind}, mm or degrees")
-    parser.add_argument("--max-points", metavar="N", type=int, help="at most so many points (per axis)")
     parser.add_argument(
-        "--max-error", metavar="E", type=float, help="fewest points that interpolate linearly within E mm"
+        "--step", metavar="S", type=number("mm or degrees", above=0.0), help=f"spacing of the {kind}, mm or degrees"
+    )
+    parser.add_argument("--max-points", metavar="N", type=count(2, 2000), help="at most so many points (per axis)")
+    parser.add_argument(
+        "--max-error",
+        metavar="E",
+        type=number("mm", above=0.0),
+        help="fewest points that interpolate linearly within E mm",
     )
     parser.add_argument(
-        "--offset", metavar="R", type=float, help="offset of the tool from the axis at which E holds for rotations, mm"
+        "--offset",
+        metavar="R",
+        type=number("mm", above=0.0),
+        help="offset of the tool from the axis at which E holds for rotations, mm",
     )
 
 
@@ -109,7 +130,7 @@ def spans(text: str) -> dict[str, tuple[float, float]]:
             key, value = part.split("=")
             low, high = value.split(":")
             _refuse_twice(key.strip(), found)
-            found[key.strip()] = (float(low), float(high))
+            found[key.strip()] = (finite(low), finite(high))
     except ValueError:
         raise argparse.ArgumentTypeError(f"'{text}' is no list of ranges; expected such as X=0:500,Y=0:300") from None
     return found
@@ -140,8 +161,13 @@ def ranges_from(solution: Solution, args: argparse.Namespace) -> dict[str, tuple
 
 def add_rounding(parser: argparse.ArgumentParser, kind: str) -> None:
     """--increment, --angle-increment, --zero."""
-    parser.add_argument("--increment", metavar="D", type=float, help="least increment of lengths, mm")
-    parser.add_argument("--angle-increment", metavar="D", type=float, help="least increment of rotations, degrees")
+    parser.add_argument("--increment", metavar="D", type=number("mm", above=0.0), help="least increment of lengths, mm")
+    parser.add_argument(
+        "--angle-increment",
+        metavar="D",
+        type=number("degrees", above=0.0),
+        help="least increment of rotations, degrees",
+    )
     parser.add_argument("--zero", metavar="X=..", type=assignments, action=ByAxis, help=f"where {kind} are zero")
 
 

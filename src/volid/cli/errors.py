@@ -15,6 +15,7 @@ from volid.cli.common import (
     usable_solution,
     write_sheet,
 )
+from volid.cli.numbers import add_unusual, ask_points
 from volid.cli.progress import Progress
 
 if TYPE_CHECKING:
@@ -50,6 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--extrapolate", action="store_true", help="values outside the measured range, as smooth as the functions are"
     )
+    add_unusual(parser)
     add_output(parser, "OUT.csv", "table of deviations; default: standard output")
 
 
@@ -62,6 +64,7 @@ def run(args: argparse.Namespace) -> int:
 
         solution = usable_solution(args.solution)
         points = read_points(args.at, solution.machine)
+        ask_points(solution, points, args.at)
         progress(f"evaluating {len(points.positions)} points")
         if args.extrapolate:
             solution = solution.extrapolated()

@@ -16,11 +16,12 @@ from volid.cli.common import (
     explain,
     input_files,
     print_json,
-    tool_vector,
 )
+from volid.cli.numbers import add_unusual, tool_vector
 from volid.cli.progress import PATIENCE, Progress
 
 if TYPE_CHECKING:
+    from volid.campaign import Campaign
     from volid.fitting.solution import Solution
 
 HELP = "identify the machine's error model from one or more campaigns"
@@ -76,6 +77,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="take errors of any size without asking whether readings are in another unit (in a [[set]]: large_errors = true)",
     )
+    add_unusual(parser)
     add_output(parser, "SOLUTION.h5", "solution, with its campaign and machine", required=True)
 
 
@@ -116,6 +118,7 @@ def _in_memory(args: argparse.Namespace, prior: Solution | None, progress: Progr
     from volid.io import load_campaign
 
     campaign = load_campaign(*args.campaign)
+    _ask_tool(campaign, args)
     large = args.accept_large_errors
     record = _record(args, {"robust": args.robust, "solver": args.solver, "accept_large_errors": large})
     datum = parse_datum(campaign.machine, args.datum) if args.datum else None
@@ -129,6 +132,14 @@ def _in_memory(args: argparse.Namespace, prior: Solution | None, progress: Progr
         progress=progress,
     )
     return replace(found, provenance=record)
+
+
+def _ask_tool(campaign: Campaign, args: argparse.Namespace) -> None:
+    """Before the fit. Raises `InputError` for a tool vector of the summary that looks like another unit than mm."""
+    from volid.model.requests import ask_tools
+
+    if args.tool is not None:
+        ask_tools(campaign.machine, args.tool, campaign.tool_vectors)
 
 
 def _record(args: argparse.Namespace, options: dict[str, Any]) -> dict[str, str]:
@@ -154,7 +165,9 @@ def _stream(args: argparse.Namespace, prior: Solution | None, progress: Progress
         )
     stream = CampaignStream(args.campaign[0])
     record = _record(args, {"stream": True})
-    datum = parse_datum(next(stream.parts()).machine, args.datum) if args.datum else None
+    first = next(stream.parts())
+    _ask_tool(first, args)
+    datum = parse_datum(first.machine, args.datum) if args.datum else None
     large = args.accept_large_errors
     found = fit_streamed(stream, datum=datum, prior=prior, accept_large_errors=large, progress=progress)
     return replace(found, provenance=record)

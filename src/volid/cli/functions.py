@@ -14,6 +14,7 @@ from volid.cli.common import (
     usable_solution,
     write_sheet,
 )
+from volid.cli.numbers import add_unusual, number
 
 HELP = "table of the error functions and location errors with their uncertainty"
 
@@ -38,16 +39,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
     explain(parser, _EPILOG)
     add_solution(parser)
-    parser.add_argument("--step", metavar="S", type=float, help="spacing, mm or degrees; default: 21 points")
+    parser.add_argument(
+        "--step",
+        metavar="S",
+        type=number("mm or degrees", above=0.0),
+        help="spacing, mm or degrees; default: 21 points",
+    )
+    add_unusual(parser)
     add_output(parser, "OUT.csv", "table of functions; default: standard output")
 
 
 def run(args: argparse.Namespace) -> int:
     """Read, tabulate, write; 1 when functions need attention. Raises `InputError`, `OutputError`."""
-    from volid.exceptions import InputError
-
-    if args.step is not None and not 1e-3 <= args.step < float("inf"):
-        raise InputError(f"--step is {args.step:g}; expected a spacing of at least 0.001 in mm or degrees")
     check_output(args.output, args.force, [args.solution])
     from volid.io.functions_csv import functions_sheet
 

@@ -17,7 +17,6 @@ from volid.cli.common import (
     explain,
     print_json,
     tell,
-    tool_vector,
     usable_solution,
     write_sheets,
 )
@@ -33,6 +32,7 @@ from volid.cli.compensation_options import (
     sampling_of,
 )
 from volid.cli.grid_messages import LINEAR, ROTARY, described, messages_of, reversal_lines
+from volid.cli.numbers import add_unusual, count, place
 from volid.cli.progress import Progress
 
 if TYPE_CHECKING:
@@ -73,13 +73,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--type", action="append", metavar="TYPE", help="type of compensation; default L-VOL; repeat it"
     )
-    parser.add_argument("--points", metavar="N", type=int, help="nodes per axis; default 21, rotary axes 37")
+    parser.add_argument(
+        "--points", metavar="N", type=count(2, 1_000_000), help="nodes per axis; default 21, rotary axes 37"
+    )
     add_sampling(parser, "nodes")
     add_base(parser, "tool vector, mm; default: the most used one of the campaign")
     parser.add_argument(
         "--reference-point",
         metavar="x,y,z",
-        type=tool_vector,
+        type=place,
         help="of rotary grids, mm, machine frame, linear axes at 0; default: on the rotary axis nearest the bed",
     )
     parser.add_argument("--errors", action="store_true", help="error values instead of compensation values")
@@ -91,6 +93,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="95 %% coverage intervals of the values, from Monte Carlo samples; L-VOL, R-VOL",
     )
     parser.add_argument("--add-to", metavar="OLD", action="append", help="existing grid to superimpose on; repeat it")
+    add_unusual(parser)
     add_output(parser, "OUT", "grid, .csv or .h5; default: CSV on standard output")
 
 
@@ -165,8 +168,6 @@ def _check_points(args: argparse.Namespace) -> None:
 
     if args.points is None:
         return
-    if args.points < 2:
-        raise InputError(f"--points {args.points}; expected at least 2 per axis")
     if any(v is not None for v in (args.step, args.max_points, args.max_error)):
         raise InputError("--points stands alone; take it, or --step, or --max-points and --max-error")
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Any
 
-from volid.cli.common import add_output, check_output, conclude, explain, print_json, tool_vector
+from volid.cli.common import add_output, check_output, conclude, explain, print_json
+from volid.cli.numbers import add_unusual, finite, number, place, seed, tool_vector
 from volid.cli.progress import Progress
 from volid.report.text import vector
 
@@ -54,11 +55,11 @@ exit status: 0 good; 1 written, but positions outside the travel were left out, 
 
 def sphere(text: str) -> tuple[str, tuple[float, float, float]]:
     """ "P1=60,20,30" as a name and a place [mm], for argparse."""
-    name, _, place = text.partition("=")
+    name, _, where = text.partition("=")
     try:
-        if not name.strip() or not place:
+        if not name.strip() or not where:
             raise ValueError
-        x, y, z = (float(part) for part in place.split(","))
+        x, y, z = (finite(part) for part in where.split(","))
     except ValueError:
         raise argparse.ArgumentTypeError(
             f"'{text}' is no sphere; expected NAME=x,y,z in mm, such as P1=60,20,30"
@@ -92,16 +93,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--tool", metavar="x,y,z", type=tool_vector, action="append", help="tool vector, mm; repeatable"
     )
     parser.add_argument("--points", metavar="N[,N2]", type=counts, help="numbers of positions")
-    parser.add_argument("--u", metavar="U", type=float, help="standard uncertainty of a reading, mm; default 0.0005")
+    parser.add_argument(
+        "--u", metavar="U", type=number("mm", above=0.0), help="standard uncertainty of a reading, mm; default 0.0005"
+    )
     parser.add_argument(
         "--sensor-on", choices=("tool", "workpiece"), help="where the R-test's sensors sit; default tool"
     )
-    parser.add_argument("--centre", metavar="x,y,z", type=tool_vector, help="of the cone frustum's circle, mm")
-    parser.add_argument("--length", metavar="L", type=float, help="of the ball bar, mm; default 100")
-    parser.add_argument("--calibrated-u", metavar="U", type=float, help="of the bar's length, mm; default 0.0005")
-    parser.add_argument("--half-angle", metavar="DEG", type=float, help="of the cone, degrees; default 15")
-    parser.add_argument("--inclination", metavar="DEG", type=float, help="of the cone's axis, degrees; default 10")
-    parser.add_argument("--seed", type=int, metavar="N", help="of the positions of --test standard; default 0")
+    parser.add_argument("--centre", metavar="x,y,z", type=place, help="of the cone frustum's circle, mm")
+    parser.add_argument("--length", metavar="L", type=number("mm", above=0.0), help="of the ball bar, mm; default 100")
+    parser.add_argument(
+        "--calibrated-u", metavar="U", type=number("mm", above=0.0), help="of the bar's length, mm; default 0.0005"
+    )
+    parser.add_argument(
+        "--half-angle",
+        metavar="DEG",
+        type=number("degrees", least=0.0, most=90.0),
+        help="of the cone, degrees; default 15",
+    )
+    parser.add_argument(
+        "--inclination",
+        metavar="DEG",
+        type=number("degrees", least=-180.0, most=180.0),
+        help="of the cone's axis, degrees; default 10",
+    )
+    parser.add_argument("--seed", type=seed, metavar="N", help="of the positions of --test standard; default 0")
+    add_unusual(parser)
     add_output(parser, "PLAN.toml", "manifest; CSV and machine file stand beside it", required=True)
 
 

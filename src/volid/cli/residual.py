@@ -17,7 +17,6 @@ from volid.cli.common import (
     explain,
     print_json,
     print_verdict,
-    tool_vector,
     usable_solution,
     write_sheet,
 )
@@ -25,13 +24,14 @@ from volid.cli.compensation_options import (
     ByAxis,
     add_base,
     add_range,
-    assignments,
     base_from,
     in_frame,
+    limits,
     prepared,
     ranges_from,
     rule_from,
 )
+from volid.cli.numbers import add_unusual, count, number, seed, tool_vector
 from volid.cli.progress import Progress
 
 if TYPE_CHECKING:
@@ -77,14 +77,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--tool-error", metavar="x,y,z", type=tool_vector, default=(0.0, 0.0, 0.0), help="believed less true tool, mm"
     )
-    parser.add_argument("--points", metavar="N", type=int, help="nodes per axis of grids; default 21, rotary axes 37")
+    parser.add_argument(
+        "--points", metavar="N", type=count(2, 1_000_000), help="nodes per axis of grids; default 21, rotary axes 37"
+    )
     parser.add_argument(
         "--tables", action="store_true", help="types as tables of single functions where they have them"
     )
     add_range(parser, "nodes and points")
     _add_motion(parser)
     parser.add_argument("--figure", metavar="FILE", help="a figure, .png, .svg or .pdf (needs matplotlib)")
-    parser.add_argument("--seed", metavar="N", type=int, default=0, help="of points and draws")
+    parser.add_argument("--seed", metavar="N", type=seed, default=0, help="of points and draws")
+    add_unusual(parser)
     add_output(parser, "OUT.csv", "table of all numbers; the text goes to standard output anyway")
 
 
@@ -93,24 +96,38 @@ def _add_motion(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--increment",
         metavar="X=..",
-        type=assignments,
+        type=limits,
         action=ByAxis,
         help="least increments of the axes, mm or degrees",
     )
     parser.add_argument("--clamp", metavar="A,C", help="axes that stay clamped")
     parser.add_argument("--poles", choices=("limit", "keep out"), default="limit", help="near kinematic poles")
     parser.add_argument(
-        "--pole-margin", metavar="D", type=float, default=5.0, help="where that begins, degrees; default 5"
+        "--pole-margin",
+        metavar="D",
+        type=number("degrees", above=0.0, most=45.0),
+        default=5.0,
+        help="where that begins, degrees; default 5",
     )
     parser.add_argument(
-        "--limit", metavar="X=..", type=assignments, action=ByAxis, default={}, help="largest correction, mm or degrees"
+        "--limit", metavar="X=..", type=limits, action=ByAxis, default={}, help="largest correction, mm or degrees"
     )
     parser.add_argument(
-        "--speed-limit", metavar="X=..", type=assignments, action=ByAxis, default={}, help="largest speed, per minute"
+        "--speed-limit", metavar="X=..", type=limits, action=ByAxis, default={}, help="largest speed, per minute"
     )
-    parser.add_argument("--feed", metavar="F", type=float, default=LINEAR_FEED, help=f"mm/min; default {LINEAR_FEED:g}")
     parser.add_argument(
-        "--turn", metavar="F", type=float, default=ROTARY_FEED, help=f"degrees/min; default {ROTARY_FEED:g}"
+        "--feed",
+        metavar="F",
+        type=number("mm/min", above=0.0),
+        default=LINEAR_FEED,
+        help=f"mm/min; default {LINEAR_FEED:g}",
+    )
+    parser.add_argument(
+        "--turn",
+        metavar="F",
+        type=number("degrees/min", above=0.0),
+        default=ROTARY_FEED,
+        help=f"degrees/min; default {ROTARY_FEED:g}",
     )
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from volid.cli.common import HDF5, add_output, check_output, conclude, explain, print_json
+from volid.cli.numbers import add_unusual, seed
 from volid.cli.progress import Progress
 
 if TYPE_CHECKING:
@@ -44,7 +45,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--plan", metavar="PLAN.toml", required=True, help="what to measure, a manifest without readings"
     )
     parser.add_argument("--truth", metavar="TRUTH.h5", help="true errors, a truth or a solution; default: random")
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of everything random; default 0")
+    parser.add_argument("--seed", type=seed, default=0, metavar="N", help="of everything random; default 0")
+    add_unusual(parser)
     add_output(parser, "CAMPAIGN", "campaign: a file ending in .h5, or a folder for text", required=True)
 
 

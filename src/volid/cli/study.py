@@ -7,6 +7,7 @@ import shutil
 from typing import TYPE_CHECKING, Any
 
 from volid.cli.common import add_output, check_output, conclude, explain, input_files, print_json
+from volid.cli.numbers import add_unusual, count
 from volid.cli.progress import Progress
 
 if TYPE_CHECKING:
@@ -35,8 +36,8 @@ STUDY.toml:
   [[design]]
   name = "standard"
 
-exit status: 0 good; 1 written, but campaigns failed, which are named; 2 bad input;
-130 interrupted
+exit status: 0 good; 1 written, but campaigns failed, or determine nothing, which are named; 2 bad
+input; 130 interrupted
 """
 
 
@@ -44,9 +45,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
     explain(parser, _EPILOG)
     parser.add_argument("study", metavar="STUDY.toml", help="machines, designs, noise and seeds")
-    parser.add_argument("--workers", type=int, metavar="N", help="processes on this machine; default: one per core")
+    parser.add_argument(
+        "--workers", type=count(1, 10_000), metavar="N", help="processes on this machine; default: one per core"
+    )
     parser.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler, such as tcp://host:8786, instead")
     parser.add_argument("--resume", action="store_true", help="go on with an interrupted study")
+    add_unusual(parser)
     add_output(parser, "RESULTS.h5", "results; RESULTS.csv and RESULTS.summary.csv beside it", required=True)
 
 
@@ -65,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
         print_json({**_as_json(output, failed), "campaigns": len(records), "summary": found})
     else:
         print("\n".join([*_lines(found), f"\nwritten: {', '.join(map(str, output[:3]))}"]))
-    return conclude(args, _failures(failed))
+    return conclude(args, _failures(failed) + _open(records))
 
 
 def _carry_out(
@@ -111,12 +115,29 @@ def _lines(rows: list[dict[str, Any]]) -> list[str]:
     for r in rows:
         if r["quantity"] == FIELD:
             numbers = "".join(
-                f" {1e3 * r[name]:{w}.2f}" for name, w in (("bias", 6), ("spread", 7), ("rms", 6), ("u", 6))
+                f" {_number(1e3 * r[name], 2):>{w}}" for name, w in (("bias", 6), ("spread", 7), ("rms", 6), ("u", 6))
             )
             name = f"{r['machine']}, {r['design']}, noise {r['noise']:g}"
             counts = f"{r['campaigns']:9d} {r['failed']:7d} {r['rejected']:9d}"
-            lines.append(f"{name:<32} {counts}{numbers} {100.0 * r['coverage']:7.1f} %")
+            lines.append(f"{name:<32} {counts}{numbers} {_number(100.0 * r['coverage'], 1):>7} %")
     return lines
+
+
+def _number(value: float, digits: int) -> str:
+    """A number, or n.d. for one that no campaign determines."""
+    return "n.d." if value != value else f"{value:.{digits}f}"
+
+
+def _open(records: list[dict[str, Any]]) -> list[str]:
+    """Campaigns that were fitted but determine the deviation nowhere, in words."""
+    found = [r for r in records if not r["error"] and r["rms"] != r["rms"]]
+    designs = ", ".join(dict.fromkeys(r["design"] for r in found))
+    if not found:
+        return []
+    return [
+        f"{len(found)} of {len(records)} campaigns determine the deviation nowhere (design {designs}): bias, spread and coverage "
+        "are from the others. volid fit names what such a plan leaves open"
+    ]
 
 
 def _failures(failed: list[dict[str, Any]]) -> list[str]:

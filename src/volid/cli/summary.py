@@ -12,8 +12,8 @@ from volid.cli.common import (
     conclude,
     explain,
     print_json,
-    tool_vector,
 )
+from volid.cli.numbers import add_unusual, tool_vector
 from volid.cli.progress import Progress
 
 HELP = "what a solution says: verdict, squareness, volumetric accuracy, error functions"
@@ -36,6 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     explain(parser, _EPILOG)
     add_solution(parser)
     parser.add_argument("--tool", metavar="x,y,z", type=tool_vector, help="tool vector, mm; default: the most used one")
+    add_unusual(parser)
     add_output(parser, "SUMMARY.txt", "text file; default: standard output")
 
 
@@ -50,6 +51,8 @@ def run(args: argparse.Namespace) -> int:
         from volid.report.summary_text import format_summary
 
         solution = read_solution(args.solution)
+        if args.tool is not None:
+            solution.ask(args.tool)
         progress("evaluating the working volume")
         data = summary_data(solution, args.tool)
     text = format_summary(data)

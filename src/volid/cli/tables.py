@@ -27,6 +27,7 @@ from volid.cli.compensation_options import (
     ranges_from,
     sampling_of,
 )
+from volid.cli.numbers import add_unusual
 from volid.cli.progress import Progress
 
 if TYPE_CHECKING:
@@ -83,6 +84,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_rounding(parser, "tables of an axis (default: --at)")
     parser.add_argument("--add-to", metavar="OLD", help="existing table or folder of tables to superimpose on")
     add_range(parser, "points")
+    add_unusual(parser)
     add_output(parser, "DIR", "folder for the tables", required=True)
 
 

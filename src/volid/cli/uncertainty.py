@@ -15,9 +15,9 @@ from volid.cli.common import (
     conclude,
     explain,
     print_json,
-    tool_vector,
     usable_solution,
 )
+from volid.cli.numbers import add_unusual, count, seed, tool_vector
 from volid.cli.progress import Progress
 
 if TYPE_CHECKING:
@@ -47,14 +47,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     explain(parser, _EPILOG)
     add_solution(parser)
     number = parser.add_mutually_exclusive_group()
-    number.add_argument("--trials", metavar="N", type=int, help="refits; default 10000")
-    number.add_argument("--digits", metavar="D", type=int, help="significant digits of u to be reached, 1 to 4")
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the trials; default 0")
+    number.add_argument("--trials", metavar="N", type=count(20, 10**15), help="refits; default 10000")
+    number.add_argument("--digits", metavar="D", type=count(1, 4), help="significant digits of u to be reached, 1 to 4")
+    parser.add_argument("--seed", type=seed, default=0, metavar="N", help="of the trials; default 0")
     parser.add_argument("--resume", action="store_true", help="go on with an interrupted run")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler, such as tcp://host:8786")
     parser.add_argument(
         "--tool", metavar="x,y,z", type=tool_vector, help="mm, for the working volume; default: the most used one"
     )
+    add_unusual(parser)
     add_output(parser, "SOLUTION2.h5", "solution with samples")
 
 
@@ -101,7 +102,10 @@ def _sampled(args: argparse.Namespace, progress: Progress) -> Solution:
     from volid.io.solutions import read_solution
 
     folder = Path(f"{args.output}.trials") if args.output else None
-    solution = usable_solution(args.solution).monte_carlo(
+    solution = usable_solution(args.solution)
+    if args.tool is not None:
+        solution.ask(args.tool)
+    solution = solution.monte_carlo(
         args.trials,
         digits=args.digits,
         seed=args.seed,

@@ -15,6 +15,7 @@ from volid.model.jacobian import influence
 from volid.model.kinematics import ROWS
 from volid.model.linear_maps import error_value_rows
 from volid.model.machine import Axis
+from volid.model.requests import ask_metres, ask_place, checked_number, checked_vectors
 
 CHUNK = 256  # places at a time
 
@@ -53,7 +54,8 @@ def base_of(
         functions: ISO 230-1 symbols that L-SPEC and R-SPEC use.
 
     Raises:
-        InputError: the machine does not have an axis, a position lies outside its travel, or the model lacks a function.
+        InputError: the machine does not have an axis, a position lies outside its travel, the model lacks a function, or numbers
+            look like another unit than mm (see `volid.accept_unusual`).
 
     Source: ISO/TR 16907 10.
 
@@ -63,6 +65,7 @@ def base_of(
     >>> base.at[solution.machine.index("A")].item(), base.tool.tolist()
     (10.0, [0.0, 0.0, -150.0])
     """
+    _ask(solution, tool, at or {}, elevation)
     machine, origin = solution.machine, dict(solution.datum.reference)
     full = np.array([origin.get(a.letter, a.reference) if a.is_linear else 0.0 for a in machine.axes])
     for letter, value in (at or {}).items():
@@ -74,6 +77,14 @@ def base_of(
     if wrong:
         raise InputError(f"`functions={', '.join(wrong)}`: not in the model; it has {', '.join(solution.model.names)}")
     return Base(full, np.asarray(tool, dtype=float), float(elevation), tuple(functions))
+
+
+def _ask(solution: Solution, tool: Sequence[float], at: Mapping[str, float], elevation: float) -> None:
+    """Raises `InputError` for what is no tool vector, position or height, or looks like another unit than mm."""
+    machine = solution.campaign.machine
+    solution.ask(checked_vectors("tool", tool)[0])
+    ask_metres(machine, at, "`at`")
+    ask_place(machine, "elevation", (0.0, 0.0, checked_number("elevation", elevation)))
 
 
 def condensed(solution: Solution, base: Base) -> tuple[Solution, Base]:

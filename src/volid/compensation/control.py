@@ -22,6 +22,7 @@ from volid.model.iso230 import SPINDLE, parse
 from volid.model.jacobian import axis_directions, influence
 from volid.model.kinematics import ROWS, nominal_point, side_rotation
 from volid.model.machine import Machine
+from volid.model.requests import ask_increments
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -79,9 +80,7 @@ class Control:
     def __post_init__(self) -> None:
         for letter in (*self.increment, *self.clamped):
             self.machine.index(letter)
-        for letter, value in self.increment.items():
-            if not value > 0:
-                raise InputError(f"`increment={letter}={value:g}`; expected a number > 0")
+        ask_increments((f"increment={a}", self.machine.axis(a).is_linear, v) for a, v in self.increment.items())
         for table in self.tables:
             if table.axis != SPINDLE:
                 self.machine.index(table.axis)

@@ -10,6 +10,7 @@ import numpy as np
 from volid.compensation.control import Control
 from volid.exceptions import InputError
 from volid.model.machine import Machine
+from volid.model.requests import checked_number
 
 
 class Motion(NamedTuple):
@@ -43,6 +44,8 @@ def check_motion(
     machine: Machine, motion: Motion, speed: np.ndarray, motions: Mapping[str, float], speeds: Mapping[str, float]
 ) -> None:
     """Raises `InputError` when an axis is asked for more than `motions` [mm, °] or `speeds` [mm/min, °/min] allow."""
+    for letter, limit in (*motions.items(), *speeds.items()):
+        checked_number(f"limit={letter}", limit, above=0.0)
     for name, found, limits, unit in (("moves", motion.largest, motions, ""), ("speed", speed, speeds, "/min")):
         for letter, limit in limits.items():
             i = machine.index(letter)

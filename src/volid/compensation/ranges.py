@@ -18,6 +18,7 @@ from volid.exceptions import InputError
 from volid.fitting.solution import Solution
 from volid.model.iso230 import LINEAR_AXES, SPINDLE
 from volid.model.machine import Axis
+from volid.model.requests import ask_metres
 
 CONSENT = "Measure there, or write extrapolated values, flagged outside = 1, with `extrapolate`"
 Ranges = Mapping[str, tuple[float, float]]
@@ -43,6 +44,7 @@ def chosen_ranges(
                 f"`ranges={letter}={low:g}:{high:g}`; expected a range that rises within the travel "
                 f"{axis.travel[0]:g} … {axis.travel[1]:g} {axis.unit}"
             )
+        ask_metres(solution.campaign.machine, {letter: (low, high)}, "`ranges`")
         found[letter] = (low, high)
         beyond = "" if extrapolate else _beyond(solution, letter, (low, high))
         if beyond:

@@ -60,6 +60,7 @@ def best_rigid(solution: Solution, tools: Float[np.ndarray, "k 3"]) -> tuple[Sol
     >>> remaining.rms < 1e-6 * remaining.rms_before  # its functions depend on one axis each: nothing remains
     True
     """
+    solution.ask(tools, name="tools")
     machine = solution.machine
     settings = {n: replace(s, over=None, segments=_own_segments(s)) for n, s in machine.model.functions.items()}
     plain = replace(machine, model=ModelSettings(machine.model.degree, machine.model.segments, settings))

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from volid.compensation.grids.grid import AnyGrid
-from volid.exceptions import InputError
+from volid.model.requests import ask_increments
 
 
 def round_to(values: np.ndarray, least: float | None) -> np.ndarray:
@@ -21,6 +21,8 @@ def rounded_grid(grid: AnyGrid, increment: float | None, angle_increment: float 
     None keeps all digits. Values are absolute, so that rounding errors do not add up. Raises `InputError` for an increment that
     is not positive.
     """
+    degrees = None if angle_increment is None else float(np.rad2deg(angle_increment))
+    ask_increments((("increment", True, increment), ("angle_increment", False, degrees)))
     notes, values = list(grid.notes), grid.values.copy()
     for columns, least, scale, unit in (
         (slice(0, 3), increment, 1.0, "mm"),
@@ -28,8 +30,6 @@ def rounded_grid(grid: AnyGrid, increment: float | None, angle_increment: float 
     ):
         if least is None:
             continue
-        if not least > 0:
-            raise InputError(f"least increment {scale * least:g} {unit}; expected a number > 0")
         values[:, columns] = round_to(grid.values[:, columns], least)
         loss = np.nanmax(np.abs(values[:, columns] - grid.values[:, columns]), initial=0.0)
         notes.append(

@@ -6,13 +6,14 @@ Two datums describe one deviation field up to a rigid motion of the workpiece fr
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
 
 from volid.exceptions import InputError
 from volid.fitting.diagnosis.identifiability import UNIT, parameter_units, undetermined_directions
 from volid.fitting.prediction.deviations import gradient_matrix
 from volid.model.error_model import LOCATION, ErrorModel
-from volid.model.iso230 import LINEAR_AXES
 from volid.model.jacobian import rigid_motion_rows, tool_rotation_rows
 from volid.model.machine import Datum, Machine
 from volid.model.rigid_fields import column_space, without
@@ -49,14 +50,23 @@ def parse_datum(machine: Machine, text: str) -> Datum:
             values[key] = value
         else:
             raise InputError(f"datum: unknown key '{key}'; expected primary, secondary, line or reference_X, _Y, _Z")
-    for key in ("primary", "secondary"):
-        if values[key] not in machine.letters or values[key] not in LINEAR_AXES:
-            raise InputError(f"datum: {key} = '{values[key]}' is no linear axis of this machine {machine.letters}")
-    if values["primary"] == values["secondary"]:
-        raise InputError(f"datum: primary and secondary axis are both {values['primary']}; they must differ")
+    _check_axes(machine, values["primary"], values["secondary"], seen)
     if values["line"] not in ("least_squares", "end_point"):
         raise InputError(f"datum: line = '{values['line']}'; expected least_squares or end_point")
     return Datum(values["primary"], values["secondary"], values["line"], tuple(sorted(reference.items())))
+
+
+def _check_axes(machine: Machine, primary: str, secondary: str, stated: Collection[str]) -> None:
+    """Raises `InputError` for a primary or secondary axis that is none; a machine with fewer linear axes has none to state."""
+    linear = [axis.letter for axis in machine.linear]
+    known = f"this machine has one linear axis, {linear[0]}" if linear else "this machine has no linear axis"
+    for key, letter, needed in (("primary", primary, 1), ("secondary", secondary, 2)):
+        if key in stated and len(linear) < needed:
+            raise InputError(f"datum: {key} = '{letter}': {known}; leave {key} out")
+        if letter not in linear and len(linear) >= needed:
+            raise InputError(f"datum: {key} = '{letter}' is no linear axis of this machine; it has {', '.join(linear)}")
+    if primary and primary == secondary:
+        raise InputError(f"datum: primary and secondary axis are both {primary}; they must differ")
 
 
 def _number(key: str, value: str) -> float:

@@ -24,6 +24,7 @@ from volid.fitting.results import read_only
 from volid.fitting.smoothness.processes import processes_of, rows_of
 from volid.model.datum_constraints import Reach, range_of
 from volid.model.error_model import ErrorModel, Function, build_model
+from volid.model.requests import ask_positions
 from volid.model.splines import Spline, design_matrix, segments_within
 
 if TYPE_CHECKING:
@@ -43,6 +44,7 @@ def extrapolated(solution: Solution, ranges: Reach | None = None) -> Solution:
     reach = full if ranges is None else dict(ranges)
     for letter, (low, high) in reach.items():
         axis = solution.machine.axis(letter)
+        ask_positions(solution.campaign.machine, {letter: (low, high)}, "extrapolated, `ranges`")
         if not low < high:
             raise InputError(f"extrapolated: range {low:g} … {high:g} of axis {letter}; expected one that rises")
         reach[letter] = (min(low, axis.travel[0]), max(high, axis.travel[1]))

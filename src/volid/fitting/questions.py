@@ -258,6 +258,6 @@ def _small_u(solution: Solution) -> Iterator[str]:
             u, readings = s.u[part.rows], s.readings[part.rows]
             if part.unit == MM and readings.any() and np.median(u) < LEAST_U:
                 yield (
-                    f"set '{s.name}': u is {1e6 * np.median(u):.2g} nm, which no such instrument has; is it in metres, where mm is "
-                    "expected? Functions follow the noise of readings whose u is too small"
+                    f"set '{s.name}': u is {1e6 * np.median(u):.2g} nm, which no such instrument has; is it in metres, where mm "
+                    "is expected? Functions follow the noise of readings whose u is too small"
                 )

@@ -29,6 +29,7 @@ from volid.model.iso230 import parse
 from volid.model.kinematics import chain_of, deviation
 from volid.model.linear_maps import function_rows
 from volid.model.machine import Datum, Machine
+from volid.model.requests import ask_positions, ask_tools, checked_columns
 from volid.observations.base import Nuisance
 from volid.observations.used_tool import most_used_tool
 
@@ -253,8 +254,12 @@ class Solution:
 
         Returns:
             `values` and `u`, shape (m, 6) [mm, rad]; `outside`, shape (m,), where nothing was measured; see `Deviations`.
+
+        Raises:
+            InputError: numbers that are not finite, or that look like another unit, as `ask` describes it.
         """
         positions = np.atleast_2d(np.asarray(positions, dtype=float))
+        self.ask(tool, positions)
         tool = np.broadcast_to(np.asarray(tool, dtype=float), (len(positions), 3))
         direction = np.zeros_like(positions) if direction is None else np.asarray(direction, dtype=float)
         values, u, found = known_deviations(
@@ -269,6 +274,23 @@ class Solution:
         inside = self.model.holds(positions)[:, None]
         values, u = np.where(inside, values, np.nan), np.where(inside, np.hypot(u, self.scatter_u()), np.nan)
         return Deviations(values, u, found.known & inside, self.outside(positions), found.rigid)
+
+    def ask(
+        self, tool: Float[ArrayLike, "*k 3"], positions: Float[ArrayLike, "m axes"] | None = None, name: str = "tool"
+    ) -> None:
+        """Raises `InputError` for tool vectors and positions that look like another unit than mm; see `volid.accept_unusual`.
+
+        Tool vectors that the campaign used are not asked about.
+
+        Args:
+            tool: Tool vectors, shape (..., 3) [mm].
+            positions: Axis positions, shape (m, n_axes), machine axis order [mm or degrees]; None: there are none.
+            name: Name of the parameter that the tool vectors come from.
+        """
+        ask_tools(self.campaign.machine, tool, self.campaign.tool_vectors, name)
+        if positions is not None:
+            columns = checked_columns(self.machine, positions)
+            ask_positions(self.campaign.machine, dict(zip(self.machine.letters, columns, strict=True)))
 
     def measured_range(self) -> Float[np.ndarray, "axes 2"]:
         """Lowest and highest measured position of every axis, those of an earlier solution included [mm or degrees]."""

@@ -38,6 +38,8 @@ Progress = Callable[[str], None]
 PESSIMISTIC, FREE = 0.5, 30  # unit weight below which, and degrees of freedom above which, u is estimated anew
 LARGER, SAME = 6, 0.02  # times that a larger u is tried, and relative change of it that is none
 
+NOT_FINITE = "infs or NaNs"  # SciPy's and NumPy's words for a matrix that has overflown
+
 
 class How(NamedTuple):
     """Solver and engine of a fit."""
@@ -93,10 +95,13 @@ def breakdown_named() -> Iterator[None]:
     """Also a decorator: raises `InputError` in place of a factorisation that fails, which no sound campaign causes."""
     try:
         yield
-    except np.linalg.LinAlgError as problem:
+    except ValueError as problem:  # of which `LinAlgError` is one
+        if not isinstance(problem, np.linalg.LinAlgError) and NOT_FINITE not in str(problem):
+            raise
         raise InputError(
-            f"the fit broke down ({problem}): readings, positions and travels contradict each other; check that positions, "
-            "travels, tool vectors, stations and readings are in mm, and that every axis column holds its own axis"
+            "the fit broke down: its equations have no solution that the digits of a computer can hold. Readings, positions and "
+            "travels contradict each other, or some u are many orders of magnitude below the others; check that positions, "
+            "travels, tool vectors, stations, readings and u are in mm, and that every axis column holds its own axis"
         ) from problem
 
 

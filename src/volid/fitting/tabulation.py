@@ -6,12 +6,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from volid.backend.even_points import every_step
+from volid.backend.consent import ask_memory, in_digits
+from volid.backend.even_points import every_step, number_of_steps
 from volid.fitting.prediction.spread import linear_uncertainty
 from volid.fitting.results import FunctionValue
 from volid.model.axis_lines import MACHINE, LineRow, line_row
 from volid.model.error_model import LOCATION
 from volid.model.iso230 import describe, parse
+from volid.model.requests import ask_step, checked_count
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -19,8 +21,13 @@ if TYPE_CHECKING:
     from volid.fitting.solution import Solution
 
 
+LARGEST = 10**12  # points per travel, far beyond any memory
+ROW, FLOAT = 1000.0, 24.0  # bytes of a row of the table, and of a parameter at a position while it is computed
+
+
 def functions(solution: Solution, step: float | None, points: int) -> list[FunctionValue]:
     """All functions: motions tabulated over the travels, and constants."""
+    _ask_size(solution, step, points)
     rows = []
     for name in solution.model.names:
         if (name, LOCATION) in solution.model.by_name:
@@ -28,6 +35,23 @@ def functions(solution: Solution, step: float | None, points: int) -> list[Funct
         else:
             rows += motion(solution, name, _positions(solution, name, step, points))
     return rows
+
+
+def _ask_size(solution: Solution, step: float | None, points: int) -> None:
+    """Raises `InputError` for a step longer than all travels, or for more positions than are taken without a question."""
+    checked_count("points", points, 2, LARGEST)
+    reach = {axis.letter: axis.travel for axis in solution.machine.axes}
+    if step is None:
+        numbers = dict.fromkeys(reach, float(points))
+    else:
+        ask_step(step, reach)
+        numbers = {a: number_of_steps(*ends, step) for a, ends in reach.items()}
+    longest = max(numbers, key=lambda a: numbers[a])
+    rows = sum(numbers[parse(n).axis] for n in solution.model.names if (n, LOCATION) not in solution.model.by_name)
+    asked = f"`points={points}`" if step is None else f"`step={step:g}`"
+    what = f"{asked}: {in_digits(numbers[longest])} positions of {longest}, {in_digits(rows)} rows in all"
+    needed = ROW * rows + FLOAT * numbers[longest] * solution.model.n_parameters
+    ask_memory(what, needed, "Take a larger step or fewer points")
 
 
 def _positions(solution: Solution, name: str, step: float | None, points: int) -> np.ndarray:

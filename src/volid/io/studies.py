@@ -36,6 +36,7 @@ from volid.model.machine import Machine
 from volid.study.campaigns import Design, Study, Truths
 
 FORMAT = "volid-study/1"
+MOST_SEEDS = 1_000_000
 _STANDARD = ("n_per_station", "seed")
 
 
@@ -128,7 +129,9 @@ def _noise(top: Table) -> tuple[float, ...]:
 
 def _seeds(top: Table) -> tuple[int, ...]:
     found = top.get("seeds", 20)
-    values = list(range(found)) if _is_integer(found) else found
+    values = list(range(min(found, MOST_SEEDS + 1))) if _is_integer(found) else found
+    if isinstance(values, list) and len(values) > MOST_SEEDS:
+        raise top.wrong("seeds", f"at most {MOST_SEEDS:,} seeds; a study is summarised from far fewer")
     good = isinstance(values, list) and values and all(_is_integer(v) and v >= 0 for v in values)
     if not good or len(set(values)) < len(values):
         raise top.wrong("seeds", "how many (a whole number >= 1), or a list of different whole numbers >= 0")

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import degrees
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +29,7 @@ from volid.fitting.solution import Solution
 from volid.io.functions_csv import OUTSIDE, Sheet
 from volid.io.record import COMPENSATION, ERROR, SIGN, closing_lines, values_lines
 from volid.model.iso230 import LINEAR_AXES, parse
+from volid.model.requests import ask_increments
 
 FORMAT = "volid-table/1"
 ABSOLUTE, INCREMENTAL = "absolute", "incremental"
@@ -62,10 +64,8 @@ class TableForm:
             raise InputError(f"`reversal={self.reversal}`: expected {', '.join(REVERSALS)}")
         if self.incremental and self.reversal == DIFFERENCE:
             raise InputError("`incremental` goes with `reversal=columns` or value, not with difference")
-        for name in ("increment", "angle_increment"):
-            value = getattr(self, name)
-            if value is not None and not value > 0:
-                raise InputError(f"`{name}={value:g}`: expected a number > 0")
+        angle = None if self.angle_increment is None else degrees(self.angle_increment)
+        ask_increments((("increment", True, self.increment), ("angle_increment", False, angle)))
 
     def least(self, table: ErrorTable) -> float | None:
         """Least increment of a table's values [mm or rad]."""

@@ -67,10 +67,13 @@ def describe_datum(machine: Machine, datum: Datum) -> str:
     """
     lines = {"least_squares": "least-squares reference lines", "end_point": "end-point reference lines"}[datum.line]
     at = {a.letter: f"{a.letter} = {reference_of(machine, datum, a.letter):g}" for a in machine.axes}
-    origin = ", ".join(at[a] for a in sorted(at) if a in LINEAR_AXES) + " mm"
+    axes = [f"{rank} axis {a}" for rank, a in (("primary", datum.primary), ("secondary", datum.secondary)) if a]
+    origin = ", ".join(at[a] for a in sorted(at) if a in LINEAR_AXES)
     rotary = ", ".join(f"{at[a]}°" for a in sorted(at) if a not in LINEAR_AXES)
-    means = f", angular positioning at {rotary}; other rotary error motions have zero mean" if rotary else ""
-    return f"primary axis {datum.primary}, secondary axis {datum.secondary}; zero at {origin}{means}; {lines}"
+    zero = [f"zero at {origin} mm"] if origin else []
+    zero += [f"angular positioning {'' if origin else 'zero '}at {rotary}"] if rotary else []
+    means = ["other rotary error motions have zero mean"] if rotary else []
+    return "; ".join([*([", ".join(axes)] if axes else []), *([", ".join(zero)] if zero else []), *means, lines])
 
 
 def motion_names(machine: Machine) -> tuple[str, ...]:

@@ -38,7 +38,7 @@ class WorkpieceMotion:
     ) -> None:
         self.rows, self.fitted = rigid_motion_rows(machine, positions, tool), fitted
         columns = self.rows[fitted, :3].reshape(-1, 6)
-        scale = np.linalg.norm(columns, axis=0)
+        scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)  # a rotation about the line that all points lie on
         smallest = np.finfo(float).eps * len(columns)
         self.inverse = np.linalg.pinv(columns / scale, rcond=smallest) / scale[:, None]
 

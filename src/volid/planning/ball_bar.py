@@ -14,6 +14,16 @@ import numpy as np
 from volid.campaign import Campaign, ObservationSet, Station
 from volid.exceptions import InputError
 from volid.model.machine import Machine
+from volid.model.requests import (
+    LARGEST,
+    ask_bar,
+    ask_place,
+    ask_plan,
+    ask_tools,
+    ask_uncertainty,
+    checked_count,
+    checked_number,
+)
 from volid.planning.following import follow, one_turn, rotary_axes, with_rotary, within_travel
 from volid.planning.places import reachable
 
@@ -87,6 +97,7 @@ def _plan(machine: Machine, test: _Test) -> Campaign:
         raise InputError(f"machine '{machine.name}' needs two rotary axes for a cone frustum")
     from scipy.spatial.transform import Rotation  # slow to import, and few need it
 
+    _ask(machine, test)
     alpha, turn = np.deg2rad(test.half_angle), 2.0 * np.pi * np.arange(test.n) / max(test.n - 1, 1)
     tilt = Rotation.from_euler("y", test.inclination, degrees=True)
     radial = tilt.apply(np.stack([np.cos(turn), np.sin(turn), np.zeros(test.n)], axis=1))
@@ -102,6 +113,22 @@ def _plan(machine: Machine, test: _Test) -> Campaign:
     ball = Station("ball", position=(x, y, z))
     sets = (_readings(test, kept.positions),)
     return Campaign(machine, (ball,), sets, "Cone frustum", warnings=kept.warnings, source="cone frustum plan")
+
+
+def _ask(machine: Machine, test: _Test) -> None:
+    """Raises `InputError` for what is none, or looks like another unit than mm."""
+    ask_tools(machine, test.tool)
+    if test.centre is not None:
+        ask_place(machine, "centre", test.centre)
+    ask_bar(machine, test.length)
+    ask_uncertainty("u", test.u)
+    checked_number("calibrated_u", test.calibrated_u, least=0.0)
+    if test.calibrated_u:
+        ask_uncertainty("calibrated_u", test.calibrated_u)
+    checked_number("half_angle", test.half_angle)
+    checked_number("inclination", test.inclination)
+    checked_count("n", test.n, 2, LARGEST)
+    ask_plan("cone frustum", test.n)
 
 
 def _readings(test: _Test, positions: np.ndarray) -> ObservationSet:

@@ -7,12 +7,14 @@ evaluation are not part of a plan. Weikert, R-test, CIRP Annals 53 (2004) 429; B
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from volid.campaign import Campaign, ObservationSet
 from volid.exceptions import InputError
 from volid.model.machine import Axis, Machine
+from volid.model.requests import LARGEST, ask_place, ask_plan, ask_tools, ask_uncertainty, checked_count
 from volid.observations.displacement import RANGE
 from volid.planning.following import follow, one_turn, rotary_axes, with_rotary, within_travel
 from volid.planning.places import Places, spheres_and_tools
@@ -63,6 +65,8 @@ def rtest_static_grid(
     axes = rotary_axes(machine)
     if len(axes) > 2:
         raise InputError(f"machine '{machine.name}' has {len(axes)} rotary axes; expected one or two for a grid")
+    _ask(machine, spheres, tools, u)
+    ask_plan("static grid", n1 * (n2 if len(axes) > 1 else 1))
     lines = [np.linspace(*one_turn(axis), _count(n, axis)) for axis, n in zip(axes, (n1, n2), strict=False)]
     pairs = [
         (a, b) for i, a in enumerate(lines[0]) for b in (lines[1][:: 1 - 2 * (i % 2)] if len(lines) > 1 else [0.0])
@@ -115,6 +119,9 @@ def iso10791_path(
         (74, 'R-test, BK2')
     """
     turning, standing = _axes_of(machine, test)
+    _ask(machine, None if sphere is None else {"P1": sphere}, tool, u)
+    checked_count("n", n, 2, LARGEST)
+    ask_plan(test, 2 * n)
     there = {axis.letter: np.linspace(*one_turn(axis), n) for axis in turning}
     angles = {letter: np.concatenate([q, q[::-1]]) for letter, q in there.items()}
     positions = with_rotary(machine, **{**{axis.letter: np.zeros(2 * n) for axis in standing}, **angles})
@@ -124,6 +131,15 @@ def iso10791_path(
     spheres = None if sphere is None else {"P1": sphere}
     places = spheres_and_tools(machine, positions, spheres, tool, n=1)
     return _plan(machine, positions, way, test, places, sensor_on, u)
+
+
+def _ask(machine: Machine, spheres: Any, tools: Any, u: float) -> None:
+    """Raises `InputError` for places, tool vectors or a u that are none, or look like another unit than mm."""
+    for place in (spheres or {}).values():
+        ask_place(machine, "sphere", place, near=False)
+    if tools is not None:
+        ask_tools(machine, tools)
+    ask_uncertainty("u", u)
 
 
 def _axes_of(machine: Machine, test: str) -> tuple[list[Axis], list[Axis]]:

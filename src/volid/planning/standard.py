@@ -7,6 +7,7 @@ from scipy.stats import qmc
 
 from volid.campaign import Campaign, ObservationSet, Station
 from volid.model.machine import Machine
+from volid.model.requests import LARGEST, ask_plan, checked_count
 
 TOOLS = ((0.0, 0.0, -150.0), (80.0, 0.0, -250.0), (0.0, 90.0, -200.0))  # mm, not on one line
 # In travels from the lower ends: around the volume, at many heights
@@ -37,12 +38,16 @@ def standard_plan(machine: Machine, n_per_station: int = 400, seed: int = 0) -> 
     Returns:
         A campaign with one `distance` set without readings; u as of a tracking interferometer, 0.3 µm + 0.3 µm/m.
 
+    Raises:
+        InputError: the number of distances or the seed is none, or so large that the plan needs more than two gigabytes.
+
     Example:
         >>> from volid.io import read_machine
         >>> plan = standard_plan(read_machine("models/wYXbZt_vertical.toml"), n_per_station=100)
         >>> plan.n_readings, len(plan.stations)
         (600, 6)
     """
+    ask_rows(n_per_station, seed)
     sampler = qmc.Halton(len(machine.axes), seed=seed)
     unit = np.clip(sampler.random(n_per_station * len(STATIONS)) * 1.1 - 0.05, 0.0, 1.0)
     low = np.array([axis.travel[0] for axis in machine.axes])
@@ -67,6 +72,13 @@ def standard_plan(machine: Machine, n_per_station: int = 400, seed: int = 0) -> 
     )
     stations = tuple(Station(n, position=_place(machine, f)) for n, f in zip(names, STATIONS, strict=True))
     return Campaign(machine, stations, (readings,), title="Standard plan", source="standard plan")
+
+
+def ask_rows(n_per_station: int, seed: int) -> None:
+    """Raises `InputError` for a number of distances, or a seed, that makes no plan, or one beyond memory."""
+    checked_count("n_per_station", n_per_station, 1, LARGEST)
+    checked_count("seed", seed, 0, LARGEST)
+    ask_plan("standard plan", len(STATIONS) * n_per_station)
 
 
 def _place(machine: Machine, fraction: tuple[float, float, float]) -> tuple[float, float, float]:

@@ -14,13 +14,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from volid.backend.cluster import cluster, gather
+from volid.backend.consent import ask_memory
 from volid.backend.processes import Died, cores, in_processes, single_threaded_environment
 from volid.campaign import Campaign, ObservationSet
 from volid.exceptions import InputError, VolidError
 from volid.fitting.fit import fit
 from volid.model.machine import Machine
 from volid.observations import KINDS
-from volid.planning.standard import standard_plan
+from volid.planning.standard import ask_rows, standard_plan
 from volid.study.summary import FIELD, mean_of, rms_of
 from volid.virtual.comparison import Comparison, compare, covered
 from volid.virtual.random_truth import random_truth
@@ -50,6 +51,7 @@ COLUMNS: dict[str, tuple[type, str]] = {
     "error": (str, ""),
 }
 _EMPTY = {str: "", int: 0, float: float("nan"), bool: False}
+RECORD = 4e4  # bytes of a campaign's record
 DIED = "its process died twice; was there enough memory?"
 
 
@@ -61,6 +63,10 @@ class Design:
     plan: Campaign | None = None
     n_per_station: int = 400
     seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.plan is None:
+            ask_rows(self.n_per_station, self.seed)
 
     def on(self, machine: Machine) -> Campaign:
         """The plan for `machine`. Raises `InputError` when a given plan has other axes."""
@@ -122,6 +128,10 @@ class Study:
     segments: int | str | None = None
     truths: Truths = SEEDED
     source: str = "study"
+
+    def __post_init__(self) -> None:
+        n = len(self.machines) * len(self.designs) * len(self.noise) * len(self.seeds)
+        ask_memory(f"{self.source}: {n:,} campaigns", RECORD * n, "Take fewer seeds, designs or factors on the noise")
 
     @property
     def tasks(self) -> tuple[Task, ...]:

@@ -61,6 +61,8 @@ def headline_outputs(solution: Solution, tool: np.ndarray | None = None) -> Outp
     Location errors are those of the axis average lines; a carried axis has them relative to its carrier too, as EX(0A)C. What the
     data do not determine is left out. `tool`: (3,) [mm], the first set's first one by default.
     """
+    if tool is not None:
+        solution.ask(tool)
     names, units, positions, scatter, rows = [], [], [], [], []
     for name, symbol, at, values in _linear(solution):
         kept = ~solution.is_not_determined(values) & (name not in solution.held_tool_rotation)

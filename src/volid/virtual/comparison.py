@@ -110,6 +110,8 @@ def _field(solution: Solution, truth: Truth) -> tuple[np.ndarray, np.ndarray]:
     if not solution.fully_determined:
         known = np.all(solution.evaluate(positions, tool).determined[:, :3], axis=1)
     difference, u = np.full((2, POINTS, 3), np.nan)
+    if not known.any():
+        return difference, u
     basis = gauge_basis(solution, positions[known], tool[known])
     if 3 * known.sum() <= basis.shape[1]:
         return difference, u

@@ -19,6 +19,7 @@ from volid.fitting.equations.engine import Engine
 from volid.fitting.equations.sensitivities import sensitivities_of
 from volid.model.kinematics import chain_of
 from volid.model.machine import Machine
+from volid.model.requests import ask_positions, ask_tools
 from volid.observations import KINDS
 from volid.observations.base import Nuisance, NuisanceTable
 from volid.planning.standard import standard_plan
@@ -58,7 +59,8 @@ def simulate(
         The campaign with readings, and the truth with `stations` and `instruments` filled in.
 
     Raises:
-        InputError: the axes differ, a station has no position, or the u of a set cannot be known.
+        InputError: the axes differ, a station has no position, the u of a set cannot be known, or tool vectors or positions look
+            like another unit than mm (see `volid.accept_unusual`).
 
     Example:
         >>> from volid.io import read_machine
@@ -70,6 +72,7 @@ def simulate(
     plan = standard_plan(plan) if isinstance(plan, Machine) else plan
     truth = random_truth(plan.machine, seed) if truth is None else truth
     plan = on_machine(plan, truth.machine)
+    _ask(plan)
     real = replace(plan, stations=tuple(_true_station(s, truth, plan) for s in plan.stations))
     engine = engine_for_readings(plan)
     drawn = _draw_instruments(engine, real, truth, seed)
@@ -83,6 +86,14 @@ def simulate(
     stations = {s.name: s.position for s in real.stations if s.position is not None}
     instruments = {**truth.instruments, **drawn.recorded()}
     return campaign, replace(truth, stations={**truth.stations, **stations}, instruments=instruments)
+
+
+def _ask(plan: Campaign) -> None:
+    """Raises `InputError` for a plan whose tool vectors or positions look like another unit than mm."""
+    for planned in plan.sets:
+        ask_tools(plan.machine, planned.tool, name=f"{planned.file_and_set}: tool")
+        columns = dict(zip(plan.machine.letters, planned.positions.T, strict=True))
+        ask_positions(plan.machine, columns, f"{planned.file_and_set}, positions")
 
 
 class _Drawn(NamedTuple):

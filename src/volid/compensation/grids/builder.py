@@ -24,6 +24,7 @@ from volid.compensation.grids.sides import LINEAR, axes_of, rotary_sides
 from volid.exceptions import InputError
 from volid.fitting.solution import Solution
 from volid.model.error_functions import describe_datum
+from volid.model.requests import ask_metres, ask_place
 
 
 def build_grids(solution: Solution, request: GridRequest) -> tuple[AnyGrid, ...]:
@@ -32,6 +33,7 @@ def build_grids(solution: Solution, request: GridRequest) -> tuple[AnyGrid, ...]
     A type that turns rotary axes brings the FOR grids of the other axes with it. Raises `InputError` for a `zero` that is no
     place of linear axes and for numbers that make no grid, `NotDeterminedError` when the data do not determine the translations.
     """
+    _ask(solution, request)
     t, grids = request.type, []
     if t.is_linear or t.turns:
         grids.append(build_grid(solution, request if t.is_linear else request.for_orientation(), LINEAR))
@@ -39,6 +41,14 @@ def build_grids(solution: Solution, request: GridRequest) -> tuple[AnyGrid, ...]
         rotary_request = replace(request, zero=None) if t.is_rotary else request.for_orientation()
         grids += [build_grid(solution, rotary_request, side) for side in rotary_sides(solution.machine)]
     return tuple(grids)
+
+
+def _ask(solution: Solution, request: GridRequest) -> None:
+    """Raises `InputError` for a place or positions that are none, or look like another unit than mm."""
+    machine = solution.campaign.machine
+    if request.reference_point is not None:
+        ask_place(machine, "reference_point", request.reference_point)
+    ask_metres(machine, request.zero or {}, "`zero`")
 
 
 def build_grid(solution: Solution, request: GridRequest, side: str) -> AnyGrid:

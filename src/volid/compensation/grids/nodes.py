@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from volid.backend.even_points import every_step
+from volid.backend.consent import ask_memory, in_bytes, in_digits
+from volid.backend.even_points import every_step, number_of_steps
 from volid.compensation.grids.evaluation import evaluate, field_values
 from volid.compensation.grids.grid import AnyGrid
 from volid.compensation.grids.interpolation import grid_positions
@@ -18,9 +19,10 @@ from volid.compensation.tables.sampling import choose_nodes
 from volid.exceptions import InputError
 from volid.fitting.solution import Solution
 from volid.model.machine import Machine
+from volid.model.requests import ask_positions, ask_step
 
 POINTS, ROTARY_POINTS = 21, 37  # per axis when nothing is asked for
-LARGEST = 2_000_000  # nodes of a grid
+MEMORY, FILE = 1000.0, 220.0  # bytes of a node while a grid is computed, and in a CSV file
 MOST = 20_000  # points at which the interpolation of a grid is looked at
 LINES = 401  # dense points of a line on which the number of nodes is decided
 
@@ -28,30 +30,52 @@ LINES = 401  # dense points of a line on which the number of nodes is decided
 def grid_nodes(solution: Solution, request: GridRequest, side: str) -> tuple[np.ndarray, ...]:
     """Nodes of every axis of a side's grid: as stated, by number or by step, or by `max_error`, which the axes share.
 
-    Raises `InputError` for numbers that make no grid, or one of more than two million nodes.
+    Raises `InputError` for numbers that make no grid, one of more than two million nodes, or nodes far outside the travels.
     """
     if request.points is not None and request.points < 2:
         raise InputError(f"grid: points = {request.points}; expected at least 2 per axis")
     reach = {a.letter: a.travel for a in solution.machine.axes} | dict(request.ranges or {})
     given = {a: np.asarray(n, dtype=float) for a, n in (request.nodes or {}).items()}
+    ask_positions(solution.campaign.machine, given, "`nodes`")
     axes = axes_of(solution.machine, side)
     if request.sampling.max_error is None:
-        found = {a: _even_nodes(request, side, reach[a]) for a in axes}
+        asked = _asked(request, side, {a: reach[a] for a in axes if a not in given})
+        _ask_size(request, [*asked, *(len(n) for n in given.values())])
+        found = {a: _even_nodes(request, side, reach[a]) for a in axes if a not in given}
     else:
         found = {a: _fewest_nodes(solution, request, side, a, reach) for a in axes if a not in given}
-    lines = tuple((found | given)[a] for a in axes)
-    size = int(np.prod([len(n) for n in lines]))
-    if size > LARGEST:
-        raise InputError(f"grid: {size} points asked for, more than {LARGEST}; take a larger step")
-    return lines
+        _ask_size(request, [len(n) for n in (found | given).values()])
+    return tuple((found | given)[a] for a in axes)
+
+
+def _asked(request: GridRequest, side: str, reach: Mapping[str, tuple[float, float]]) -> list[float]:
+    """How many nodes the axes are to have, before there are any. Raises `InputError` for a step longer than all of them."""
+    step = request.sampling.step
+    if step is None:
+        return [_number(request, side)] * len(reach)
+    ask_step(step, reach)
+    return [number_of_steps(*ends, step) for ends in reach.values()]
+
+
+def _ask_size(request: GridRequest, counts: Sequence[float]) -> None:
+    """Raises `InputError` for more nodes than are taken without a question, or than the computer can hold."""
+    size = float(np.prod(np.array(counts, dtype=float)))
+    each = " × ".join(map(in_digits, counts))
+    asked = "grid" if request.sampling.step is None else f"`step={request.sampling.step:g}`"
+    what = f"{asked}: {each} = {in_digits(size)} nodes, a file of about {in_bytes(FILE * size)}"
+    ask_memory(what, MEMORY * size, "Take a larger step or fewer points")
+
+
+def _number(request: GridRequest, side: str) -> int:
+    """Nodes of an axis that is divided evenly."""
+    return request.sampling.max_points or request.points or (POINTS if side == LINEAR else ROTARY_POINTS)
 
 
 def _even_nodes(request: GridRequest, side: str, reach: tuple[float, float]) -> np.ndarray:
     """Nodes of one axis by step or by number, between the ends of `reach`."""
     if request.sampling.step is not None:
         return every_step(*reach, request.sampling.step)
-    default = POINTS if side == LINEAR else ROTARY_POINTS
-    return np.linspace(*reach, request.sampling.max_points or request.points or default)
+    return np.linspace(*reach, _number(request, side))
 
 
 def _fewest_nodes(

@@ -34,6 +34,7 @@ from volid.compensation.tables.sampling import Sampling
 from volid.exceptions import NotDeterminedError
 from volid.fitting.prediction.largest import Places, whole_volume
 from volid.fitting.solution import Solution
+from volid.model.requests import SHORT, checked_vectors
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -131,6 +132,7 @@ def forecast(
     """
     request = CompensationRequest(base, tables, grids, points, form, rule, uncertainty=False, ranges=ranges)
     given = base.tool[None] if tools is None else np.atleast_2d(tools)
+    _ask(solution, given, tool_error)
     fields, notes = _fields(solution, places, given, every_tool)
     draws, source = parameter_draws(solution, seed)
     task = _Task(fields, draws, _Believed(control or {}, np.asarray(tool_error)), places is None)
@@ -139,6 +141,13 @@ def forecast(
     used = np.array([f.tool for f in fields])
     in_datum = np.array([volumetric_summary(solution, tuple(t)).before_max for t in used.tolist()])
     return Forecast(tuple(columns), used, len(draws), source, in_datum, (*notes, *_notes(solution, columns)))
+
+
+def _ask(solution: Solution, tools: np.ndarray, tool_error: Sequence[float]) -> None:
+    """Raises `InputError` for tool vectors that look like another unit than mm, or a wrong one far off the true one."""
+    solution.ask(tools, name="tools")
+    if np.linalg.norm(checked_vectors("tool_error", tool_error)) >= SHORT:  # shorter is what such an error usually is
+        solution.ask(tool_error, name="tool_error")
 
 
 def _fields(

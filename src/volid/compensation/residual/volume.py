@@ -60,6 +60,7 @@ def volumetric_summary(solution: Solution, tool: tuple[float, float, float]) -> 
     >>> found.accuracy.shape, found.before_at.shape, bool(found.before_rms < found.before_max)
     ((6,), (5,), True)
     """
+    solution.ask(tool)
     places = with_largest(solution, np.asarray(tool, dtype=float))
     found = values_at(solution, places, np.asarray(tool, dtype=float))
     size = np.linalg.norm(found[:, :3], axis=1)

@@ -28,9 +28,11 @@ from volid.model.error_functions import describe_datum
 from volid.model.iso230 import DIRECTIONS, SPINDLE, parse
 from volid.model.kinematics import ROWS
 from volid.model.machine import Axis, Machine
+from volid.model.requests import ask_metres, ask_step
 
 NEGLIGIBLE = 1e-9  # mm at the offset: a function that is nowhere larger needs no table
 MEAN_DIRECTION = 0.0
+FEW = 20  # positions at which a function that is 0 is looked at for whether the data determine it
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,8 +81,8 @@ def error_tables(
     for t in types:
         if TABLES not in t.forms:
             raise InputError(f"{t.name} has no tables of single functions; it is a grid")
-    for letter in zero or {}:
-        solution.machine.index(letter)
+    _check_zero(solution.campaign.machine, zero or {})
+    _ask_step(solution, types, sampling, ranges or {})
     solution = solution.without_waves()
     request = TableRequest(types, base, Sampling() if sampling is None else sampling, zero or {}, ranges or {})
     tables: list[ErrorTable] = []
@@ -89,6 +91,27 @@ def error_tables(
         if chosen:
             tables += _AxisTables(solution, axis, chosen, request).tables()
     return tuple(tables + _tool_frame(solution, request))
+
+
+def _check_zero(machine: Machine, zero: Mapping[str, float]) -> None:
+    """Raises `InputError` for positions beyond the travels, or in metres."""
+    ask_metres(machine, zero, "`zero`")
+    for letter, value in zero.items():
+        low, high = machine.axis(letter).travel
+        if not low <= value <= high:
+            raise InputError(f"`zero={letter}={value:g}` lies outside the travel; expected {low:g} … {high:g}")
+
+
+def _ask_step(
+    solution: Solution,
+    types: Sequence[CompensationType],
+    sampling: Sampling | None,
+    ranges: Mapping[str, tuple[float, float]],
+) -> None:
+    """Raises `InputError` for a step longer than the ranges of all axes that have tables."""
+    if sampling is not None and sampling.step is not None:
+        axes = [axis for axis in solution.machine.axes if _types_of(axis, types)]
+        ask_step(sampling.step, {a.letter: ranges.get(a.letter, a.travel) for a in axes})
 
 
 def _types_of(axis: Axis, types: Sequence[CompensationType]) -> list[CompensationType]:
@@ -122,12 +145,25 @@ class _AxisTables:
                 scale = arm if component >= 3 else 1.0
                 curves = np.stack([way[:, :, component] for way in ways])  # (ways, types, m)
                 active = [k for k in group if np.abs(scale * curves[:, k]).max() > NEGLIGIBLE]
+                self._require_known([self.chosen[k] for k in group if k not in active], component)
                 if active:
                     table = self._table(
                         [self.chosen[k] for k in active], component, curves[:, active].sum(axis=1).T, scale
                     )
                     tables.append(replace(table, applied=ITSELF if itself else MODEL))
         return tables
+
+    def _require_known(self, types: Sequence[CompensationType], component: int) -> None:
+        """A component without a table is nothing that the data leave open, which would stand at 0 as well.
+
+        Raises `NotDeterminedError`.
+        """
+        if not types or self.solution.fully_determined:
+            return
+        nodes = self.dense[:: max(len(self.dense) // FEW, 1)]
+        for way in (1.0, -1.0):
+            rows = self._rows(types, nodes, way, component)
+            _require_determined(self.solution, f"E{DIRECTIONS[component]}{self.axis.letter}", rows)
 
     def _values(self, solution: Solution, base: Base, way: float) -> np.ndarray:
         """Error values of each type along the axis approached in one direction, (types, m, 6)."""

@@ -10,8 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from volid.backend.even_points import every_step
+from volid.backend.even_points import every_step, number_of_steps
 from volid.exceptions import InputError
+from volid.model.requests import ask_bound, checked_number
 
 POINTS = 21  # of a table when nothing is asked for
 DENSE = 601  # points of the dense sampling: its own interpolation is good to (POINTS / DENSE)² of that of a table
@@ -41,8 +42,10 @@ class Sampling:
             raise InputError("`step` stands alone; take it, or `max_points` and `max_error`")
         for name in ("step", "max_error", "offset"):
             value = getattr(self, name)
-            if value is not None and not value > 0:
-                raise InputError(f"`{name}={value:g}`: expected a distance > 0")
+            if value is not None:
+                checked_number(name, value, above=0.0)
+        if self.max_error is not None:
+            ask_bound("max_error", self.max_error)
         if self.max_points is not None and not 2 <= self.max_points <= LARGEST:
             raise InputError(f"`max_points={self.max_points}`: expected 2 … {LARGEST}")
         if self.spacing not in (EQUAL, FREE):
@@ -52,8 +55,11 @@ class Sampling:
 def stepped(travel: tuple[float, float], step: float) -> np.ndarray:
     """Every `step` from the lower end, and the upper end."""
     low, high = travel
-    if (high - low) / step > LARGEST:
-        raise InputError(f"`step={step:g}`: more than {LARGEST} points over {low:g} … {high:g}; take a larger step")
+    found = number_of_steps(low, high, step)
+    if found > LARGEST:
+        raise InputError(
+            f"`step={step:g}`: {found:,.0f} points over {low:g} … {high:g}, more than {LARGEST} of a table; take a larger step"
+        )
     return every_step(low, high, step)
 
 

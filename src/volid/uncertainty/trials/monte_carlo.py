@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from volid.backend.consent import ask_memory
 from volid.backend.threads import one_blas_thread
 from volid.exceptions import InputError
 from volid.fitting.solution import Solution
@@ -33,6 +34,7 @@ from volid.uncertainty.trials.samples import Samples, TrialFolder
 TRIALS = 10_000  # JCGM 101 7.2: M = 10^6 often gives one or two digits; 10^4 suits costly models
 STAGE = 10_000  # trials between two looks at the numerical tolerance, JCGM 101 7.9.4
 STAGES = 100
+BYTES = 16.0  # of an unknown of a trial, while samples are read and put together
 FEWEST = 20  # 1/(1 - 0.95): fewer have no 95 % interval
 
 
@@ -106,6 +108,10 @@ def _check(solution: Solution, trials: int | None, digits: int | None, seed: int
         )
     if digits is not None and not 1 <= digits <= 4:
         raise InputError(f"Monte Carlo: {digits} significant digits; expected 1 to 4")
+    unknowns = solution.covariance.shape[0]
+    size = float(trials or 0) * unknowns * BYTES
+    what = f"Monte Carlo: {trials or 0:,} trials of {unknowns} unknowns, as many bytes in the file"
+    ask_memory(what, size, "Take fewer trials, such as 10,000, or state the `digits` that you need")
     check_refittable(solution, "Monte Carlo")
     if seed < 0:
         raise InputError(f"seed is {seed}; expected a whole number >= 0")
