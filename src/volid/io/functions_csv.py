@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
 
 import numpy as np
 
+from volid.backend.even_points import round_position
 from volid.exceptions import InputError
 from volid.fitting.results import Deviations, FunctionValue
 from volid.fitting.solution import Solution
@@ -85,7 +86,7 @@ def text_output(path: str | Path, overwrite: bool = False) -> Iterator[TextIO]:
 
 def read_points(path: str | Path, machine: Machine) -> Points:
     """Points to evaluate, from POINTS.csv. Raises `InputError` naming the column, or the row and what it holds."""
-    table = read_csv(path)
+    table = read_csv(path).renamed({}, (), str(path))
     table.only(_point_columns(machine))
     return _points(table, machine)
 
@@ -152,6 +153,11 @@ def _cell(value: Any, digits: int | None) -> str:
     if math.isnan(value):
         return ""
     return repr(value + 0.0) if digits is None else f"{round(value, digits) + 0.0:.{digits}f}"
+
+
+def round_place(position: float) -> float:
+    """One position [mm or degrees] as it is written; NaN for none stays NaN."""
+    return float(round_position(np.array(position)))
 
 
 def deviations_sheet(
@@ -225,6 +231,7 @@ def functions_sheet(
         "u": "standard uncertainty (k = 1); an empty cell is not determined by the data",
         "direction": "approach direction, +1 or -1; 0: both alike (mean)",
     }
+    rows = [row._replace(position=round_place(row.position)) for row in rows]
     if intervals is None:
         return Sheet(meaning | source_lines(solution, source), FUNCTION_COLUMNS, (tuple(row) for row in rows))
     ends = zip(*(column.tolist() for column in intervals), strict=True)
@@ -242,7 +249,8 @@ def budget_sheet(lines: Sequence[Line], solution: Solution, source: str | Path |
         "location errors": AXIS_LINE,
         "sensitivity": "contribution / u_source; an empty cell: the source has members of several u",
     }
-    return Sheet(meaning | source_lines(solution, source), BUDGET_COLUMNS, [tuple(line) for line in lines])
+    placed = (line._replace(position=round_place(line.position)) for line in lines)
+    return Sheet(meaning | source_lines(solution, source), BUDGET_COLUMNS, [tuple(line) for line in placed])
 
 
 def read_functions(path: str | Path) -> list[FunctionValue]:

@@ -20,6 +20,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from volid.backend.even_points import round_position
 from volid.compensation.grids.grid import IN_DEGREES, AnyGrid, Grid, RotaryGrid
 from volid.compensation.reversal import reversal_text
 from volid.fitting.solution import Solution
@@ -125,7 +126,7 @@ def grid_sheet(grid: AnyGrid, header: Mapping[str, str]) -> Sheet:
     values, u = _outward(grid, header["values"])
     ends = _interval_columns(grid, header["values"])
     columns = INTERVAL_COLUMNS if ends.shape[1] else ()
-    rows = zip(grid.positions, values, u, grid.outside.astype(int).tolist(), ends, strict=True)
+    rows = zip(round_position(grid.positions), values, u, grid.outside.astype(int).tolist(), ends, strict=True)
     return Sheet(
         header=header,
         columns=(*grid.axes, *COLUMNS, *U_COLUMNS, OUTSIDE, *columns),
@@ -148,7 +149,7 @@ def write_grid_hdf5(grid: AnyGrid, header: Mapping[str, str], path: str | Path, 
         for key, text in header.items():
             file.attrs[key.replace(" ", "_")] = text
         unit = "degrees" if isinstance(grid, RotaryGrid) else "mm"
-        write_array(file, "positions", grid.positions, unit=unit).attrs["columns"] = list(grid.axes)
+        write_array(file, "positions", round_position(grid.positions), unit=unit).attrs["columns"] = list(grid.axes)
         for name, columns, block in zip(
             ("values", "u"), (COLUMNS, U_COLUMNS), _outward(grid, header["values"]), strict=True
         ):

@@ -20,6 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
+from volid.backend.even_points import round_position
 from volid.compensation.rounding import round_to
 from volid.compensation.tables.error_table import COLUMNS, DIFFERENCE, ITSELF, MODEL, VALUE, ErrorTable
 from volid.compensation.tables.meaning import meaning_of
@@ -143,7 +144,13 @@ def table_sheet(table: ErrorTable, form: TableForm, header: Mapping[str, str]) -
     digits = 12 if parse(table.function).is_rotation else 9
     u = table.u if values.shape[1] == 2 else table.u.max(axis=1, keepdims=True)
     names = (f"u_{c}" for c in columns[1:])
-    rows = zip(table.positions.tolist(), values.tolist(), u.tolist(), table.outside.astype(int).tolist(), strict=True)
+    rows = zip(
+        round_position(table.positions).tolist(),
+        values.tolist(),
+        u.tolist(),
+        table.outside.astype(int).tolist(),
+        strict=True,
+    )
     return Sheet(
         header=header,
         columns=(*columns, *names, OUTSIDE),

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from volid.backend.even_points import round_position
 from volid.exceptions import InputError
 from volid.model.iso230 import LINEAR_AXES
 from volid.model.kinematics import nominal_point, transform
@@ -102,7 +103,7 @@ def within_travel(machine: Machine, positions: np.ndarray, what: str) -> Followe
         raise InputError(f"{what}: no position lies within the travels: {found}; choose another place or tool vector")
     removed = len(positions) - len(rows)
     return Followed(
-        positions[rows],
+        round_position(positions[rows]),
         rows,
         (f"{what}: {removed} of {len(positions)} positions left out: {found}",) if removed else (),
     )

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from volid.backend.even_points import evenly
 from volid.campaign import Campaign, ObservationSet
 from volid.exceptions import InputError
 from volid.model.machine import Axis, Machine
@@ -63,7 +64,7 @@ def rtest_static_grid(
     axes = rotary_axes(machine)
     if len(axes) > 2:
         raise InputError(f"machine '{machine.name}' has {len(axes)} rotary axes; expected one or two for a grid")
-    lines = [np.linspace(*one_turn(axis), _count(n, axis)) for axis, n in zip(axes, (n1, n2), strict=False)]
+    lines = [evenly(*one_turn(axis), _count(n, axis)) for axis, n in zip(axes, (n1, n2), strict=False)]
     pairs = [
         (a, b) for i, a in enumerate(lines[0]) for b in (lines[1][:: 1 - 2 * (i % 2)] if len(lines) > 1 else [0.0])
     ]
@@ -115,7 +116,7 @@ def iso10791_path(
         (74, 'R-test, BK2')
     """
     turning, standing = _axes_of(machine, test)
-    there = {axis.letter: np.linspace(*one_turn(axis), n) for axis in turning}
+    there = {axis.letter: evenly(*one_turn(axis), n) for axis in turning}
     angles = {letter: np.concatenate([q, q[::-1]]) for letter, q in there.items()}
     positions = with_rotary(machine, **{**{axis.letter: np.zeros(2 * n) for axis in standing}, **angles})
     way = np.zeros_like(positions)

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from volid.backend.even_points import every_step
+from volid.backend.even_points import evenly, every_step
 from volid.compensation.grids.evaluation import evaluate, field_values
 from volid.compensation.grids.grid import AnyGrid
 from volid.compensation.grids.interpolation import grid_positions
@@ -51,7 +51,7 @@ def _even_nodes(request: GridRequest, side: str, reach: tuple[float, float]) -> 
     if request.sampling.step is not None:
         return every_step(*reach, request.sampling.step)
     default = POINTS if side == LINEAR else ROTARY_POINTS
-    return np.linspace(*reach, request.sampling.max_points or request.points or default)
+    return evenly(*reach, request.sampling.max_points or request.points or default)
 
 
 def _fewest_nodes(
