@@ -52,7 +52,8 @@ ends in .h5.
 A linear grid holds for one tool vector; with rotary axes, for a rotated one and the linear axes'
 errors only. A rotary grid (ISO/TR 16907 Table 3) holds at a reference point; the lever arm from it
 is stated. Several grids, whose effects add up, become OUT.linear.csv, OUT.table.csv, OUT.head.csv.
-FOR, L-VOL+ and R-VOL+ turn rotary axes by the rotations of their grids.
+FOR, L-VOL+ and R-VOL+ turn rotary axes by the rotations of their grids. --layout iso writes n, the
+positions, ΔX … ΔC and no more, in linear grids X running fastest, in rotary ones the last axis.
 
 example:
   volid grid solution.h5 --type L-VOL --step 50 --tool 0,0,-150 -o grid.csv
@@ -90,6 +91,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="95 %% coverage intervals of the values, from Monte Carlo samples; L-VOL, R-VOL",
     )
     parser.add_argument("--add-to", metavar="OLD", action="append", help="existing grid to superimpose on; repeat it")
+    parser.add_argument(
+        "--layout", choices=("volid", "iso"), default="volid", help="columns: volid's, or those of Tables 2 and 3; CSV"
+    )
     add_output(parser, "OUT", "grid, .csv or .h5; default: CSV on standard output")
 
 
@@ -242,7 +246,7 @@ def _write(grids: tuple[AnyGrid, ...], solution: Solution, args: argparse.Namesp
     if args.output and Path(args.output).suffix.lower() in HDF5:
         _write_hdf5(grids, headers, paths, args, key)
     else:
-        write_sheets([grid_sheet(g, h) for g, h in zip(grids, headers, strict=True)], paths, args, key)
+        write_sheets([grid_sheet(g, h, args.layout) for g, h in zip(grids, headers, strict=True)], paths, args, key)
     return paths
 
 

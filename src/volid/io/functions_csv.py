@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
 
 import numpy as np
 
-from volid.backend.even_points import round_position
+from volid.backend.even_points import DIGITS, round_position
 from volid.exceptions import InputError
 from volid.fitting.results import Deviations, FunctionValue
 from volid.fitting.solution import Solution
@@ -68,13 +68,15 @@ class Points(NamedTuple):
 class Sheet(NamedTuple):
     """A table before it is written: its record, column names, and rows of numbers and texts.
 
-    NaN stands for what the data do not determine. `digits`: decimal places of columns that are not to keep all digits.
+    NaN stands for what the data do not determine. `digits`: decimal places of columns that are not to keep all digits; `short`:
+    without zeros at their end.
     """
 
     header: Mapping[str, str]
     columns: tuple[str, ...]
     rows: Iterable[Sequence[Any]]
     digits: Mapping[str, int] = {}
+    short: bool = False
 
 
 @contextmanager
@@ -143,7 +145,8 @@ def write_csv(stream: TextIO, sheet: Sheet) -> None:
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(sheet.columns)
     digits = [sheet.digits.get(name) for name in sheet.columns]
-    writer.writerows([_cell(v, n) for v, n in zip(row, digits, strict=True)] for row in sheet.rows)
+    write = _short_cell if sheet.short else _cell
+    writer.writerows([write(v, n) for v, n in zip(row, digits, strict=True)] for row in sheet.rows)
 
 
 def _cell(value: Any, digits: int | None) -> str:
@@ -153,6 +156,11 @@ def _cell(value: Any, digits: int | None) -> str:
     if math.isnan(value):
         return ""
     return repr(value + 0.0) if digits is None else f"{round(value, digits) + 0.0:.{digits}f}"
+
+
+def _short_cell(value: Any, digits: int | None) -> str:
+    text = _cell(value, digits if digits is not None or not isinstance(value, float) else DIGITS)
+    return text.rstrip("0").rstrip(".") if isinstance(value, float) else text
 
 
 def round_place(position: float) -> float:

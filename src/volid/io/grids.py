@@ -34,6 +34,7 @@ from volid.io.functions_csv import (
     text_output,
     write_csv,
 )
+from volid.io.layouts import ISO, VOLID, check_layout
 from volid.io.record import COMPENSATION, ERROR, SIGN, closing_lines, values_lines
 from volid.model.iso230 import DIRECTIONS
 
@@ -121,8 +122,14 @@ def grid_paths(grids: Sequence[AnyGrid], path: str | Path) -> list[Path]:
     return [path.with_name(f"{path.stem}.{part}{path.suffix}") for part in parts]
 
 
-def grid_sheet(grid: AnyGrid, header: Mapping[str, str]) -> Sheet:
-    """The grid as a table, `header` from `grid_header`; in CSV, components keep 1e-9 mm and 1e-12 degrees."""
+def grid_sheet(grid: AnyGrid, header: Mapping[str, str], layout: str = VOLID) -> Sheet:
+    """The grid as a table, `header` from `grid_header`; in CSV, components keep 1e-9 mm and 1e-12 degrees.
+
+    `layout`: "volid", or "iso" for the columns and the order of ISO/TR 16907 Tables 2 and 3, and no others.
+    """
+    check_layout(layout)
+    if layout == ISO:
+        return _as_printed(grid, header)
     values, u = _outward(grid, header["values"])
     ends = _interval_columns(grid, header["values"])
     columns = INTERVAL_COLUMNS if ends.shape[1] else ()
@@ -132,6 +139,18 @@ def grid_sheet(grid: AnyGrid, header: Mapping[str, str]) -> Sheet:
         columns=(*grid.axes, *COLUMNS, *U_COLUMNS, OUTSIDE, *columns),
         rows=([*q.tolist(), *v.tolist(), *s.tolist(), outside, *e.tolist()] for q, v, s, outside, e in rows),
         digits=dict(zip((*COLUMNS, *U_COLUMNS, *INTERVAL_COLUMNS), (9, 9, 9, 12, 12, 12) * 7, strict=True)),
+    )
+
+
+def _as_printed(grid: AnyGrid, header: Mapping[str, str]) -> Sheet:
+    """Table 2, X running fastest, or Table 3, the last rotary axis running fastest."""
+    columns, rows = (grid.table_2 if isinstance(grid, Grid) else grid.table_3)(errors=header["values"] == ERROR)
+    return Sheet(
+        header={**header, "layout": ISO},
+        columns=columns,
+        rows=([int(n), *row] for n, *row in rows.tolist()),
+        digits=dict(zip(columns[-6:], (9, 9, 9, 12, 12, 12), strict=True)),
+        short=True,
     )
 
 

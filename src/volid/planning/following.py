@@ -45,8 +45,8 @@ def one_turn(axis: Axis) -> tuple[float, float]:
 
 
 def with_rotary(machine: Machine, **angles: np.ndarray | float) -> np.ndarray:
-    """Positions (m, n_axes) with rotary axes at `angles` [degrees], everything else at 0."""
-    columns = np.broadcast_arrays(*(np.atleast_1d(np.asarray(a, dtype=float)) for a in angles.values()))
+    """Positions (m, n_axes) with rotary axes at `angles` [degrees], rounded to 1e-6, everything else at 0."""
+    columns = np.broadcast_arrays(*(np.atleast_1d(round_position(np.asarray(a, dtype=float))) for a in angles.values()))
     positions = np.zeros((len(columns[0]), len(machine.axes)))
     for letter, column in zip(angles, columns, strict=True):
         positions[:, machine.index(letter)] = column
