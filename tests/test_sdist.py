@@ -38,7 +38,7 @@ def included():
 
 def test_all_that_tests_read_is_included(included):
     needed = {name for name in kept_files() if not name.startswith("src/") and "__pycache__" not in name}
-    assert len(needed) > 200 and needed - included == {"MANIFEST.in"} - included
+    assert len(needed) > 200 and needed - included <= {"MANIFEST.in"}
     assert {"tests/cases/README.md", "models/README.md", "CONVENTIONS.md"} <= included
 
 

@@ -1,11 +1,15 @@
 """Cases of text files and of what is written as text: right values, or one message that names file and row."""
 
+import csv
+import json
 import shutil
 from pathlib import Path
 
 import pytest
+from support.places import ROOT
 
 import volid
+from volid.cli import main
 from volid.exceptions import InputError
 
 CASES = Path(__file__).parent
@@ -106,3 +110,70 @@ def test_kind_in_manifests(tmp_path, old, new, message):
     manifest.write_text(manifest.read_text().replace(old, new))
     with pytest.raises(InputError, match=message):
         volid.load_campaign(manifest)
+
+
+# ---------------------------------------------------------------------------- 12: positions without binary noise
+
+
+@pytest.fixture(scope="module")
+def solution(tmp_path_factory):
+    path = tmp_path_factory.mktemp("12") / "s.h5"
+    volid.save_solution(volid.fit(volid.load_campaign(ROOT / "datasets/published_positioning/campaign.toml")), path)
+    return path
+
+
+def column(text, name):
+    """One column of a CSV text below its record, as text."""
+    return [row[name] for row in csv.DictReader(line for line in text.splitlines() if not line.startswith("#"))]
+
+
+def digits_behind_the_point(cell):
+    return len(cell.partition(".")[2])
+
+
+@pytest.mark.parametrize("step", ["25.4", "12.7", "0.3", "33.3333333333", "7.1"])
+def test_positions_of_every_writer_are_round(solution, tmp_path, capsys, step):
+    """Right: i * step printed to 1e-6 mm, the ends as they are."""
+    wanted = [
+        str(p) for p in dict.fromkeys([*(round(float(step) * i, 6) for i in range(int(500 / float(step)) + 1)), 500.0])
+    ]
+    main(["tables", str(solution), "--type", "L-POS", "--step", step, "-o", str(tmp_path / "t")])
+    assert column((tmp_path / "t" / "EXX.csv").read_text(), "X") == wanted
+    main(["functions", str(solution), "--step", step, "-o", str(tmp_path / "f.csv")])
+    found = (tmp_path / "f.csv").read_text()
+    rows = [p for p, n in zip(column(found, "position"), column(found, "function"), strict=True) if n == "EXX"]
+    assert rows[: len(wanted)] == wanted
+    capsys.readouterr()
+    main(["tables", str(solution), "--type", "L-POS", "--step", step, "-o", str(tmp_path / "j"), "--json"])
+    tables = json.loads(capsys.readouterr().out)["tables"]
+    assert [repr(row[0]) for t in tables if t["columns"][0] == "X" for row in t["rows"]] == wanted
+
+
+def test_positions_of_grids_are_round(tmp_path, capsys):
+    campaign = ROOT / "datasets/five_axis_rtest/campaign.toml"
+    volid.save_solution(volid.fit(volid.load_campaign(campaign)), tmp_path / "s.h5")
+    main(["grid", str(tmp_path / "s.h5"), "--type", "R-VOL", "--points", "7", "-o", str(tmp_path / "g.csv")])
+    text = (tmp_path / "g.csv").read_text()
+    for axis in "AC":
+        cells = column(text, axis)
+        assert len(set(cells)) == 7 and max(map(digits_behind_the_point, cells)) <= 6
+    main(["budget", str(tmp_path / "s.h5"), "-o", str(tmp_path / "b.csv")])
+    assert max(map(digits_behind_the_point, column((tmp_path / "b.csv").read_text(), "position"))) <= 6
+
+
+# ------------------------------------------------------------------- what a command reads, before the work begins
+
+
+@pytest.mark.parametrize(
+    ("points", "message"),
+    [(None, "there is no such file"), ("X,Y\n1,2\n", "column 'Z' is missing"), ("X;Y;Z\n1;2;x\n", "column 'tool_x' is missing")],
+)  # fmt: skip
+def test_a_budget_reads_its_points_first(solution, tmp_path, capsys, monkeypatch, points, message):
+    path = tmp_path / "points.csv"
+    if points is not None:
+        path.write_text(points)
+    monkeypatch.setattr(
+        "volid.uncertainty.budget.budget", lambda _: pytest.fail("the work began before the file was read")
+    )
+    assert main(["budget", str(solution), "--at", str(path)]) == 2
+    assert message in capsys.readouterr().err
