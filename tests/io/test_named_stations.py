@@ -1,12 +1,18 @@
 """Stations that only the rows name: read without a table, and a misspelt one is noticed."""
 
 import re
+import shutil
 
 import pytest
 from support.campaign_files import MANIFEST, STATIONS, csv_text, edited, volume_rows, write_files
+from support.places import TESTS
 
+import volid
 from volid.campaign import Station
+from volid.exceptions import InputError
 from volid.io import read_manifest
+
+CASES = TESTS / "cases"
 
 
 def renamed(rows, changes):
@@ -49,3 +55,17 @@ def test_a_station_of_its_own_is_not_asked_about(tmp_path):
     changes = {i: "S3" for i in range(0, 54, 3)}
     campaign = read_manifest(write_files(tmp_path, volume=renamed(volume_rows(), changes)))
     assert [s.name for s in campaign.stations] == ["S1", "S2", "S3"] and campaign.warnings == ()
+
+
+def test_a_fit_with_a_misspelt_station_names_it(tmp_path):
+    case = CASES / "26_reading_of_1e300"
+    shutil.copytree(case, tmp_path / "a")
+    text = (case / "m3.csv").read_text(encoding="utf-8-sig").replace("1e300", "1432.10737")
+    (tmp_path / "a" / "m3.csv").write_text(text.replace("12,Platz 1,", "12,Platz 11,", 1), encoding="utf-8")
+    campaign = volid.load_campaign(tmp_path / "a" / "c.toml")
+    assert (
+        "m3.csv, row 13: station 'Platz 11' has 1 reading and no [[station]]; did you mean 'Platz 1'?"
+        in campaign.warnings[0]
+    )
+    with pytest.raises(InputError, match=r"station Platz 11: .* or mend its name, that stands in 1 rows only"):
+        volid.fit(campaign)

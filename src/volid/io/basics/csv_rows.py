@@ -269,6 +269,7 @@ def _hint(found: Rows, row: list[str]) -> str:
     width = len(found.header)
     if found.delimiter == "," and width < len(row) <= 2 * width:
         return "; where numbers have decimal commas, expected ';' or tabs between the cells, or numbers in quotes"
-    if width == 1 or len(row) > width:
+    usual, _ = Counter(map(len, found.rows)).most_common(1)[0]
+    if usual == len(row):
         return "; where lines stand above the header, state skip in [csv], the number of these lines"
     return ""
