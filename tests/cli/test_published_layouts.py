@@ -240,6 +240,33 @@ def test_table_3_as_others_write_it(tmp_path):
     np.testing.assert_allclose(np.degrees(found.values[:, 5]), 0.01 * found.positions[:, 0], atol=1e-15)
 
 
+def test_a_control_reads_published_tables_and_grids(tmp_path):
+    (tmp_path / "c").mkdir()
+    (tmp_path / "c" / "EXX.csv").write_text(f"# values: error\n{PUBLISHED_1}", encoding="utf-8")
+    (tmp_path / "c" / "grid.csv").write_text(STATED_2 + PUBLISHED_2, encoding="utf-8")
+    (tmp_path / "machine.toml").write_text(MACHINE, encoding="utf-8")
+    control = volid.load_control(volid.load_machine(tmp_path / "machine.toml"), [tmp_path / "c"])
+    assert [t.function for t in control.tables] == ["EXX"] and [g.type for g in control.grids] == ["L-VOL"]
+    (tmp_path / "c" / "notes.csv").write_text("a,b\n1,2\n", encoding="utf-8")
+    with pytest.raises(
+        InputError, match=r"notes\.csv: format is 'missing'; expected 'volid-table/1' or 'volid-grid/1'"
+    ):
+        volid.load_control(volid.load_machine(tmp_path / "machine.toml"), [tmp_path / "c"])
+
+
+def test_grids_of_the_command_line_in_the_published_layout(solution, run, tmp_path):
+    """The same numbers as in the layout of volid, n before them and nothing behind."""
+    for layout in ("volid", "iso"):
+        run("grid", solution, "--type", "L-POS", "--points", 3, "--layout", layout, "-o", tmp_path / f"{layout}.csv")
+    one, other = records(tmp_path / "volid.csv"), records(tmp_path / "iso.csv")
+    assert other[0] == ["n", "X", "Y", "Z", "ΔX", "ΔY", "ΔZ", "ΔA", "ΔB", "ΔC"]
+    assert [row[0] for row in other[1:]] == [str(i) for i in range(1, len(one))]
+    for a, b in zip(one[1:], other[1:], strict=True):
+        np.testing.assert_allclose([float(c or "nan") for c in a[:9]], [float(c or "nan") for c in b[1:]], atol=1e-12)
+    read = [read_grid(tmp_path / f"{layout}.csv") for layout in ("volid", "iso")]
+    np.testing.assert_array_equal(read[0].values, read[1].values)
+
+
 def test_a_record_that_a_spreadsheet_wrote_again(solution, run, tmp_path):
     run("tables", solution, "--type", "L-POS", "--step", 50, "-o", tmp_path / "t")
     path = tmp_path / "t" / "EXX.csv"

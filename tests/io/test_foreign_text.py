@@ -334,3 +334,25 @@ def test_padding_of_a_whole_sheet_is_no_table_of_its_own(tmp_path):
     padded = "\n".join(line + ";" * 16_000 for line in table().split("\n")[:-1])
     readings, _ = read(tmp_path, padded)
     check(readings)
+
+
+def test_points_of_a_spreadsheet(tmp_path, capsys):
+    from support.places import ROOT
+
+    import volid
+    from volid.cli import main
+
+    solution = tmp_path / "s.h5"
+    volid.save_solution(volid.fit(volid.load_campaign(ROOT / "datasets/published_positioning/campaign.toml")), solution)
+    plain = "X,Y,Z,tool_x,tool_y,tool_z,X_dir\n12.5,100,50,0,0,0,1\n254,100,50,0,0,0,-1\n"
+    german = "X [inch];Y;Z;tool_x;tool_y;tool_z;X_dir\n0,4921259842519685;100;50;0,0;0;0;1\n10;100;50;0;0;0;-1\n"
+    found = []
+    for name, text in (("a", plain), ("b", german)):
+        (tmp_path / f"{name}.csv").write_text(text)
+        main(["errors", str(solution), "--at", str(tmp_path / f"{name}.csv"), "-o", str(tmp_path / f"{name}.out.csv")])
+        said = capsys.readouterr().out
+        assert ("cells separated by ';'; decimal commas; X in inch" in said) == (name == "b")
+        found.append(read_csv(tmp_path / f"{name}.out.csv"))
+    for column in ("X", "Y", "tool_x", "X_dir", "ex", "u_ex"):
+        one, other = (table.numbers(column, "", "", gaps=True) for table in found)
+        np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-15)

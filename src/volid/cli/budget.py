@@ -14,6 +14,7 @@ from volid.cli.common import (
     explain,
     print_json,
     print_verdict,
+    tell,
     tool_vector,
     write_sheet,
 )
@@ -77,6 +78,7 @@ def run(args: argparse.Namespace) -> int:
     if not args.json:
         print_verdict(solution)
         print(format_budget(lines, lack_of_fit(solution)) + (f"\n\nwritten: {args.output}" if args.output else ""))
+    tell(args, points.notes if points is not None else ())
     return conclude(args, attention(solution))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from volid.cli.common import add_output, add_solution, attention, check_output, conclude, explain, write_sheet
+from volid.cli.common import add_output, add_solution, attention, check_output, conclude, explain, tell, write_sheet
 from volid.cli.progress import Progress
 
 if TYPE_CHECKING:
@@ -62,6 +62,7 @@ def run(args: argparse.Namespace) -> int:
     write_sheet(deviations_sheet(points, found, solution, args.solution, intervals), args)
     if args.output and not args.json:
         print(f"{len(points.positions)} points written: {args.output}")
+    tell(args, points.notes)
     return conclude(args, attention(solution, named=True) + _messages(solution, found))
 
 

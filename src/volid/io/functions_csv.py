@@ -56,13 +56,14 @@ _UNITS = ("mm",) * 3 + ("rad",) * 3
 class Points(NamedTuple):
     """Where to evaluate: `positions` (m, n_axes), machine axis order; `tool` (m, 3) [mm]; `directions` (m, n_axes).
 
-    `columns`: the file's cells as they stand, by column name.
+    `columns`: the file's cells as they stand, by column name; `notes`: how a file of another form was read.
     """
 
     positions: np.ndarray
     tool: np.ndarray
     directions: np.ndarray
     columns: dict[str, tuple[str, ...]]
+    notes: tuple[str, ...] = ()
 
 
 class Sheet(NamedTuple):
@@ -101,12 +102,17 @@ def _points(table: CsvTable, machine: Machine) -> Points:
     known, purpose = _point_columns(machine), "every point needs one"
     table.require(machine.letters, "a point needs a position of every axis", known)
     table.require(TOOL_COLUMNS, "a point needs its tool vector in mm, because the deviation depends on it", known)
-    return Points(
-        positions=np.stack([table.numbers(axis.letter, axis.unit, purpose) for axis in machine.axes], axis=1),
-        tool=np.stack([table.numbers(name, "mm", purpose) for name in TOOL_COLUMNS], axis=1),
-        directions=read_directions(table, machine),
-        columns={name: cells for name, cells in table.columns.items() if name in known},
-    )
+    positions = np.stack([table.numbers(axis.letter, axis.unit, purpose) for axis in machine.axes], axis=1)
+    tool = np.stack([table.numbers(name, "mm", purpose) for name in TOOL_COLUMNS], axis=1)
+    directions = read_directions(table, machine)
+    columns = {name: cells for name, cells in table.columns.items() if name in known}
+    if table.notes:  # cells in another form are written in the plain one
+        numbers = np.concatenate([positions, tool, directions], axis=1).T
+        plain = dict(
+            zip((*machine.letters, *TOOL_COLUMNS, *(f"{a}_dir" for a in machine.letters)), numbers, strict=True)
+        )
+        columns = {name: tuple(map(repr, plain[name].tolist())) for name in columns}
+    return Points(positions, tool, directions, columns, table.notes)
 
 
 def source_lines(solution: Solution, source: str | Path | None = None) -> dict[str, str]:

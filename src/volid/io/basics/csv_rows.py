@@ -18,6 +18,7 @@ from volid.io.basics.csv_form import BLANKS, CsvForm, in_words
 from volid.io.basics.units import spelled
 
 MOST_COLUMNS = 2000
+NO_NAME = "column "  # and its number: what a column without a name is called
 _SAMPLE = 40  # rows by which the delimiter is recognised
 _CANDIDATES = ("\t", ";", ",")
 _LONGEST = csv.field_size_limit()  # characters of a cell
@@ -99,6 +100,8 @@ def _kept(lines: list[str], form: CsvForm) -> list[int]:
 
 def _recognised(sample: list[str], path: Path, row: int, form: CsvForm) -> str:
     """The delimiter of header and first rows. Raises `InputError` where two fit alike."""
+    for delimiter in _CANDIDATES:
+        _check_width(sample[0], delimiter, f"{path}, row {row}")
     candidates = [c for c in _CANDIDATES if not (c == "," and form.decimal == "," and '"' not in "".join(sample))]
     tables = {c: _trimmed_sample(sample, c) for c in candidates}
     fits = {c: len(rows[0]) for c, rows in tables.items() if _fits(rows, c)}
@@ -233,7 +236,7 @@ def _tidy(found: Rows, path: Path) -> None:
         if len(row) != width:
             hint = _hint(found, row)
             raise InputError(f"{path}, row {number}: {len(row)} cells; expected {width}, as in the header{hint}")
-    found.header = [name or f"column {i}" for i, name in enumerate(found.header, start=1)]
+    found.header = [name or f"{NO_NAME}{i}" for i, name in enumerate(found.header, start=1)]
 
 
 def _drop(found: Rows) -> None:

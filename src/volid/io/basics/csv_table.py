@@ -19,14 +19,13 @@ import numpy as np
 from volid.exceptions import InputError
 from volid.io.basics import csv_cells
 from volid.io.basics.csv_form import PLAIN, CsvForm
-from volid.io.basics.csv_rows import Rows, names_shown, read_rows, shown
+from volid.io.basics.csv_names import NO_NAME, check_names, missing_column, unknown_column
+from volid.io.basics.csv_rows import Rows, read_rows, shown
 from volid.io.basics.encodings import UTF8, decode, read_bytes
-from volid.io.basics.toml_table import nearest
 from volid.io.basics.units import conversion, split_unit
 
 LARGEST = 1e9  # mm, degrees, rad, °C: a thousand kilometres, more than anything that is measured
 LARGEST_TIME = 1e12  # s: thirty thousand years
-_NO_NAME = "column "
 _T = TypeVar("_T")
 
 
@@ -65,7 +64,7 @@ class CsvTable:
         one given to two columns, or a column given two names; `where` names the keys' place.
         """
         ignored = tuple(ignored)
-        self._check_names(columns, ignored, where)
+        check_names(self.source, tuple(self.columns), columns, ignored, where)
         known = {found: name for name, found in columns.items()}
         result: dict[str, tuple[str, ...]] = {}
         units: dict[str, str] = {}
@@ -79,24 +78,6 @@ class CsvTable:
             if unit := self._unit_of(found, name):
                 units[name] = unit
         return replace(self, columns=result, units=self._with_stated(units, result, known))
-
-    def _check_names(self, columns: Mapping[str, str], ignored: tuple[str, ...], where: str) -> None:
-        for key, name in [*(("columns", c) for c in columns.values()), *(("ignore", c) for c in ignored)]:
-            if name not in self.columns:
-                hint = nearest(name, self.columns) or ";"
-                raise InputError(
-                    f"{where}: {key} names '{shown(name)}', which is no column of {self.source}{hint} its columns: "
-                    f"{names_shown(list(self.columns))}"
-                )
-        for found in columns.values():
-            names = [name for name, other in columns.items() if other == found]
-            if len(names) > 1:
-                raise InputError(
-                    f"{where}: columns gives '{shown(found)}' of {self.source} two names, {' and '.join(names)}; expected one "
-                    "column for each name"
-                )
-            if found in ignored:
-                raise InputError(f"{where}: '{shown(found)}' stands under columns and under ignore; keep one of them")
 
     def _without_unit(self, found: str, taken: Iterable[str]) -> str:
         """The name before the unit in a header, unless a column has it already."""
@@ -123,23 +104,13 @@ class CsvTable:
         for name in self.columns:
             if name in known:
                 continue
-            if name.startswith(_NO_NAME):
-                raise InputError(
-                    f'{self.source}, header: {name} has no name; name it, or leave it out with ignore = ["{name}"] in the set'
-                )
-            hint = nearest(name, [k for k in known if k not in self.columns])
-            raise InputError(
-                f"{self.source}, header: unknown column '{shown(name)}'{hint or ';'} known columns: {', '.join(known)}; "
-                "`columns` of the set renames others, `ignore` leaves them out"
-            )
+            raise unknown_column(self.source, name, known, tuple(self.columns))
 
     def require(self, names: Iterable[str], purpose: str, known: Sequence[str] = ()) -> None:
         """Raises `InputError` when one of the columns `names` is missing; `known` ones cannot be its misspelling."""
         for name in names:
             if name not in self.columns:
-                strangers = [c for c in self.columns if c not in known and nearest(c, [name])]
-                hint = f"; found '{shown(strangers[0])}', which looks like it" if strangers else ""
-                raise InputError(f"{self.source}, header: column '{name}' is missing{hint}; {purpose}")
+                raise missing_column(self.source, name, purpose, [c for c in self.columns if c not in known])
 
     def numbers(self, name: str, unit: str, purpose: str, gaps: bool = False) -> np.ndarray:
         """Column `name` as finite numbers in `unit`, shape (m,); with `gaps`, an empty cell or "nan" means not recorded (NaN).
@@ -260,7 +231,7 @@ def read_csv(path: str | Path, form: CsvForm = PLAIN) -> CsvTable:
         found = read_rows(text, path, form)
         columns = dict(zip(found.header, zip(*found.rows, strict=True), strict=True))
     columns = {
-        name: cells for name, cells in columns.items() if not name.startswith(_NO_NAME) or any(map(str.strip, cells))
+        name: cells for name, cells in columns.items() if not name.startswith(NO_NAME) or any(map(str.strip, cells))
     }
     decimal = _decimal(columns, found, text, form)
     said = [f"encoding {encoding}"] if encoding != UTF8 and form.encoding is None else []
