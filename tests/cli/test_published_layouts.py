@@ -257,7 +257,19 @@ def test_a_control_reads_published_tables_and_grids(tmp_path):
 def test_grids_of_the_command_line_in_the_published_layout(solution, run, tmp_path):
     """The same numbers as in the layout of volid, n before them and nothing behind."""
     for layout in ("volid", "iso"):
-        run("grid", solution, "--type", "L-POS", "--points", 3, "--layout", layout, "-o", tmp_path / f"{layout}.csv")
+        run(
+            "grid",
+            solution,
+            "--type",
+            "L-POS",
+            "--points",
+            3,
+            "--extrapolate",
+            "--layout",
+            layout,
+            "-o",
+            tmp_path / f"{layout}.csv",
+        )
     one, other = records(tmp_path / "volid.csv"), records(tmp_path / "iso.csv")
     assert other[0] == ["n", "X", "Y", "Z", "ΔX", "ΔY", "ΔZ", "ΔA", "ΔB", "ΔC"]
     assert [row[0] for row in other[1:]] == [str(i) for i in range(1, len(one))]

@@ -40,7 +40,12 @@ def decimal_sign(columns: Mapping[str, Sequence[str]], delimiter: str) -> str:
 
 def _numeric(cells: Sequence[str]) -> bool:
     first = next((cell for cell in cells if cell.strip()), "")
-    return _NUMBER.fullmatch(first) is not None
+    return looks_like_number(first)
+
+
+def looks_like_number(cell: str) -> bool:
+    """Whether a cell is a number in some country's way of writing."""
+    return _NUMBER.fullmatch(cell) is not None
 
 
 def numbers(cells: Sequence[str], decimal: str) -> np.ndarray:

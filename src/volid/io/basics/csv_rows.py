@@ -15,6 +15,7 @@ from pathlib import Path
 
 from volid.exceptions import InputError
 from volid.io.basics.csv_form import BLANKS, CsvForm, in_words
+from volid.io.basics.csv_titles import titles
 from volid.io.basics.units import spelled
 
 MOST_COLUMNS = 2000
@@ -60,6 +61,8 @@ def read_rows(text: str, path: Path, form: CsvForm) -> Rows:
     kept = _kept(lines, form)
     if not kept:
         raise InputError(f"{path}: the file is empty; expected a header row and rows below it")
+    above = 0 if form.skip or not form.header else titles([lines[i] for i in kept[:_SAMPLE]], _possible(form))
+    del kept[:above]
     delimiter = form.delimiter or _recognised([lines[i] for i in kept[: _SAMPLE + 1]], path, kept[0] + 1, form)
     _check_width(lines[kept[0]], delimiter, f"{path}, row {kept[0] + 1}")
     cells = _parsed(lines, kept, delimiter, path)
@@ -70,7 +73,13 @@ def read_rows(text: str, path: Path, form: CsvForm) -> Rows:
     _tidy(found, path)
     if stated or (delimiter != "," and form.delimiter is None):
         found.said.insert(0, f"cells separated by {in_words(delimiter)}")
+    if above:
+        found.said.append(f"{above} line{'s' if above > 1 else ''} above the header left out")
     return found
+
+
+def _possible(form: CsvForm) -> tuple[str, ...]:
+    return _CANDIDATES if form.delimiter is None else (form.delimiter,)
 
 
 def _excel_hint(lines: list[str], form: CsvForm) -> tuple[bool, CsvForm]:
