@@ -77,7 +77,7 @@ FILES = {
 FILES |= {
     "German, titles above": (
         f"Messprotokoll 7;;;;;\nKunde:;Werk 2;;;;\n;;;;;\n{table()}",
-        "2 lines above the header left out",
+        "3 lines above the header left out",
     ),
     "titles without cells": (f"Messprotokoll 7, Werk 2\n\nam 3. Mai\n{table()}", "2 lines above the header left out"),
     "a title, commas": (f"Acceptance test\n{csv_text(ROWS)}", "1 line above the header left out"),
