@@ -279,6 +279,23 @@ def test_grids_of_the_command_line_in_the_published_layout(solution, run, tmp_pa
     np.testing.assert_array_equal(read[0].values, read[1].values)
 
 
+@pytest.mark.parametrize(
+    ("command", "message"),
+    [
+        (
+            ("tables", "--type", "L-POS", "--approach", "+", "-o", "t"),
+            "--approach + says how the position of --zero is approached",
+        ),
+        (("grid", "--layout", "iso", "-o", "g.h5"), "--layout iso is a table of positions and values in CSV"),
+        (("grid", "--layout", "iso", "--intervals", "-o", "g.csv"), "which --intervals is not; leave one out"),
+    ],
+)
+def test_options_that_do_not_go_together(solution, run, tmp_path, monkeypatch, command, message):
+    monkeypatch.chdir(tmp_path)
+    status, _, err = run(command[0], solution, *command[1:])
+    assert status == 2 and message in err and list(tmp_path.iterdir()) == []
+
+
 def test_a_record_that_a_spreadsheet_wrote_again(solution, run, tmp_path):
     run("tables", solution, "--type", "L-POS", "--step", 50, "-o", tmp_path / "t")
     path = tmp_path / "t" / "EXX.csv"

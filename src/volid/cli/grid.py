@@ -125,6 +125,7 @@ def _check_options(args: argparse.Namespace) -> None:
     types = [compensation_type(name) for name in args.type]
     _check_types(types, args)
     _check_intervals(args)
+    _check_layout(args)
     _check_points(args)
 
 
@@ -162,6 +163,16 @@ def _check_intervals(args: argparse.Namespace) -> None:
         raise InputError(
             f"--intervals and --{clash.replace('_', '-')} exclude each other: the samples know nothing of it; leave one out"
         )
+
+
+def _check_layout(args: argparse.Namespace) -> None:
+    """Raises `InputError` for the layout of the Technical Report with what it has no place for."""
+    from volid.exceptions import InputError
+
+    hdf5 = args.output is not None and Path(args.output).suffix.lower() in HDF5
+    clash = "an HDF5 file" if hdf5 else "--intervals" if args.intervals else ""
+    if args.layout == "iso" and clash:
+        raise InputError(f"--layout iso is a table of positions and values in CSV, which {clash} is not; leave one out")
 
 
 def _check_points(args: argparse.Namespace) -> None:

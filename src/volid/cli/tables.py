@@ -132,8 +132,13 @@ def _refuse_existing(args: argparse.Namespace) -> None:
 def _form(args: argparse.Namespace) -> TableForm:
     from math import radians
 
+    from volid.exceptions import InputError
     from volid.io.tables import TableForm
 
+    if args.approach and not (args.zero or args.layout == "iso"):
+        raise InputError(
+            f"--approach {args.approach} says how the position of --zero is approached; add --zero, or leave it out"
+        )
     angle = None if args.angle_increment is None else radians(args.angle_increment)
     return TableForm(args.errors, args.incremental, args.reversal, args.increment, angle, args.layout)
 
