@@ -366,3 +366,15 @@ def test_points_of_a_spreadsheet(tmp_path, capsys):
     for column in ("X", "Y", "tool_x", "X_dir", "ex", "u_ex"):
         one, other = (table.numbers(column, "", "", gaps=True) for table in found)
         np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-15)
+
+
+@pytest.mark.parametrize("keys", ["", 'csv = { time = "iso" }\n'], ids=["recognised", "stated"])
+def test_times_of_a_campaign(tmp_path, keys):
+    stamps = [f"2026-03-01T23:{i:02d}:30" for i in range(54)]
+    readings, warnings = read(tmp_path, csv_text(ROWS | {"time": stamps}), keys=keys)
+    np.testing.assert_array_equal(np.diff(readings.time), 60.0)
+    assert "time as date and time" in warnings[0]
+    with pytest.raises(
+        InputError, match=r"volume\.csv, row 3: time is 'noon'; expected a time such as 2026-03-21T12:30:05"
+    ):
+        read(tmp_path / "b", csv_text(ROWS | {"time": [stamps[0], "noon", *stamps[2:]]}), keys=keys)

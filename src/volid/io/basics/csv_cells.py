@@ -81,6 +81,7 @@ def number(cell: str, decimal: str, thousands: str | None) -> tuple[float, bool]
 
 
 ISO, SECONDS, CLOCK = "iso", "s", "hh:mm:ss"
+EXAMPLES = {ISO: "2026-03-21T12:30:05", CLOCK: "12:30:05"}
 _CLOCK = re.compile(r"(\d{1,3}):(\d{2})(?::(\d{2}(?:[.,]\d+)?))?")
 _GERMAN = re.compile(r"(\d{1,2})\.(\d{1,2})\.(\d{4})(.*)")
 _HALF_A_DAY = 43200.0  # s

@@ -203,9 +203,9 @@ class CsvTable:
     def _not_a_number(self, name: str, i: int, cell: str, unit: str, purpose: str) -> InputError:
         cell = cell.strip()
         found = f"'{shown(cell)}'" if cell else "empty"
-        return InputError(
-            f"{self.where(i)}: {name} is {found}; expected a finite number{self._hint(cell)} in {unit}; {purpose}"
-        )
+        example = csv_cells.EXAMPLES.get(unit)
+        expected = f"a time such as {example}" if example else f"a finite number{self._hint(cell)} in {unit}"
+        return InputError(f"{self.where(i)}: {name} is {found}; expected {expected}; {purpose}")
 
     def _hint(self, cell: str) -> str:
         if self.form.decimal == csv_cells.UNCLEAR and "," in cell:
