@@ -196,10 +196,9 @@ def _parsed(lines: list[str], kept: list[int], delimiter: str, path: Path) -> li
 def _end_of_row(lines: list[str], kept: list[int], start: int, delimiter: str, path: Path) -> int:
     """How many further lines the row takes that begins at place `start`. Raises `InputError` for a quote that is never closed."""
     where = f"{path}, row {kept[start] + 1}"
-    if len(lines[kept[start]]) > _LONGEST:
-        raise InputError(
-            f"{where}: {len(lines[kept[start]])} characters in one line; expected cells of at most {_LONGEST} characters"
-        )
+    longest = max(map(len, lines[kept[start]].split(delimiter)))
+    if longest > _LONGEST:
+        raise InputError(f"{where}: a cell of {longest} characters; expected cells of at most {_LONGEST} characters")
     if '"' not in lines[kept[start]]:
         return 0
     rest = csv.reader((lines[i] for i in kept[start:]), delimiter=delimiter, strict=True)
