@@ -275,8 +275,6 @@ def test_two_effects_of_one_name(tmp_path):
         (edited(VOLUME, "segment", "segmnt"), r"header: unknown column 'segmnt'; did you mean 'segment'\?"),
         (with_column("X_dri", [1] * 54), r"unknown column 'X_dri'; did you mean 'X_dir'\?"),
         (with_column("distance ", [1] * 54), r"row 1: column 'distance' stands twice"),
-        (VOLUME.replace(",", ";"), r"row 1: the cells are separated by ';'; expected commas"),
-        (VOLUME.replace(",", ";").replace(".", ","), r"separated by ';', and numbers have decimal commas; expected"),
         (with_cell("distance", "abc"), r"volume\.csv, row 4: distance is 'abc'; expected a finite number in mm"),
         (with_cell("distance", ""), r"volume\.csv, row 4: distance is empty; expected a finite number in mm"),
         (with_cell("distance", "nan"), r"volume\.csv, row 4: distance is 'nan'; expected a finite number"),
@@ -287,7 +285,6 @@ def test_two_effects_of_one_name(tmp_path):
         ),
         (with_cell("distance", "1,2"), r"volume\.csv, row 4: 7 cells; expected 6, as in the header"),
         (with_cell("Y", "1e999"), r"volume\.csv, row 4: Y is '1e999'; expected a finite number in mm"),
-        (with_cell("station", "S3"), r"volume\.csv, row 4: station 'S3' is unknown; stations: S1, S2; add"),
         (with_cell("station", ""), r"volume\.csv, row 4: station is empty"),
         (
             with_column("u", [0.001, 0.0] + [0.001] * 52),
@@ -308,8 +305,8 @@ def test_two_effects_of_one_name(tmp_path):
         ("", r"volume\.csv: the file is empty; expected a header row"),
         ("# nothing\n\n", r"volume\.csv: the file is empty"),
         ("X,Y,Z,station,segment,distance\n", r"volume\.csv: there is a header but no row"),
-        (with_column("", [1] * 54), r"row 1: a column has no name"),
-        (with_cell("station", '"S\n1"'), r"volume\.csv: a cell in quotes runs over several lines"),
+        (with_column("", [1] * 54), r"volume\.csv, header: column 7 has no name; name it, or leave it out"),
+        (with_cell("station", '"S\n1"'), r"volume\.csv, row 4: a cell in quotes runs over several lines"),
     ],
 )
 def test_bad_csv(tmp_path, volume, message):
@@ -329,10 +326,3 @@ def test_proportional_u_of_a_zero_reading(tmp_path):
         InputError, match=r"volume\.csv, row 4: u from the set's proportional part is 0; expected .* > 0"
     ):
         read_manifest(write_files(tmp_path, manifest=manifest, volume=with_cell("distance", "0.0")))
-
-
-def test_csv_that_is_not_utf_8(tmp_path):
-    path = write_files(tmp_path)
-    (tmp_path / "volume.csv").write_bytes(VOLUME.replace("S2", "Süd").encode("latin-1"))
-    with pytest.raises(InputError, match=r"volume\.csv, line 29: byte 0xfc is not UTF-8 text; save the file in UTF-8"):
-        read_manifest(path)

@@ -328,7 +328,7 @@ def text_grid(grid, solution):
         ("# values: error\n", "# values: both\n", "values are 'both'; expected error or compensation"),
         ("volid-grid/1", "volid-grid/7", "format is 'volid-grid/7'; this volid reads 'volid-grid/1'"),
         ("tool vector: 0, 0", "tool vector: 0", "tool vector is '0, -150 mm.*expected three numbers"),
-        ("\n1000.0,0.0,-500.0,", "\n999.0,0.0,-500.0,", "no regular grid with X varying fastest"),
+        ("\n1000.0,0.0,-500.0,", "\n999.0,0.0,-500.0,", "no regular grid; expected every combination"),
         ("X,Y,Z,dX", "X,Y,Z,dx", "unknown column 'dx'; did you mean 'dX'"),
         (",0\n", ",2\n", "outside is 2; expected 0 or 1"),
     ],

@@ -220,6 +220,14 @@ def test_duplicated_rows_are_an_error(tmp_path):
         check_campaign(with_repeats(tmp_path / "b", list(range(54))))
 
 
+def test_a_path_that_ends_where_it_began_is_no_duplicate(tmp_path):
+    """A ball bar on a circle reads the same at the end as at the beginning, to the digits of the instrument."""
+    [warning] = check_campaign(with_repeats(tmp_path / "a", [0]))
+    assert "volume.csv, row 56: equal to an earlier row; taken as repeated readings" in warning
+    with pytest.raises(InputError, match=r"volume\.csv, rows 6 and 56: the same row twice; remove one"):
+        check_campaign(with_repeats(tmp_path / "b", [4, 0]))
+
+
 def test_a_duplicated_row_among_true_repeats_is_an_error(tmp_path):
     noise = np.random.default_rng(6).normal(0, 3e-4, 10)
     repeated = [volume_rows()["distance"][i] + noise[i] for i in range(10)]

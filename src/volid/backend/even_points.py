@@ -10,14 +10,39 @@ import numpy as np
 PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29)
 
 
-def every_step(low: float, high: float, step: float) -> np.ndarray:
-    """Positions every `step` > 0 from the lower end on, and the upper end.
+DIGITS = 6  # decimal places of positions [mm or degrees]: a nanometre, less than any scale resolves
 
-    >>> every_step(0.0, 1.0, 0.4).tolist()
-    [0.0, 0.4, 0.8, 1.0]
+
+def round_position(positions: np.ndarray) -> np.ndarray:
+    """Positions without the noise of binary numbers: 76.2, not 76.19999999999999."""
+    return np.round(positions, DIGITS) + 0.0
+
+
+def every_step(low: float, high: float, step: float) -> np.ndarray:
+    """Positions every `step` > 0 from the lower end on, and the upper end; those between are rounded to 1e-6.
+
+    >>> every_step(0.0, 1.0, 0.4).tolist(), every_step(0.0, 100.0, 25.4).tolist()
+    ([0.0, 0.4, 0.8, 1.0], [0.0, 25.4, 50.8, 76.2, 100.0])
     """
     inner = low + step * np.arange(int(np.floor((high - low) / step + 1e-9)) + 1)
-    return inner if high - inner[-1] < 1e-6 * step else np.append(inner, high)
+    return _between(low, high, inner if high - inner[-1] < 1e-6 * step else np.append(inner, high))
+
+
+def evenly(low: float, high: float, n: int) -> np.ndarray:
+    """`n` equally spaced positions, the ends among them; those between are rounded to 1e-6.
+
+    >>> evenly(0.0, 0.9, 4).tolist()
+    [0.0, 0.3, 0.6, 0.9]
+    """
+    return _between(low, high, np.linspace(low, high, n))
+
+
+def _between(low: float, high: float, positions: np.ndarray) -> np.ndarray:
+    """Rounded positions, but the ends as they are: a table must not end before them."""
+    rounded = round_position(positions)
+    rounded[np.abs(positions - low) < 10.0**-DIGITS] = low
+    rounded[np.abs(positions - high) < 10.0**-DIGITS] = high
+    return rounded
 
 
 def number_of_steps(low: float, high: float, step: float) -> float:

@@ -14,6 +14,7 @@ from volid.cli.common import (
     explain,
     print_json,
     print_verdict,
+    tell,
     usable_solution,
     write_sheet,
 )
@@ -22,6 +23,7 @@ from volid.cli.progress import Progress
 
 if TYPE_CHECKING:
     from volid.fitting.solution import Solution
+    from volid.io.functions_csv import Points
     from volid.uncertainty.budget import Rows
 
 HELP = "uncertainty budget: which source contributes how much to which output"
@@ -61,14 +63,17 @@ def run(args: argparse.Namespace) -> int:
     check_output(args.output, args.force, [args.solution, *([args.at] if args.at else [])])
     with Progress() as progress:
         progress("reading the solution")
-        from volid.io.functions_csv import budget_sheet
+        from volid.io.functions_csv import budget_sheet, read_points
         from volid.report.budget_text import format_budget
         from volid.uncertainty.budget import budget, budget_lines
         from volid.uncertainty.lack_of_fit import lack_of_fit
 
         solution = usable_solution(args.solution)
+        points = read_points(args.at, solution.machine) if args.at else None  # a mistake in it is told before the work
+        if points is not None:
+            ask_points(solution, points, args.at)
         progress("propagating every source")
-        lines = list(budget_lines(budget(solution), _rows(solution, args)))
+        lines = list(budget_lines(budget(solution), _rows(solution, points, args)))
     if args.output:
         write_sheet(budget_sheet(lines, solution, args.solution), args)
     elif args.json:
@@ -76,20 +81,18 @@ def run(args: argparse.Namespace) -> int:
     if not args.json:
         print_verdict(solution)
         print(format_budget(lines, lack_of_fit(solution)) + (f"\n\nwritten: {args.output}" if args.output else ""))
+    tell(args, points.notes if points is not None else ())
     return conclude(args, attention(solution))
 
 
-def _rows(solution: Solution, args: argparse.Namespace) -> Rows:
+def _rows(solution: Solution, points: Points | None, args: argparse.Namespace) -> Rows:
     """The outputs asked for."""
     import numpy as np
 
-    from volid.io.functions_csv import read_points
     from volid.uncertainty.budget import headline_rows, point_rows
     from volid.uncertainty.outputs import headline_outputs
 
-    if args.at:
-        points = read_points(args.at, solution.machine)
-        ask_points(solution, points, args.at)
+    if points is not None:
         return point_rows(solution, points.positions, points.tool, points.directions)
     tool = solution.most_used_tool() if args.tool is None else args.tool
     return headline_rows(solution, headline_outputs(solution, np.asarray(tool)))

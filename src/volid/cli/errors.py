@@ -12,6 +12,7 @@ from volid.cli.common import (
     check_output,
     conclude,
     explain,
+    tell,
     usable_solution,
     write_sheet,
 )
@@ -73,6 +74,7 @@ def run(args: argparse.Namespace) -> int:
     write_sheet(deviations_sheet(points, found, solution, args.solution, intervals), args)
     if args.output and not args.json:
         print(f"{len(points.positions)} points written: {args.output}")
+    tell(args, points.notes)
     return conclude(args, attention(solution, named=True) + _messages(solution, found))
 
 

@@ -53,7 +53,8 @@ ends in .h5.
 A linear grid holds for one tool vector; with rotary axes, for a rotated one and the linear axes'
 errors only. A rotary grid (ISO/TR 16907 Table 3) holds at a reference point; the lever arm from it
 is stated. Several grids, whose effects add up, become OUT.linear.csv, OUT.table.csv, OUT.head.csv.
-FOR, L-VOL+ and R-VOL+ turn rotary axes by the rotations of their grids.
+FOR, L-VOL+ and R-VOL+ turn rotary axes by the rotations of their grids. --layout iso writes n, the
+positions, ΔX … ΔC and no more, in linear grids X running fastest, in rotary ones the last axis.
 
 example:
   volid grid solution.h5 --type L-VOL --step 50 --tool 0,0,-150 -o grid.csv
@@ -94,6 +95,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--add-to", metavar="OLD", action="append", help="existing grid to superimpose on; repeat it")
     add_unusual(parser)
+    parser.add_argument(
+        "--layout", choices=("volid", "iso"), default="volid", help="columns: volid's, or those of Tables 2 and 3; CSV"
+    )
     add_output(parser, "OUT", "grid, .csv or .h5; default: CSV on standard output")
 
 
@@ -124,6 +128,7 @@ def _check_options(args: argparse.Namespace) -> None:
     types = [compensation_type(name) for name in args.type]
     _check_types(types, args)
     _check_intervals(args)
+    _check_layout(args)
     _check_points(args)
 
 
@@ -161,6 +166,16 @@ def _check_intervals(args: argparse.Namespace) -> None:
         raise InputError(
             f"--intervals and --{clash.replace('_', '-')} exclude each other: the samples know nothing of it; leave one out"
         )
+
+
+def _check_layout(args: argparse.Namespace) -> None:
+    """Raises `InputError` for the layout of the Technical Report with what it has no place for."""
+    from volid.exceptions import InputError
+
+    hdf5 = args.output is not None and Path(args.output).suffix.lower() in HDF5
+    clash = "an HDF5 file" if hdf5 else "--intervals" if args.intervals else ""
+    if args.layout == "iso" and clash:
+        raise InputError(f"--layout iso is a table of positions and values in CSV, which {clash} is not; leave one out")
 
 
 def _check_points(args: argparse.Namespace) -> None:
@@ -243,7 +258,7 @@ def _write(grids: tuple[AnyGrid, ...], solution: Solution, args: argparse.Namesp
     if args.output and Path(args.output).suffix.lower() in HDF5:
         _write_hdf5(grids, headers, paths, args, key)
     else:
-        write_sheets([grid_sheet(g, h) for g, h in zip(grids, headers, strict=True)], paths, args, key)
+        write_sheets([grid_sheet(g, h, args.layout) for g, h in zip(grids, headers, strict=True)], paths, args, key)
     return paths
 
 

@@ -36,7 +36,7 @@ def run(args: argparse.Namespace) -> int:
     check_output(args.output, args.force, args.manifest)
     campaign = load_campaign(*args.manifest)
     check_output(args.output, args.force, input_files(args.manifest))
-    warnings = check_campaign(campaign)
+    warnings = [*campaign.warnings, *check_campaign(campaign)]
     write_campaign(campaign, args.output, overwrite=args.force)
     sets = [{"set": s.name, "kind": s.kind, "n_readings": int(s.readings.size)} for s in campaign.sets]
     for warning in warnings:

@@ -27,8 +27,8 @@ _TESTS_OF = {  # option: tests that know it ("K": the ISO ones) and their defaul
     "half_angle": (CONE,),
     "inclination": (CONE,),
     "calibrated_u": (CONE,),
-    "tool": (GRID, "K", CONE),
-    "u": (GRID, "K", CONE),
+    "tool": (GRID, "K", CONE, STANDARD),
+    "u": (GRID, "K", CONE, STANDARD),
     "seed": (STANDARD,),
 }
 _EPILOG = """\
@@ -39,8 +39,8 @@ TEST is one of
                          second rotary axis turns, K2: the first, K4: both; A two rotary axes in the
                          head, B in the table, C one on each side; --points each way, default 73
   cone-frustum           ball bar at a cone frustum, all axes at once; --points, default 73
-  standard               tracker distances from six stations for multilateration; --points per
-                         station, default 400
+  standard               tracker distances from six stations for multilateration, three or more tool
+                         vectors (--tool); --points per station, default 400
 Spheres (workpiece frame, all axes at 0) and tool vectors that are not given are chosen so that the
 travels allow them; several of one go with one or as many of the other. The linear axes follow.
 Collisions are not considered. Beside PLAN.toml stand PLAN.machine.toml and the CSV files.
@@ -48,7 +48,8 @@ Collisions are not considered. Beside PLAN.toml stand PLAN.machine.toml and the 
 example:
   volid plan models/wCAYXbZt_trunnion.toml --test static-grid --points 37,13 -o plan.toml
 
-exit status: 0 good; 1 written, but positions outside the travel were left out, which are named;
+exit status: 0 good; 1 written, but positions outside the travel were left out, which are named, or
+tool vectors leave errors undetermined;
 2 bad input
 """
 
@@ -94,7 +95,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--points", metavar="N[,N2]", type=counts, help="numbers of positions")
     parser.add_argument(
-        "--u", metavar="U", type=number("mm", above=0.0), help="standard uncertainty of a reading, mm; default 0.0005"
+        "--u",
+        metavar="U",
+        type=number("mm", above=0.0),
+        help="standard uncertainty of a reading, mm; default 0.0005; standard: 0.0003 and 3e-7 of the distance",
     )
     parser.add_argument(
         "--sensor-on", choices=("tool", "workpiece"), help="where the R-test's sensors sit; default tool"
@@ -178,6 +182,8 @@ def _plan(machine: Machine, test: str, args: argparse.Namespace) -> Campaign:
     if n is not None:
         given["n_per_station" if test == STANDARD else "n"] = n[0]
     if test == STANDARD:
+        if "tool" in given:
+            given["tools"] = given.pop("tool")
         return standard_plan(machine, **given)
     if "tool" in given:
         given["tool"] = _only_one(args.tool, "--tool", test)

@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 
 HELP = "error or compensation tables per function, for controls that know single-axis functions"
 
+_WAYS = {"mean": 0.0, "+": 1.0, "-": -1.0}
 _EPILOG = """\
 One CSV file per function goes into DIR: EXX.csv, EYX.csv, … Values are compensation values, minus
 the error values (actual - nominal); --errors writes error values. Types with tables: L-POS, L-STR,
@@ -55,7 +56,9 @@ example:
   volid tables solution.h5 --type L-POS --at X=500,Y=300,Z=-250 -o tables
   volid tables solution.h5 --type L-STR --type L-SQU --max-error 0.0005 --incremental -o tables
 
-Tables span the measured part of the travels, or --range.
+Tables span the measured part of the travels, or --range. --layout iso writes the columns of ISO/TR
+16907 Table 1 and no others below the lines that begin with #: zero at position 0 (or the lower end,
+or --zero) approached in +; with --reversal difference the second column is added for motion in -.
 
 exit status: 0 good; 1 written, but a sum with --add-to reaches beyond what was measured or the model
 is rejected; 1 and nothing written when the data do not determine a function; 2 bad input, also
@@ -79,9 +82,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--reversal",
         choices=("columns", "value", "difference"),
         default="columns",
-        help="both directions as columns (default), one value per axis, or the difference as second column",
+        help="both directions as columns (default), one value per axis, or as second column the reversal that is "
+        "added for motion in -",
     )
     add_rounding(parser, "tables of an axis (default: --at)")
+    parser.add_argument(
+        "--approach", choices=("mean", "+", "-"), help="how the position of --zero is approached; default mean, iso: +"
+    )
+    parser.add_argument(
+        "--layout", choices=("volid", "iso"), default="volid", help="columns: volid's or those of Table 1"
+    )
     parser.add_argument("--add-to", metavar="OLD", help="existing table or folder of tables to superimpose on")
     add_range(parser, "points")
     add_unusual(parser)
@@ -124,10 +134,15 @@ def _refuse_existing(args: argparse.Namespace) -> None:
 def _form(args: argparse.Namespace) -> TableForm:
     from math import radians
 
+    from volid.exceptions import InputError
     from volid.io.tables import TableForm
 
+    if args.approach and not (args.zero or args.layout == "iso"):
+        raise InputError(
+            f"--approach {args.approach} says how the position of --zero is approached; add --zero, or leave it out"
+        )
     angle = None if args.angle_increment is None else radians(args.angle_increment)
-    return TableForm(args.errors, args.incremental, args.reversal, args.increment, angle)
+    return TableForm(args.errors, args.incremental, args.reversal, args.increment, angle, args.layout)
 
 
 def _tables(solution: Solution, args: argparse.Namespace) -> tuple[tuple[ErrorTable, ...], list[str]]:
@@ -142,13 +157,22 @@ def _tables(solution: Solution, args: argparse.Namespace) -> tuple[tuple[ErrorTa
     tool = solution.most_used_tool() if args.tool is None else args.tool
     solution, notes = prepared(solution, args, [tool])
     base, ranges = base_from(solution, args, tool), ranges_from(solution, args)
-    tables = error_tables(solution, types, base, sampling_of(args, args.spacing), args.zero, ranges)
+    zero, approach = _zero(args, ranges)
+    tables = error_tables(solution, types, base, sampling_of(args, args.spacing), zero, ranges, approach)
     if not tables:
         raise InputError(f"--type {', '.join(args.type)}: the model has no function that it corrects; nothing to write")
     if not args.extrapolate:
         refuse_extrapolation(solution, tables, base, ranges)
     notes += cut_notes(solution, ranges, [t.axis for t in tables])
     return add_tables(tables, list(tables_in(args.add_to))) if args.add_to else tables, notes
+
+
+def _zero(args: argparse.Namespace, ranges: dict[str, tuple[float, float]]) -> tuple[dict[str, float] | None, float]:
+    """Where tables are zero, and how that position is approached; Table 1 is zero at 0, or at the lower end, in +."""
+    if args.layout == "volid":
+        return args.zero, _WAYS[args.approach or "mean"]
+    at_zero = {letter: 0.0 if low <= 0.0 <= high else low for letter, (low, high) in ranges.items()}
+    return {**at_zero, **(args.zero or {})}, _WAYS[args.approach or "+"]
 
 
 def _types(solution: Solution, args: argparse.Namespace) -> tuple[CompensationType, ...]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from volid.backend.consent import ask_memory, in_digits
-from volid.backend.even_points import every_step, number_of_steps
+from volid.backend.even_points import evenly, every_step, number_of_steps
 from volid.fitting.prediction.spread import linear_uncertainty
 from volid.fitting.results import FunctionValue
 from volid.model.axis_lines import MACHINE, LineRow, line_row
@@ -59,7 +59,7 @@ def _positions(solution: Solution, name: str, step: float | None, points: int) -
     axis = solution.machine.axis(parse(name).axis)
     spline = solution.model.by_name[name, "mean"].splines[0]
     if step is None:
-        return np.linspace(*axis.travel, spline.segments + 1 if spline.degree == 1 else points)
+        return evenly(*axis.travel, spline.segments + 1 if spline.degree == 1 else points)
     return every_step(*axis.travel, step)
 
 

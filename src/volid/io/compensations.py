@@ -11,12 +11,14 @@ from volid.compensation.package import Compensation
 from volid.exceptions import InputError
 from volid.fitting.solution import Solution
 from volid.io.basics.atomic import atomic_folder
+from volid.io.basics.csv_table import read_csv
 from volid.io.basics.hdf5_values import is_hdf5
-from volid.io.basics.toml_table import read_text
 from volid.io.functions_csv import write_csv
 from volid.io.grid_reader import read_grid
 from volid.io.grids import FORMAT as GRID_FORMAT
 from volid.io.grids import grid_paths, save_grid
+from volid.io.layouts import function_of, is_published_grid
+from volid.io.record import read_header
 from volid.io.table_reader import read_table
 from volid.io.tables import FORMAT as TABLE_FORMAT
 from volid.io.tables import TableForm, table_header, table_sheet
@@ -113,5 +115,9 @@ def _files(paths: Iterable[str | Path]) -> list[Path]:
 
 
 def _format(path: Path) -> str:
-    first = read_text(path).split("\n", 1)[0]
-    return first.removeprefix("# format: ").strip() if first.startswith("# format: ") else "missing"
+    """The format that a CSV file states, or that its columns have where it is a published layout."""
+    stated = read_header(path).get("format")
+    if stated is not None:
+        return stated
+    names = read_csv(path).columns
+    return GRID_FORMAT if is_published_grid(names) else TABLE_FORMAT if function_of(names) else "missing"

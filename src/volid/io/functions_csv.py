@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
 
 import numpy as np
 
+from volid.backend.even_points import DIGITS, round_position
 from volid.exceptions import InputError
 from volid.fitting.results import Deviations, FunctionValue
 from volid.fitting.solution import Solution
@@ -55,25 +56,28 @@ _UNITS = ("mm",) * 3 + ("rad",) * 3
 class Points(NamedTuple):
     """Where to evaluate: `positions` (m, n_axes), machine axis order; `tool` (m, 3) [mm]; `directions` (m, n_axes).
 
-    `columns`: the file's cells as they stand, by column name.
+    `columns`: the file's cells as they stand, by column name; `notes`: how a file of another form was read.
     """
 
     positions: np.ndarray
     tool: np.ndarray
     directions: np.ndarray
     columns: dict[str, tuple[str, ...]]
+    notes: tuple[str, ...] = ()
 
 
 class Sheet(NamedTuple):
     """A table before it is written: its record, column names, and rows of numbers and texts.
 
-    NaN stands for what the data do not determine. `digits`: decimal places of columns that are not to keep all digits.
+    NaN stands for what the data do not determine. `digits`: decimal places of columns that are not to keep all digits; `short`:
+    without zeros at their end.
     """
 
     header: Mapping[str, str]
     columns: tuple[str, ...]
     rows: Iterable[Sequence[Any]]
     digits: Mapping[str, int] = {}
+    short: bool = False
 
 
 @contextmanager
@@ -85,7 +89,7 @@ def text_output(path: str | Path, overwrite: bool = False) -> Iterator[TextIO]:
 
 def read_points(path: str | Path, machine: Machine) -> Points:
     """Points to evaluate, from POINTS.csv. Raises `InputError` naming the column, or the row and what it holds."""
-    table = read_csv(path)
+    table = read_csv(path).renamed({}, (), str(path))
     table.only(_point_columns(machine))
     return _points(table, machine)
 
@@ -98,12 +102,17 @@ def _points(table: CsvTable, machine: Machine) -> Points:
     known, purpose = _point_columns(machine), "every point needs one"
     table.require(machine.letters, "a point needs a position of every axis", known)
     table.require(TOOL_COLUMNS, "a point needs its tool vector in mm, because the deviation depends on it", known)
-    return Points(
-        positions=np.stack([table.numbers(axis.letter, axis.unit, purpose) for axis in machine.axes], axis=1),
-        tool=np.stack([table.numbers(name, "mm", purpose) for name in TOOL_COLUMNS], axis=1),
-        directions=read_directions(table, machine),
-        columns={name: cells for name, cells in table.columns.items() if name in known},
-    )
+    positions = np.stack([table.numbers(axis.letter, axis.unit, purpose) for axis in machine.axes], axis=1)
+    tool = np.stack([table.numbers(name, "mm", purpose) for name in TOOL_COLUMNS], axis=1)
+    directions = read_directions(table, machine)
+    columns = {name: cells for name, cells in table.columns.items() if name in known}
+    if table.notes:  # cells in another form are written in the plain one
+        numbers = np.concatenate([positions, tool, directions], axis=1).T
+        plain = dict(
+            zip((*machine.letters, *TOOL_COLUMNS, *(f"{a}_dir" for a in machine.letters)), numbers, strict=True)
+        )
+        columns = {name: tuple(map(repr, plain[name].tolist())) for name in columns}
+    return Points(positions, tool, directions, columns, table.notes)
 
 
 def source_lines(solution: Solution, source: str | Path | None = None) -> dict[str, str]:
@@ -142,7 +151,8 @@ def write_csv(stream: TextIO, sheet: Sheet) -> None:
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(sheet.columns)
     digits = [sheet.digits.get(name) for name in sheet.columns]
-    writer.writerows([_cell(v, n) for v, n in zip(row, digits, strict=True)] for row in sheet.rows)
+    write = _short_cell if sheet.short else _cell
+    writer.writerows([write(v, n) for v, n in zip(row, digits, strict=True)] for row in sheet.rows)
 
 
 def _cell(value: Any, digits: int | None) -> str:
@@ -152,6 +162,16 @@ def _cell(value: Any, digits: int | None) -> str:
     if math.isnan(value):
         return ""
     return repr(value + 0.0) if digits is None else f"{round(value, digits) + 0.0:.{digits}f}"
+
+
+def _short_cell(value: Any, digits: int | None) -> str:
+    text = _cell(value, digits if digits is not None or not isinstance(value, float) else DIGITS)
+    return text.rstrip("0").rstrip(".") if isinstance(value, float) else text
+
+
+def round_place(position: float) -> float:
+    """One position [mm or degrees] as it is written; NaN for none stays NaN."""
+    return float(round_position(np.array(position)))
 
 
 def deviations_sheet(
@@ -225,6 +245,7 @@ def functions_sheet(
         "u": "standard uncertainty (k = 1); an empty cell is not determined by the data",
         "direction": "approach direction, +1 or -1; 0: both alike (mean)",
     }
+    rows = [row._replace(position=round_place(row.position)) for row in rows]
     if intervals is None:
         return Sheet(meaning | source_lines(solution, source), FUNCTION_COLUMNS, (tuple(row) for row in rows))
     ends = zip(*(column.tolist() for column in intervals), strict=True)
@@ -242,7 +263,8 @@ def budget_sheet(lines: Sequence[Line], solution: Solution, source: str | Path |
         "location errors": AXIS_LINE,
         "sensitivity": "contribution / u_source; an empty cell: the source has members of several u",
     }
-    return Sheet(meaning | source_lines(solution, source), BUDGET_COLUMNS, [tuple(line) for line in lines])
+    placed = (line._replace(position=round_place(line.position)) for line in lines)
+    return Sheet(meaning | source_lines(solution, source), BUDGET_COLUMNS, [tuple(line) for line in placed])
 
 
 def read_functions(path: str | Path) -> list[FunctionValue]:

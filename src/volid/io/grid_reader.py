@@ -16,22 +16,24 @@ from volid.io.basics.csv_table import CsvTable, read_csv
 from volid.io.basics.hdf5_values import is_hdf5, reading
 from volid.io.functions_csv import OUTSIDE, read_flags
 from volid.io.grids import COLUMNS, FORMAT, INTERVAL_COLUMNS, U_COLUMNS
+from volid.io.layouts import grid_record, is_as_printed, plain_names
 from volid.io.record import SIGN, notes_of, read_header, require_keys
 from volid.model.iso230 import LINEAR_AXES, ROTARY_AXES
 
 _ROTARY = "R-VOL"
-_NAMED = ("format", "type", "values", "frame", "datum")
+_NAMED = ("type", "values", "frame", "datum")
 
 
 def read_grid(path: str | Path) -> AnyGrid:
     """A grid from CSV or HDF5, as error values in mm and rad whatever the file holds: `Grid`, or `RotaryGrid` for rotary axes.
 
     Args:
-        path: Path of a file that `save_grid` or `volid grid` wrote.
+        path: Path of a file that `save_grid` or `volid grid` wrote, or of one in the layout of ISO/TR 16907 Tables 2 or 3 below
+            lines "# key: value" that state `values`, and the `tool vector` or `side` and `reference point`.
 
     Raises:
         InputError: the file is damaged or of another format, a header line or column is missing, or the nodes are no regular
-            grid with the first axis varying fastest.
+            grid.
 
     >>> path = getfixture("tmp_path") / "grid.csv"
     >>> keys = ["format: volid-grid/1", "type: L-POS", "values: error", "frame: machine", "datum: X", "tool vector: 0, 0, 0 mm"]
@@ -54,18 +56,27 @@ def _read_hdf5(path: str | Path) -> AnyGrid:
 
 
 def _read_csv(path: str | Path) -> AnyGrid:
-    header, table = read_header(path), read_csv(path)
-    letters, unit = (ROTARY_AXES, "degrees") if "side" in header else (LINEAR_AXES, "mm")
+    header, table = read_header(path), plain_names(read_csv(path))
+    rotary = "side" in header or not any(letter in table for letter in LINEAR_AXES)
+    letters, unit = (ROTARY_AXES, "degrees") if rotary else (LINEAR_AXES, "mm")
     axes = tuple(letter for letter in letters if letter in table)
     known = (*axes, *COLUMNS, *U_COLUMNS, OUTSIDE)
     table.only((*known, *INTERVAL_COLUMNS))
-    table.require((*COLUMNS, *U_COLUMNS, OUTSIDE), "a grid has them all", known)
+    whole = any(name in table for name in U_COLUMNS) or ("format" in header and not is_as_printed(header))
+    table.require((*COLUMNS, *((*U_COLUMNS, OUTSIDE) if whole else ())), "a grid has them all", known)
     if not axes:
         raise InputError(f"{path}, header: there is no column of positions; expected {' or '.join(letters)}")
     positions = np.stack([table.numbers(a, unit, "every node has a position") for a in axes], axis=1)
-    return _assemble(
-        str(path), header, axes, positions, _six(table, COLUMNS), _six(table, U_COLUMNS), read_flags(table, OUTSIDE)
-    )
+    values = _six(table, COLUMNS)
+    u = _six(table, U_COLUMNS) if whole else np.full(values.shape, np.nan)
+    outside = read_flags(table, OUTSIDE) if whole else np.zeros(len(values), dtype=bool)
+    return _assemble(str(path), grid_record(header, axes), axes, *_in_order(positions, values, u, outside))
+
+
+def _in_order(positions: np.ndarray, *others: np.ndarray) -> tuple[np.ndarray, ...]:
+    """All rows with the first axis varying fastest, whichever does in the file."""
+    order = np.lexsort(positions.T)
+    return positions[order], *(other[order] for other in others)
 
 
 def _six(table: CsvTable, names: tuple[str, ...]) -> np.ndarray:
@@ -81,18 +92,18 @@ def _assemble(
     u: np.ndarray,
     outside: np.ndarray,
 ) -> AnyGrid:
-    rotary = "side" in header or header.get("type") == _ROTARY
+    rotary = "side" in header or header.get("type") == _ROTARY or axes[0] in ROTARY_AXES
     special = ("side", "reference point", "period") if rotary else ("tool vector",)
-    require_keys(path, header, (*_NAMED, *special), f"a grid written by volid, '{FORMAT}'")
-    if header["format"] != FORMAT:
+    require_keys(
+        path, header, (*_NAMED, *special), f"a grid written by volid, '{FORMAT}', or lines '# key: value' that say it"
+    )
+    if header.get("format", FORMAT) != FORMAT:
         raise InputError(f"{path}: format is '{header['format']}'; this volid reads '{FORMAT}'")
     if header["values"] not in SIGN:
         raise InputError(f"{path}: values are '{header['values']}'; expected {' or '.join(SIGN)}")
     nodes = tuple(np.unique(column) for column in positions.T)
     if not np.array_equal(grid_positions(nodes), positions):
-        raise InputError(
-            f"{path}: the nodes are no regular grid with {axes[0]} varying fastest; expected every node once"
-        )
+        raise InputError(f"{path}: the nodes are no regular grid; expected every combination of positions once")
     common: dict[str, Any] = {
         "type": header["type"],
         "axes": axes,

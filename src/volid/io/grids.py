@@ -20,6 +20,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from volid.backend.even_points import round_position
 from volid.compensation.grids.grid import IN_DEGREES, AnyGrid, Grid, RotaryGrid
 from volid.compensation.reversal import reversal_text
 from volid.fitting.solution import Solution
@@ -33,6 +34,7 @@ from volid.io.functions_csv import (
     text_output,
     write_csv,
 )
+from volid.io.layouts import ISO, VOLID, check_layout
 from volid.io.record import COMPENSATION, ERROR, SIGN, closing_lines, values_lines
 from volid.model.iso230 import DIRECTIONS
 
@@ -120,17 +122,35 @@ def grid_paths(grids: Sequence[AnyGrid], path: str | Path) -> list[Path]:
     return [path.with_name(f"{path.stem}.{part}{path.suffix}") for part in parts]
 
 
-def grid_sheet(grid: AnyGrid, header: Mapping[str, str]) -> Sheet:
-    """The grid as a table, `header` from `grid_header`; in CSV, components keep 1e-9 mm and 1e-12 degrees."""
+def grid_sheet(grid: AnyGrid, header: Mapping[str, str], layout: str = VOLID) -> Sheet:
+    """The grid as a table, `header` from `grid_header`; in CSV, components keep 1e-9 mm and 1e-12 degrees.
+
+    `layout`: "volid", or "iso" for the columns and the order of ISO/TR 16907 Tables 2 and 3, and no others.
+    """
+    check_layout(layout)
+    if layout == ISO:
+        return _as_printed(grid, header)
     values, u = _outward(grid, header["values"])
     ends = _interval_columns(grid, header["values"])
     columns = INTERVAL_COLUMNS if ends.shape[1] else ()
-    rows = zip(grid.positions, values, u, grid.outside.astype(int).tolist(), ends, strict=True)
+    rows = zip(round_position(grid.positions), values, u, grid.outside.astype(int).tolist(), ends, strict=True)
     return Sheet(
         header=header,
         columns=(*grid.axes, *COLUMNS, *U_COLUMNS, OUTSIDE, *columns),
         rows=([*q.tolist(), *v.tolist(), *s.tolist(), outside, *e.tolist()] for q, v, s, outside, e in rows),
         digits=dict(zip((*COLUMNS, *U_COLUMNS, *INTERVAL_COLUMNS), (9, 9, 9, 12, 12, 12) * 7, strict=True)),
+    )
+
+
+def _as_printed(grid: AnyGrid, header: Mapping[str, str]) -> Sheet:
+    """Table 2, X running fastest, or Table 3, the last rotary axis running fastest."""
+    columns, rows = (grid.table_2 if isinstance(grid, Grid) else grid.table_3)(errors=header["values"] == ERROR)
+    return Sheet(
+        header={**header, "layout": ISO},
+        columns=columns,
+        rows=([int(n), *row] for n, *row in rows.tolist()),
+        digits=dict(zip(columns[-6:], (9, 9, 9, 12, 12, 12), strict=True)),
+        short=True,
     )
 
 
@@ -148,7 +168,7 @@ def write_grid_hdf5(grid: AnyGrid, header: Mapping[str, str], path: str | Path, 
         for key, text in header.items():
             file.attrs[key.replace(" ", "_")] = text
         unit = "degrees" if isinstance(grid, RotaryGrid) else "mm"
-        write_array(file, "positions", grid.positions, unit=unit).attrs["columns"] = list(grid.axes)
+        write_array(file, "positions", round_position(grid.positions), unit=unit).attrs["columns"] = list(grid.axes)
         for name, columns, block in zip(
             ("values", "u"), (COLUMNS, U_COLUMNS), _outward(grid, header["values"]), strict=True
         ):

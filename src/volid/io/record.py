@@ -12,7 +12,7 @@ from pathlib import Path
 
 from volid.exceptions import InputError
 from volid.fitting.solution import Solution
-from volid.io.basics.toml_table import read_text
+from volid.io.basics.encodings import decode, read_bytes
 from volid.io.functions_csv import REJECTED, source_lines
 
 ERROR, COMPENSATION = "error", "compensation"
@@ -45,8 +45,15 @@ def closing_lines(
 
 def read_header(path: str | Path) -> dict[str, str]:
     """The lines "# key: value" of a CSV file."""
-    comments = [line[1:].strip() for line in read_text(Path(path)).split("\n") if line.startswith("#")]
+    text, _ = decode(read_bytes(Path(path)), Path(path))
+    comments = [_unpadded(line)[1:].strip() for line in text.split("\n") if line.startswith(("#", '"#'))]
     return dict(line.split(": ", 1) for line in comments if ": " in line)
+
+
+def _unpadded(line: str) -> str:
+    """A line of the record as it was before a spreadsheet wrote it again: without quotes and empty cells."""
+    bare = line.rstrip(";,\t ")
+    return bare[1:-1].replace('""', '"') if bare[:1] == bare[-1:] == '"' else bare
 
 
 def notes_of(header: Mapping[str, str]) -> tuple[str, ...]:

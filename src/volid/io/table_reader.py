@@ -8,22 +8,24 @@ from pathlib import Path
 
 import numpy as np
 
-from volid.compensation.tables.error_table import ITSELF, MODEL, ErrorTable
+from volid.compensation.tables.error_table import ITSELF, MODEL, ErrorTable, added_in_minus
 from volid.exceptions import InputError
 from volid.io.basics.csv_table import CsvTable, read_csv
 from volid.io.functions_csv import OUTSIDE, read_flags
+from volid.io.layouts import table_record
 from volid.io.record import SIGN, notes_of, read_header, require_keys
 from volid.io.tables import ABSOLUTE, FORMAT, INCREMENTAL
 from volid.model.iso230 import parse
 
-_NAMED = ("format", "type", "function", "values", "rows", "applied", "zero", "period", "datum")
+_NAMED = ("type", "function", "values", "rows", "applied", "zero", "period", "datum")
 
 
 def read_table(path: str | Path) -> ErrorTable:
     """A table as error values, absolute, in mm or rad, whatever the file holds.
 
     Args:
-        path: Path of a CSV file that `save_compensation` wrote.
+        path: Path of a CSV file that `save_compensation` wrote, or of a table in the layout of ISO/TR 16907 Table 1 below a line
+            "# values: error" or "# values: compensation".
 
     Raises:
         InputError: the file is damaged or of another format, a header line or column is missing, or the positions do not rise.
@@ -36,9 +38,11 @@ def read_table(path: str | Path) -> ErrorTable:
     >>> read_table(path).forward.tolist()
     [0.0, 0.01]
     """
-    header, table = read_header(path), read_csv(path)
-    require_keys(path, header, _NAMED, f"a table written by volid, '{FORMAT}'")
-    _expect(path, header, "format", (FORMAT,))
+    table = read_csv(path).renamed({}, (), str(path))
+    header = table_record(read_header(path), path, table.columns)
+    require_keys(path, header, _NAMED, f"a table written by volid, '{FORMAT}', or lines '# key: value' that say it")
+    if "format" in header:
+        _expect(path, header, "format", (FORMAT,))
     _expect(path, header, "values", tuple(SIGN))
     _expect(path, header, "rows", (ABSOLUTE, INCREMENTAL))
     _expect(path, header, "applied", (MODEL, ITSELF))
@@ -91,10 +95,13 @@ def _values(table: CsvTable, name: str, header: Mapping[str, str], path: str) ->
 
     if f"{name}(+)" in table and f"{name}(-)" in table:
         return column(f"{name}(+)"), column(f"{name}(-)")
-    if f"{name}(+)" in table and f"B_{name}" in table:
+    if f"{name}(+)" in table and added_in_minus(name) in table:
+        up = column(f"{name}(+)")
+        return up, up + sign * table.numbers(added_in_minus(name), unit, "every row has a reversal")
+    if f"{name}(+)" in table and f"B_{name}" in table:  # as volid 0.1 wrote it
         up = column(f"{name}(+)")
         return up, up - sign * table.numbers(f"B_{name}", unit, "every row has a reversal value")
-    table.require((name,), f"expected {name}, or {name}(+) with {name}(-) or B_{name}")
+    table.require((name,), f"expected {name}, or {name}(+) with {name}(-) or {added_in_minus(name)}")
     mean, half = column(name), 0.0
     if "reversal value" in header:
         try:

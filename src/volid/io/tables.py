@@ -5,11 +5,12 @@ columns position, values, u, and `outside` (1: not measured there). The value co
 
     X,EXX                 without reversal, or one `reversal value` for the axis in the header (`reversal=value`)
     X,EXX(+),EXX(-)       approached in + and in - (`reversal=columns`)
-    X,EXX(+),B_EXX        approached in +, and the reversal value EXX(+) - EXX(-) (`reversal=difference`)
+    X,EXX(+),EXX(-)-EXX(+)  approached in +, and the reversal that is added for motion in - (`reversal=difference`, 9.2.3)
 
-Lengths are in mm, rotations in rad, positions in mm or degrees. Incremental tables hold the differences of *rounded* absolute
-values, and in the first row the value itself. A running sum therefore gives the absolute table, and rounding errors do not add
-up. A table that is read back always holds error values.
+In the layout of the Technical Report (`layout=iso`) nothing stands beside these columns. Lengths are in mm, rotations in rad,
+positions in mm or degrees. Incremental tables hold the differences of *rounded* absolute values, and in the first row the value
+itself. A running sum therefore gives the absolute table, and rounding errors do not add up. A table that is read back always
+holds error values.
 """
 
 from __future__ import annotations
@@ -21,12 +22,14 @@ from pathlib import Path
 
 import numpy as np
 
+from volid.backend.even_points import round_position
 from volid.compensation.rounding import round_to
-from volid.compensation.tables.error_table import COLUMNS, DIFFERENCE, ITSELF, MODEL, VALUE, ErrorTable
+from volid.compensation.tables.error_table import COLUMNS, DIFFERENCE, ITSELF, MODEL, VALUE, ErrorTable, added_in_minus
 from volid.compensation.tables.meaning import meaning_of
 from volid.exceptions import InputError
 from volid.fitting.solution import Solution
 from volid.io.functions_csv import OUTSIDE, Sheet
+from volid.io.layouts import ISO, VOLID, check_layout
 from volid.io.record import COMPENSATION, ERROR, SIGN, closing_lines, values_lines
 from volid.model.iso230 import LINEAR_AXES, parse
 from volid.model.requests import ask_increments
@@ -49,7 +52,8 @@ class TableForm:
     """How tables are written.
 
     `errors`: error values instead of compensation values. `incremental`: differences from row to row instead of absolute values.
-    `reversal`: "columns", "value" or "difference". `increment`, `angle_increment`: least increment to which values are rounded
+    `reversal`: "columns", "value" or "difference". `layout`: "volid", or "iso" for the columns that ISO/TR 16907 Table 1 has, and
+    no others. `increment`, `angle_increment`: least increment to which values are rounded
     [mm], [rad]; None: all digits. Raises `InputError` for a combination that makes no table.
     """
 
@@ -58,8 +62,10 @@ class TableForm:
     reversal: str = COLUMNS
     increment: float | None = None
     angle_increment: float | None = None
+    layout: str = VOLID
 
     def __post_init__(self) -> None:
+        check_layout(self.layout)
         if self.reversal not in REVERSALS:
             raise InputError(f"`reversal={self.reversal}`: expected {', '.join(REVERSALS)}")
         if self.incremental and self.reversal == DIFFERENCE:
@@ -133,7 +139,7 @@ def _reversal_text(table: ErrorTable, form: TableForm) -> str:
     if form.reversal == COLUMNS:
         return "columns: (+) approached with rising, (-) with falling position"
     if form.reversal == DIFFERENCE:
-        return f"difference: B_{table.function} = value (+) - value (-)"
+        return f"difference: {added_in_minus(table.function)} is added for motion in -"
     return f"value: one for the axis; up to {table.reversal_loss:.6g} {table.unit} of the reversal at single positions is left"
 
 
@@ -141,9 +147,13 @@ def table_sheet(table: ErrorTable, form: TableForm, header: Mapping[str, str]) -
     """The table before it is written; values keep 1e-9 mm or 1e-12 rad."""
     columns, values, _ = written_values(table, form)
     digits = 12 if parse(table.function).is_rotation else 9
+    places = round_position(table.positions).tolist()
+    if form.layout == ISO:
+        printed = ([q, *v] for q, v in zip(places, values.tolist(), strict=True))
+        return Sheet({**header, "layout": ISO}, columns, printed, dict.fromkeys(columns[1:], digits), short=True)
     u = table.u if values.shape[1] == 2 else table.u.max(axis=1, keepdims=True)
     names = (f"u_{c}" for c in columns[1:])
-    rows = zip(table.positions.tolist(), values.tolist(), u.tolist(), table.outside.astype(int).tolist(), strict=True)
+    rows = zip(places, values.tolist(), u.tolist(), table.outside.astype(int).tolist(), strict=True)
     return Sheet(
         header=header,
         columns=(*columns, *names, OUTSIDE),

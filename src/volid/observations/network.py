@@ -15,6 +15,7 @@ from volid.observations.beams import Beam
 from volid.observations.response import PlaceOf, Remainder, Response, TurnOf, as_rows
 from volid.observations.stations import Seen
 
+_FEW = 4  # readings: fewer locate no station with a dead path
 PLACEMENT = ("X", "Y", "Z", "A", "B", "C")
 PLACEMENT_SPREAD = {"mm": 5.0, "rad": 1e-3}  # how far a virtual network's frame lies from the machine's
 _ONE_FRAME = (
@@ -84,8 +85,9 @@ def _locate(station: Station, beams: list[Beam]) -> tuple[StationEstimate | None
         found = trilaterate(targets, distances, index, relative, start=approximate)
     except InputError as problem:
         if station.position is None:
+            few = f", or mend its name, that stands in {len(distances)} rows only" if len(distances) < _FEW else ""
             raise InputError(
-                f"station {station.name}: no approximate position, and none can be found from its readings: {problem}"
+                f"station {station.name}: no approximate position, and none can be found from its readings: {problem}{few}"
             ) from problem
         paths_of_readings = distances - np.linalg.norm(targets - np.asarray(station.position), axis=1)
         paths = {i: float(np.median(paths_of_readings[index == i])) for i in numbers.values()}

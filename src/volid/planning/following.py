@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from volid.backend.even_points import round_position
 from volid.exceptions import InputError
 from volid.model.iso230 import LINEAR_AXES
 from volid.model.kinematics import nominal_point, transform
@@ -44,8 +45,8 @@ def one_turn(axis: Axis) -> tuple[float, float]:
 
 
 def with_rotary(machine: Machine, **angles: np.ndarray | float) -> np.ndarray:
-    """Positions (m, n_axes) with rotary axes at `angles` [degrees], everything else at 0."""
-    columns = np.broadcast_arrays(*(np.atleast_1d(np.asarray(a, dtype=float)) for a in angles.values()))
+    """Positions (m, n_axes) with rotary axes at `angles` [degrees], rounded to 1e-6, everything else at 0."""
+    columns = np.broadcast_arrays(*(np.atleast_1d(round_position(np.asarray(a, dtype=float))) for a in angles.values()))
     positions = np.zeros((len(columns[0]), len(machine.axes)))
     for letter, column in zip(angles, columns, strict=True):
         positions[:, machine.index(letter)] = column
@@ -102,7 +103,7 @@ def within_travel(machine: Machine, positions: np.ndarray, what: str) -> Followe
         raise InputError(f"{what}: no position lies within the travels: {found}; choose another place or tool vector")
     removed = len(positions) - len(rows)
     return Followed(
-        positions[rows],
+        round_position(positions[rows]),
         rows,
         (f"{what}: {removed} of {len(positions)} positions left out: {found}",) if removed else (),
     )

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from volid.backend.even_points import evenly
 from volid.campaign import Campaign, ObservationSet
 from volid.exceptions import InputError
 from volid.model.machine import Axis, Machine
@@ -67,7 +68,7 @@ def rtest_static_grid(
         raise InputError(f"machine '{machine.name}' has {len(axes)} rotary axes; expected one or two for a grid")
     _ask(machine, spheres, tools, u)
     ask_plan("static grid", n1 * (n2 if len(axes) > 1 else 1))
-    lines = [np.linspace(*one_turn(axis), _count(n, axis)) for axis, n in zip(axes, (n1, n2), strict=False)]
+    lines = [evenly(*one_turn(axis), _count(n, axis)) for axis, n in zip(axes, (n1, n2), strict=False)]
     pairs = [
         (a, b) for i, a in enumerate(lines[0]) for b in (lines[1][:: 1 - 2 * (i % 2)] if len(lines) > 1 else [0.0])
     ]
@@ -122,7 +123,7 @@ def iso10791_path(
     _ask(machine, None if sphere is None else {"P1": sphere}, tool, u)
     checked_count("n", n, 2, LARGEST)
     ask_plan(test, 2 * n)
-    there = {axis.letter: np.linspace(*one_turn(axis), n) for axis in turning}
+    there = {axis.letter: evenly(*one_turn(axis), n) for axis in turning}
     angles = {letter: np.concatenate([q, q[::-1]]) for letter, q in there.items()}
     positions = with_rotary(machine, **{**{axis.letter: np.zeros(2 * n) for axis in standing}, **angles})
     way = np.zeros_like(positions)

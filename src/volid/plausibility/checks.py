@@ -148,7 +148,7 @@ def _duplicates(readings: ObservationSet, machine: Machine) -> Iterable[str]:
     """Rows that repeat an earlier one in everything, the reading and the time included.
 
     Raises `InputError` when there are more of them than coarse digits explain; otherwise a warning names them. A reading of
-    exactly 0 repeats whenever an instrument is zeroed.
+    exactly 0 repeats whenever an instrument is zeroed, and the last row may repeat the first where a path is closed.
     """
     columns = [*readings.positions.T, *readings.directions.T, *readings.tool.T, *readings.readings.T]
     columns += [*readings.labels.values(), *([] if readings.time is None else [readings.time])]
@@ -158,7 +158,8 @@ def _duplicates(readings: ObservationSet, machine: Machine) -> Iterable[str]:
     if not len(rows):
         return
     numbers = np.arange(1, len(ids) + 1) if readings.rows is None else readings.rows
-    counted = rows[(readings.readings[rows] != 0.0).any(axis=1)]
+    closing = (rows == len(ids) - 1) & (first[rows] == 0)
+    counted = rows[(readings.readings[rows] != 0.0).any(axis=1) & ~closing]
     if len(counted) > _COINCIDENCES * _expected_coincidences(readings, machine):
         later, earlier = int(numbers[counted[0]]), int(numbers[first[counted[0]]])
         others = f", and {len(counted) - 1} more such rows" if len(counted) > 1 else ""

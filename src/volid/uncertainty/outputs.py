@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from volid.backend.even_points import evenly
 from volid.backend.rms import rms
 from volid.fitting.prediction.deviations import deviation_values, gradient_matrix
 from volid.fitting.prediction.largest import values_at, with_largest
@@ -90,7 +91,7 @@ def _linear(solution: Solution) -> Iterator[tuple[str, str, np.ndarray, np.ndarr
         for line in constants.get(name, ()):
             yield name, line.symbol, np.array([np.nan]), line.row[None]
         if name not in constants:
-            at = np.linspace(*solution.machine.axis(parse(name).axis).travel, POSITIONS)
+            at = evenly(*solution.machine.axis(parse(name).axis).travel, POSITIONS)
             yield name, name, at, solution.motion_rows(name, at, 0)
 
 

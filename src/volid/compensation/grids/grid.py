@@ -17,13 +17,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from volid.backend.even_points import round_position
 from volid.compensation.grids.interpolation import interpolate, into_period
 from volid.compensation.grids.sides import HEAD, LINEAR, TABLE, lever_points
 from volid.model.iso230 import DIRECTIONS
 from volid.model.machine import Machine
 
 if TYPE_CHECKING:
-    from jaxtyping import Bool, Float
+    from jaxtyping import Bool, Float, Int
 
 IN_DEGREES = np.array(
     [1.0] * 3 + [180.0 / np.pi] * 3
@@ -123,10 +124,11 @@ class SpatialGrid(ABC):
         """
         return np.asarray(lever_points(machine, self.side, positions, tool) - self.reference)
 
-    def _table(self, errors: bool) -> tuple[tuple[str, ...], np.ndarray]:
+    def _table(self, errors: bool, order: Int[np.ndarray, " n"]) -> tuple[tuple[str, ...], np.ndarray]:
         columns = ("n", *self.axes, *(f"Δ{letter}" for letter in DIRECTIONS))
         values = (self.values if errors else self.compensation) * IN_DEGREES
-        return columns, np.column_stack([np.arange(1, len(values) + 1), self.positions, values])
+        numbers = np.arange(1, len(values) + 1)
+        return columns, np.column_stack([numbers, round_position(self.positions[order]), values[order]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,12 +179,13 @@ class Grid(SpatialGrid):
         return np.asarray(self.tool, dtype=float)
 
     def table_2(self, *, errors: bool = False) -> tuple[tuple[str, ...], Float[np.ndarray, "n columns"]]:
-        """The table of ISO/TR 16907, Table 2: columns n, X, Y, Z [mm], ΔX, ΔY, ΔZ [mm], ΔA, ΔB, ΔC [°]; one row per node.
+        """The table of ISO/TR 16907, Table 2: columns n, X, Y, Z [mm], ΔX, ΔY, ΔZ [mm], ΔA, ΔB, ΔC [°]; one row per node, X
+        running fastest.
 
         Args:
             errors: error values instead of compensation values.
         """
-        return self._table(errors)
+        return self._table(errors, np.arange(len(self.positions)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -258,14 +261,15 @@ class RotaryGrid(SpatialGrid):
         return values
 
     def table_3(self, *, errors: bool = False) -> tuple[tuple[str, ...], Float[np.ndarray, "n columns"]]:
-        """The table of ISO/TR 16907, Table 3: columns n, A (or B), C [°], ΔX, ΔY, ΔZ [mm], ΔA, ΔB, ΔC [°]; one row per node.
+        """The table of ISO/TR 16907, Table 3: columns n, A (or B), C [°], ΔX, ΔY, ΔZ [mm], ΔA, ΔB, ΔC [°]; one row per node,
+        the last axis running fastest.
 
         A grid over one axis has one column of positions.
 
         Args:
             errors: error values instead of compensation values.
         """
-        return self._table(errors)
+        return self._table(errors, np.lexsort(self.positions.T[::-1]))
 
 
 AnyGrid = Grid | RotaryGrid

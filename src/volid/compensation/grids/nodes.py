@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from volid.backend.consent import ask_memory, in_bytes, in_digits
-from volid.backend.even_points import every_step, number_of_steps
+from volid.backend.even_points import evenly, every_step, number_of_steps
 from volid.compensation.grids.evaluation import evaluate, field_values
 from volid.compensation.grids.grid import AnyGrid
 from volid.compensation.grids.interpolation import grid_positions
@@ -75,7 +75,7 @@ def _even_nodes(request: GridRequest, side: str, reach: tuple[float, float]) -> 
     """Nodes of one axis by step or by number, between the ends of `reach`."""
     if request.sampling.step is not None:
         return every_step(*reach, request.sampling.step)
-    return np.linspace(*reach, _number(request, side))
+    return evenly(*reach, _number(request, side))
 
 
 def _fewest_nodes(

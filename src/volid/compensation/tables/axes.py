@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from volid.backend.even_points import evenly
 from volid.compensation.base import Base
 from volid.fitting.solution import Solution
 from volid.model.error_functions import settings_for
@@ -33,7 +34,7 @@ def polygon_knots(solution: Solution, axis: Axis, ends: tuple[float, float]) -> 
     degrees = {settings_for(solution.machine, n).degree for n in solution.model.names if parse(n).axis == axis.letter}
     if len(splines) != 1 or next(iter(splines))[1] != 1 or axis.is_full_turn or not degrees:
         return None
-    knots = np.linspace(*axis.travel, next(iter(splines))[0] + 1)
+    knots = evenly(*axis.travel, next(iter(splines))[0] + 1)
     return np.array([ends[0], *knots[(knots > ends[0]) & (knots < ends[1])], ends[1]])
 
 

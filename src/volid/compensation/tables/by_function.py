@@ -31,19 +31,19 @@ from volid.model.machine import Axis, Machine
 from volid.model.requests import ask_metres, ask_step
 
 NEGLIGIBLE = 1e-9  # mm at the offset: a function that is nowhere larger needs no table
-MEAN_DIRECTION = 0.0
 FEW = 20  # positions at which a function that is 0 is looked at for whether the data determine it
 
 
 @dataclass(frozen=True, eq=False)
 class TableRequest:
-    """What is asked of tables: types, base and sampling; `zero` and `ranges` by axis letter, as of `error_tables`."""
+    """What is asked of tables: types, base and sampling; `zero`, `approach` and `ranges`, as of `error_tables`."""
 
     types: Sequence[CompensationType]
     base: Base
     sampling: Sampling
     zero: Mapping[str, float]
     ranges: Mapping[str, tuple[float, float]]
+    approach: float = 0.0
 
 
 def error_tables(
@@ -53,6 +53,7 @@ def error_tables(
     sampling: Sampling | None = None,
     zero: Mapping[str, float] | None = None,
     ranges: Mapping[str, tuple[float, float]] | None = None,
+    approach: float = 0.0,
 ) -> tuple[ErrorTable, ...]:
     """Tables of every function that the `types` correct by tables, axis by axis.
 
@@ -61,9 +62,9 @@ def error_tables(
         types: Types of ISO/TR 16907, values of `volid.COMPENSATION_TYPES`.
         base: What the types are based on, as `volid.compensation_base` makes it.
         sampling: How each table is sampled; by default at 21 points, or at the knots of a polygon.
-        zero: Position by axis letter where the values of its tables are zero (mean of both directions), instead of at the
-            crossing of the lines [mm or °].
+        zero: Position by axis letter where the values of its tables are zero, instead of at the crossing of the lines [mm or °].
         ranges: Lowest and highest position by axis letter [mm or °]; the travel by default.
+        approach: Direction in which the position of `zero` is approached, +1 or -1; 0 for the mean of both.
 
     Raises:
         InputError: a type has no tables, or a limit on the points is too small for the stated error.
@@ -84,7 +85,9 @@ def error_tables(
     _check_zero(solution.campaign.machine, zero or {})
     _ask_step(solution, types, sampling, ranges or {})
     solution = solution.without_waves()
-    request = TableRequest(types, base, Sampling() if sampling is None else sampling, zero or {}, ranges or {})
+    request = TableRequest(
+        types, base, Sampling() if sampling is None else sampling, zero or {}, ranges or {}, approach
+    )
     tables: list[ErrorTable] = []
     for axis in solution.machine.axes:
         chosen = _types_of(axis, types)
@@ -191,7 +194,7 @@ class _AxisTables:
         zero = self.request.zero.get(axis.letter)
         crossing = base.at[solution.machine.index(axis.letter)] if zero is None else zero
         if zero is not None:
-            shift = self._rows(types, np.array([zero]), MEAN_DIRECTION, component)
+            shift = self._rows(types, np.array([zero]), self.request.approach, component)
             both = [rows - shift for rows in both]
         for rows in both:
             _require_determined(solution, name, rows)
@@ -210,7 +213,8 @@ class _AxisTables:
             applied=MODEL,
             interpolation=float(interpolation_error(self.dense, curve, nodes).max()),
             basis=_basis(solution.machine, axis, base),
-            zero=f"{axis.letter} = {crossing:g} {axis.unit}",
+            zero=f"{axis.letter} = {crossing:g} {axis.unit}"
+            + _approached(0.0 if zero is None else self.request.approach),
             datum=describe_datum(solution.machine, solution.datum),
             period=period_of(axis, nodes),
             notes=(*alignment_notes(solution, base, axis.letter), *_notes(solution, axis)),
@@ -223,6 +227,10 @@ def _require_determined(solution: Solution, name: str, rows: np.ndarray) -> None
             f"tables: the data do not determine {name} on this line. {' '.join(solution.statements)} Measure what is missing, "
             "or choose another line (`at`), tool vector (`tool`) or type."
         )
+
+
+def _approached(direction: float) -> str:
+    return f", approached in {'+' if direction > 0 else '-'}" if direction else ""
 
 
 def _basis(machine: Machine, axis: Axis, base: Base) -> dict[str, str]:

@@ -97,8 +97,9 @@ class ErrorTable:
         """The table of ISO/TR 16907, Table 1: columns such as X, EXX(+), EXX(-); one row per position.
 
         Args:
-            reversal: "columns" for both directions, "difference" for EXX(+) and the reversal value B = E(+) - E(-) in a second
-                column, "value" for the mean alone (its one reversal value is `reversal_value`).
+            reversal: "columns" for both directions, "difference" for EXX(+) and in a second column the reversal alone, which is
+                added for motion in -, E(-) - E(+) (9.2.3), "value" for the mean alone (its one reversal value is
+                `reversal_value`, of the other sign: ISO 230-2).
             errors: error values instead of compensation values.
 
         Returns:
@@ -111,7 +112,7 @@ class ErrorTable:
         if reversal == COLUMNS:
             return (self.axis, f"{f}(+)", f"{f}(-)"), np.column_stack([self.positions, up, down])
         if reversal == DIFFERENCE:
-            return (self.axis, f"{f}(+)", f"B_{f}"), np.column_stack([self.positions, up, up - down])
+            return (self.axis, f"{f}(+)", added_in_minus(f)), np.column_stack([self.positions, up, down - up])
         return (self.axis, f), np.column_stack([self.positions, 0.5 * (up + down)])
 
     @property
@@ -123,6 +124,11 @@ class ErrorTable:
     def reversal_loss(self) -> float:
         """What one reversal value instead of two columns leaves: largest |B - mean B| / 2 [mm or rad]."""
         return float(np.abs(self.forward - self.reverse - self.reversal_value).max() / 2.0)
+
+
+def added_in_minus(function: str) -> str:
+    """Name of the column of reversal that is added for motion in -: "EXX(-)-EXX(+)"."""
+    return f"{function}(-)-{function}(+)"
 
 
 def with_one_reversal(table: ErrorTable) -> ErrorTable:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from volid.backend.even_points import every_step, number_of_steps
+from volid.backend.even_points import evenly, every_step, number_of_steps
 from volid.exceptions import InputError
 from volid.model.requests import ask_bound, checked_number
 
@@ -82,14 +82,14 @@ def choose_nodes(
     if sampling.max_error is None:
         n = sampling.max_points
         if n is None:
-            return np.linspace(*travel, POINTS) if default is None else default
+            return evenly(*travel, POINTS) if default is None else default
         if default is not None and len(default) <= n:
             return default
-        return np.linspace(*travel, n) if sampling.spacing == EQUAL else _best_free(dense, values, n)
+        return evenly(*travel, n) if sampling.spacing == EQUAL else _best_free(dense, values, n)
     found = _fewest(dense, values, sampling.max_error, sampling.spacing)
     limit = LARGEST if sampling.max_points is None else sampling.max_points
     if found is None or len(found) > limit:
-        best = np.linspace(*travel, limit) if sampling.spacing == EQUAL else _best_free(dense, values, limit)
+        best = evenly(*travel, limit) if sampling.spacing == EQUAL else _best_free(dense, values, limit)
         left = interpolation_error(dense, values, best).max()
         needed = f"{len(found)} points" if found is not None else f"more than {LARGEST} points"
         raise InputError(
@@ -104,7 +104,7 @@ def _fewest(dense: np.ndarray, values: np.ndarray, bound: float, spacing: str) -
     if spacing == FREE:
         return _fewest_free(dense, values, bound)
     for n in range(2, len(dense)):
-        nodes = np.linspace(dense[0], dense[-1], n)
+        nodes = evenly(dense[0], dense[-1], n)
         if interpolation_error(dense, values, nodes).max() <= bound:
             return nodes
     return None
@@ -123,7 +123,7 @@ def _chords(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def _candidates(dense: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    x = np.linspace(dense[0], dense[-1], CANDIDATES)
+    x = evenly(dense[0], dense[-1], CANDIDATES)
     y = np.stack([np.interp(x, dense, v) for v in values.T], axis=1)
     return x, y, _chords(x, y)
 

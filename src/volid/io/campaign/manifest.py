@@ -12,7 +12,9 @@ import numpy as np
 from volid.campaign import Campaign, ObservationSet, Station, standard_uncertainty
 from volid.exceptions import InputError, OutputError
 from volid.io.basics.atomic import atomic_folder, atomic_with_companions
+from volid.io.basics.csv_form import CsvForm
 from volid.io.basics.toml_table import Table, check_format, format_lines, parse_toml, read_text
+from volid.io.campaign.named_stations import with_named
 from volid.io.campaign.rules import FORMAT, STATION_FRAMES, check_consistent
 from volid.io.campaign.sets import read_set, uncertainty_key_of
 from volid.io.machines import format_machine, read_machine
@@ -32,19 +34,24 @@ def read_manifest(path: str | Path, *, plan: bool = False) -> Campaign:
     path = Path(path)
     top = Table(parse_toml(read_text(path), str(path)), str(path))
     check_format(top, FORMAT)
-    top.only(("format", "machine", "title", "warnings", "conditions", "station", "set"))
+    top.only(("format", "machine", "title", "warnings", "conditions", "csv", "station", "set"))
     machine = read_machine(path.parent / top.text("machine"))
     sets = top.tables("set")
     if not sets:
         raise InputError(f"{path}: there is no [[set]]; add one for each file of readings")
+    form = CsvForm().with_stated(top)
+    read = [read_set(table, path.parent, machine, plan=plan, form=form) for table in sets]
+    form.check_units(top)
+    readings = tuple(found for found, _ in read)
+    stations, remarks = with_named(tuple(_station(table, machine) for table in top.tables("station")), readings)
     return check_consistent(
         Campaign(
             machine=machine,
-            stations=tuple(_station(table, machine) for table in top.tables("station")),
-            sets=tuple(read_set(table, path.parent, machine, plan=plan) for table in sets),
+            stations=stations,
+            sets=readings,
             title=top.text("title", ""),
             conditions=dict(top.table("conditions", {}).data),
-            warnings=_warnings(top),
+            warnings=(*_warnings(top), *(note for _, notes in read for note in notes), *remarks),
             source=str(path),
         )
     )

@@ -14,6 +14,8 @@ from volid.model.machine import BED, TOOL, WORKPIECE, Machine
 from volid.observations import KINDS, LATER_KINDS, Kind
 
 FORMAT = "volid-campaign/1"
+LARGEST = 1e9  # mm, rad or degrees: a thousand kilometres
+_LEAST_U = 1e-15  # mm or rad: far below what any instrument and the numbers themselves hold
 STATION_FRAMES = ("stations", "machine")
 _LEAST_CONSTANT = (
     1e-6  # mm: 1 nm; no length instrument of a machine shop is so good, but 0.1 to 1 µm written in metres are
@@ -47,6 +49,8 @@ def check_station(station: Station, machine: Machine, where: str) -> None:
         )
     if station.frame not in STATION_FRAMES:
         raise InputError(f"{where}: frame is '{station.frame}'; expected one of {', '.join(STATION_FRAMES)}")
+    if station.position is not None and not np.all(np.abs(station.position) <= LARGEST):
+        raise InputError(f"{where}: position is {station.position}; expected at most {LARGEST:g} mm in every direction")
     if station.known and station.position is None:
         raise InputError(f"{where}: known = true but there is no position; add position = [x, y, z] in mm")
     if station.frame == "machine" and not station.known:
@@ -85,6 +89,29 @@ def check_stations_of(readings: ObservationSet, stations: Iterable[Station]) -> 
         )
 
 
+def check_possible(readings: ObservationSet) -> None:
+    """Raises `InputError` naming the first row with a number beyond anything that is measured, or a u of almost nothing."""
+    names = KINDS[readings.kind].readings
+    for what, values in (
+        ("a position", readings.positions),
+        ("the tool vector", readings.tool),
+        (" or ".join(names), readings.readings),
+        ("u", readings.u),
+    ):
+        far = np.abs(values) > LARGEST
+        if far.any():
+            i, j = np.argwhere(far)[0]
+            raise InputError(
+                f"{readings.where(int(i))}: {what} is {values[i, j]:g}; expected at most {LARGEST:g}, "
+                "more than anything that is measured"
+            )
+    if (small := (readings.u > 0.0) & (readings.u < _LEAST_U)).any():
+        i, j = np.argwhere(small)[0]
+        raise InputError(
+            f"{readings.where(int(i))}: u is {readings.u[i, j]:g}; expected a standard uncertainty of at least {_LEAST_U:g}"
+        )
+
+
 def check_target(readings: ObservationSet, campaign: Campaign) -> None:
     """Raises `InputError` for a target on a body that the machine has not, or on the body that its station stands on."""
     body = KINDS[readings.kind].target_body(readings.options)
@@ -111,6 +138,7 @@ def check_consistent(campaign: Campaign) -> Campaign:
         check_station(station, campaign.machine, f"{campaign.source}, station '{station.name}'")
     for readings in campaign.sets:
         check_stations_of(readings, campaign.stations)
+        check_possible(readings)
         KINDS[readings.kind].check(readings)
         check_target(readings, campaign)
         check_effects(readings)

@@ -11,6 +11,7 @@ import numpy as np
 
 from volid.campaign import Effect, ObservationSet, standard_uncertainty
 from volid.exceptions import InputError
+from volid.io.basics.csv_form import PLAIN, CsvForm
 from volid.io.basics.csv_table import CsvTable, read_csv
 from volid.io.basics.toml_table import Table, is_number
 from volid.io.campaign import probe_centres
@@ -20,26 +21,30 @@ from volid.model.machine import TOOL, Machine
 from volid.observations import KINDS, Kind
 
 TOOL_COLUMNS = ("tool_x", "tool_y", "tool_z")
-_SET_KEYS = ("name", "kind", "file", "columns", "ignore", "tool", "effect")
+_SET_KEYS = ("name", "kind", "file", "csv", "columns", "ignore", "tool", "effect")
 _RECORDED = {"time": "s", "temperature": "°C"}
 
 
-def read_set(table: Table, folder: Path, machine: Machine, *, plan: bool) -> ObservationSet:
-    """Readings of one set: keys from `table`, rows from the CSV file that it names in `folder`.
+def read_set(
+    table: Table, folder: Path, machine: Machine, *, plan: bool, form: CsvForm = PLAIN
+) -> tuple[ObservationSet, tuple[str, ...]]:
+    """Readings of one set, keys from `table`, rows from the CSV file that it names in `folder`; and how that file was read.
+
+    `form`: how the campaign's CSV files are written, as far as it is stated; `[csv]` of the set goes before it.
 
     With `plan`, the columns of the readings may all be absent. The readings are then NaN, and the key of a proportional
     uncertainty stays in `options`, to be evaluated once there are readings. The key `columns` renames columns of the file, and
     `ignore` leaves columns out. With `centres = true` a displacement set reads sphere centres (`probe_centres`). Raises
     `InputError` naming file, row or key.
     """
-    csv = _csv(table, folder)
+    csv = _csv(table, folder, form.with_stated(table))
     kind = _form(find_kind(table.text("kind"), table.where), table, csv)
     extra = probe_centres.KEYS if kind.takes_centres else ()
     table.only((*_SET_KEYS, *extra, *uncertainty_keys(kind.readings), *kind.options, *kind.further))
     purpose = f"every row of a '{kind.name}' set needs one"
     content = _centres(table, csv, kind, machine, purpose, plan) or _content(table, csv, kind, machine, purpose, plan)
     u, pending = _uncertainty(table, csv, kind, content.readings)
-    return ObservationSet(
+    found = ObservationSet(
         name=table.text("name"),
         kind=kind.name,
         positions=content.positions,
@@ -55,6 +60,7 @@ def read_set(table: Table, folder: Path, machine: Machine, *, plan: bool) -> Obs
         source=csv.source,
         rows=csv.rows,
     )
+    return found, csv.notes
 
 
 def _form(kind: Kind, table: Table, csv: CsvTable) -> Kind:
@@ -86,14 +92,30 @@ class _Content(NamedTuple):
     options: dict[str, Any]
 
 
-def _csv(table: Table, folder: Path) -> CsvTable:
+def _csv(table: Table, folder: Path, form: CsvForm) -> CsvTable:
     """The set's file, with its columns named as `columns` says and without those in `ignore`."""
-    csv = read_csv(folder / table.text("file"))
+    csv = read_csv(folder / table.text("file"), form)
     columns, ignored = table.table("columns", {}), table.get("ignore", [])
-    names = {key: columns.text(key) for key in columns.data}
+    names = {key: _column(columns, key, form.header) for key in columns.data}
     if not isinstance(ignored, list) or not all(isinstance(name, str) for name in ignored):
         raise table.wrong("ignore", 'a list of column names, such as ["seq"]')
-    return csv.renamed(names, ignored, table.where)
+    if not form.header and not names:
+        raise InputError(
+            f"{table.where}: header = false but no columns; name them by number, such as columns = {{ X = 1 }}"
+        )
+    found = csv.renamed(names, ignored, table.where)
+    form.check_units(table)
+    return found
+
+
+def _column(columns: Table, key: str, header: bool) -> str:
+    """What the file calls a column: its header, or its number where there is none."""
+    value = columns.get(key)
+    if header:
+        return str(columns.text(key))
+    if not isinstance(value, int) or isinstance(value, bool) or value < 1:
+        raise columns.wrong(key, "the number of a column from 1, as the file has no header")
+    return str(value)
 
 
 def _content(table: Table, csv: CsvTable, kind: Kind, machine: Machine, purpose: str, plan: bool) -> _Content:
@@ -194,7 +216,8 @@ def _labels(csv: CsvTable, kind: Kind, purpose: str) -> dict[str, np.ndarray]:
 def _recorded(csv: CsvTable, name: str) -> np.ndarray | None:
     if name not in csv:
         return None
-    return csv.numbers(name, _RECORDED[name], "leave the cell empty where it was not recorded", gaps=True)
+    purpose = "leave the cell empty where it was not recorded"
+    return csv.times(name, purpose) if name == "time" else csv.numbers(name, _RECORDED[name], purpose, gaps=True)
 
 
 def _uncertainty(table: Table, csv: CsvTable, kind: Kind, readings: np.ndarray) -> tuple[np.ndarray, dict[str, Any]]:
