@@ -1,12 +1,13 @@
 """`component`: one of the six components of the deviation (interferometer, level, autocollimator, straightedge, square).
 
 value = component of the deviation + offset of the line, plus slope · (moving axis - its first position) when the
-artefact's alignment is unknown. CONVENTIONS 6; ISO 230-1 8, 9, 10.
+artefact's alignment is unknown. Lines on one artefact that was placed once share its `alignment` instead (see `alignments`): two legs
+of a square then determine the squareness of two axes, which slopes of their own would take away. CONVENTIONS 6; ISO 230-1 8, 9, 10.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,6 +20,15 @@ from volid.model.iso230 import DIRECTIONS, ROTATIONS
 from volid.model.jacobian import rigid_motion_rows, tool_rotation_rows
 from volid.model.kinematics import deviation
 from volid.model.machine import Machine
+from volid.observations.alignments import (
+    OPTIONS,
+    AlignedSettings,
+    aligned_group,
+    alignment_starts,
+    check_aligned,
+    is_aligned,
+    predict_aligned,
+)
 from volid.observations.base import Group, Kind, NuisanceTable, Part
 from volid.observations.response import Linear, Remainder, remainder
 
@@ -52,13 +62,15 @@ class Component(Kind):
     labels: Mapping[str, str | None] = {"component": None, "line": "1"}
     choices: Mapping[str, tuple[str, ...]] = {"component": tuple(DIRECTIONS)}
     options: Mapping[str, Any] = {"slope": False}
+    optional: Mapping[str, Any] = OPTIONS
+    still_by = ("line",)
     tested_by = ("line", "component")
     named_by = ("component", "line")
 
     @staticmethod
     def predict(
         machine: Machine,
-        settings: ComponentSettings,
+        settings: ComponentSettings | AlignedSettings,
         q: Any,
         tool: Vector,
         errors: Any,
@@ -66,6 +78,8 @@ class Component(Kind):
         constants: Any,
     ) -> Any:
         """Predicted values, shape (1, m) [mm or rad]."""
+        if isinstance(settings, AlignedSettings):
+            return predict_aligned(machine, settings, q, tool, errors, slots, constants)
         value = deviation(machine, q, tool, errors)[settings.component] + slots[0]
         if settings.slope:
             value = value + slots[1] * constants[0]
@@ -80,6 +94,8 @@ class Component(Kind):
             raise InputError(
                 f"{observations.where(i)}: component '{components[i]}' is none of X, Y, Z (mm) and A, B, C (rad)"
             )
+        if is_aligned(observations):
+            return [aligned_group(observations, campaign, table)]
         slope = bool(observations.options.get("slope", False))
         result = []
         for component in dict.fromkeys(components):
@@ -94,6 +110,18 @@ class Component(Kind):
             settings = ComponentSettings(DIRECTIONS.index(component), slope)
             result.append(Group(rows, settings, slots, arm))
         return result
+
+    def starts(self, campaign: Campaign) -> dict[Any, float]:
+        """Placements of artefacts and offsets of their lines."""
+        return alignment_starts(campaign)
+
+    def check(self, observations: ObservationSet) -> None:
+        """Raises `InputError` for options of an alignment that do not fit each other or the lines."""
+        check_aligned(observations)
+
+    def advice(self, sets: Sequence[ObservationSet], campaign: Campaign) -> list[str]:
+        """Which lines have slopes of their own although one artefact may have held them all."""
+        return [said for s in sets if (said := _slopes_apart(s, campaign.machine))]
 
     def unit_at(self, observations: ObservationSet, row: int, i: int) -> str:
         """mm or rad, as the component of the row is."""
@@ -180,6 +208,27 @@ class _Line:
         residual[np.abs(residual) < 1e-9 * np.abs(change).max()] = 0.0
         rows = [tuple((-row).tolist()) for row in found] + [(0.0,) * 9]
         return (rows[0], rows[1]), remainder(residual, self.observations.u[self.rows, 0], reason)
+
+
+def _slopes_apart(observations: ObservationSet, machine: Machine) -> str:
+    """That the squareness of two axes is not determined by lines of a set whose slopes are all unknown; "" where it is no such set."""
+    if is_aligned(observations) or not observations.options.get("slope"):
+        return ""
+    moved = set()
+    for line, component in {
+        *zip(observations.labels["line"].tolist(), observations.labels["component"].tolist(), strict=True)
+    }:
+        rows = (observations.labels["line"] == line) & (observations.labels["component"] == component)
+        travel = np.ptp(observations.positions[rows], axis=0)
+        if travel.any() and component not in ROTATIONS:
+            moved.add(machine.letters[int(np.argmax(travel))])
+    if len(moved) < 2:
+        return ""
+    return (
+        f"every line of set '{observations.name}' has a slope of its own (slope = true), which takes the squareness of "
+        f"{', '.join(sorted(moved))} away; if lines were read on one artefact in one place, such as a square, add [[alignment]] with "
+        "a name and a body, and alignment = that name and lines = { … } in the set, instead of slope"
+    )
 
 
 def _check_line(observations: ObservationSet, rows: np.ndarray, unit: str) -> None:

@@ -103,10 +103,31 @@ def check_target(readings: ObservationSet, campaign: Campaign) -> None:
             )
 
 
+def check_alignments(campaign: Campaign) -> None:
+    """Raises `InputError` for an alignment that is not there, or stands on a body that carries no artefact."""
+    check_unique((a.name for a in campaign.alignments), "alignment", campaign.source)
+    known = [body for body in bodies(campaign.machine) if body != TOOL]
+    for alignment in campaign.alignments:
+        if alignment.body not in known:
+            raise InputError(
+                f"{campaign.source}, alignment '{alignment.name}': body is '{alignment.body}'"
+                f"{nearest(alignment.body, known) or ';'} expected one of {', '.join(known)}"
+            )
+    names = [a.name for a in campaign.alignments]
+    for readings in campaign.sets:
+        name = str(readings.options.get("alignment", ""))
+        if name and name not in names:
+            raise InputError(
+                f"{campaign.source}, set '{readings.name}': alignment '{name}' is unknown{nearest(name, names) or ';'} "
+                f'alignments: {", ".join(names) or "none"}; add [[alignment]] with name = "{name}" or mend the name'
+            )
+
+
 def check_consistent(campaign: Campaign) -> Campaign:
     """The campaign itself when names are unique and every station that a reading names exists, else `InputError`."""
     check_unique((s.name for s in campaign.stations), "station", campaign.source)
     check_unique((s.name for s in campaign.sets), "set", campaign.source)
+    check_alignments(campaign)
     for station in campaign.stations:
         check_station(station, campaign.machine, f"{campaign.source}, station '{station.name}'")
     for readings in campaign.sets:

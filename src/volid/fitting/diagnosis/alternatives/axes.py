@@ -185,8 +185,7 @@ def _few(campaign: Campaign, factors: list[np.ndarray], rows: int) -> Campaign:
 def _chi_square(fit: Fit, campaign: Campaign, other: Other) -> float:
     """Chi-square of the campaign on another machine; infinite where it cannot be fitted."""
     sets = tuple(
-        replace(s, positions=(s.positions * other.signs)[:, other.columns], directions=s.directions[:, other.columns])
-        for s in campaign.sets
+        s.moved(lambda q: (q * other.signs)[:, other.columns], lambda way: way[:, other.columns]) for s in campaign.sets
     )
     machine = other.machine if not other.elsewhere else _covering(other.machine, sets)
     moved = replace(campaign, machine=machine, sets=sets)
@@ -201,7 +200,7 @@ def _chi_square(fit: Fit, campaign: Campaign, other: Other) -> float:
 
 def _covering(machine: Machine, sets: tuple) -> Machine:  # type: ignore[type-arg]
     """The machine with travels that hold all positions."""
-    positions = np.concatenate([s.positions for s in sets])
+    positions = np.concatenate([s.all_ends.positions for s in sets])
     ends = {
         a.letter: (min(a.travel[0], float(low)), max(a.travel[1], float(high)))
         for a, low, high in zip(machine.axes, positions.min(axis=0), positions.max(axis=0), strict=True)
