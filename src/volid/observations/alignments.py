@@ -31,7 +31,7 @@ from volid.model.jacobian import tool_rotation_rows
 from volid.model.kinematics import functional_point, nominal_point, nominal_rotation
 from volid.model.machine import BED, TOOL, Machine
 from volid.observations.base import Group, NuisanceTable
-from volid.observations.response import MOTIONS, SEVERAL_TOOLS, Key, Linear, PlaceOf, TurnOf, remainder
+from volid.observations.response import MOTIONS, SEVERAL_TOOLS, GapOf, Key, PlaceOf, TurnOf, as_rows, remainder
 from volid.observations.stations import Seen
 
 OPTIONS: Mapping[str, Any] = {"alignment": "", "lines": {}, "form_u": 0.0, "angle_u": 0.0, "offset": True}
@@ -217,17 +217,26 @@ class AlignedLine:
         reference = self.name == next(iter(self.observations.options["lines"]))
         return np.vstack([fixed, self.read.T, nominal, 0.0 * self.along if reference else self.along])
 
-    def offset_response(self) -> Linear:
-        """How the line's own offset answers a motion of the body: by n·t + (p0 × n)·ω, and by what a turned tool adds."""
-        normal, point = self.line.normal, np.asarray(self.line.point)
+    def offset_response(self) -> GapOf:
+        """How the line's own offset answers a motion of the body and a constant rotation of the tool."""
+        frame = nominal_rotation(self.machine, self.seen.positions, self.machine.body_index(BED), self.body)
+        turned = frame @ tool_rotation_rows(self.machine, self.seen.positions, self.seen.tool)[:, :3]
+        mean = turned.mean(axis=0)
         rows = np.zeros((len(self.rows), MOTIONS))
-        rows[:, :6] = np.concatenate([normal, np.cross(point, normal)]) / self.across[:, None]
-        rows[:, 6:] = -tool_rotation_rows(self.machine, self.seen.positions, self.seen.tool)[
-            :, TRANSLATIONS.index(self.component)
-        ]
-        mean, left = rows.mean(axis=0), rows - rows.mean(axis=0)
-        left[np.abs(left) < 1e-9 * max(np.abs(rows).max(), 1.0)] = 0.0
-        return Linear(self.alignment.body, remainder(left, self.seen.u[:, 0], SEVERAL_TOOLS), tuple((-mean).tolist()))
+        rows[:, 6:] = np.einsum("i,mij->mj", self.line.normal, turned - mean) / self.across[:, None]
+        rows[np.abs(rows) < 1e-9 * max(float(np.abs(turned).max()), 1.0)] = 0.0
+        return GapOf(
+            self.alignment.body,
+            remainder(rows, self.seen.u[:, 0], SEVERAL_TOOLS),
+            alignment_keys(self.alignment, "ABC"),
+            *(tuple(v.tolist()) for v in (self.line.normal, np.asarray(self.line.point), self.read.mean(axis=0))),
+            turned=as_rows(mean),
+        )
+
+
+def alignment_keys(alignment: Alignment, letters: str) -> tuple[Key, ...]:
+    """Keys of three translations (XYZ) or rotations (ABC) of a placement."""
+    return tuple(("alignment", alignment.name, c) for c in letters)
 
 
 def lines_of(observations: ObservationSet, campaign: Campaign) -> Iterator[AlignedLine]:
@@ -256,7 +265,8 @@ def aligned_group(observations: ObservationSet, campaign: Campaign, table: Nuisa
     slots[: len(shared)] = np.array(shared)[:, None]
     for line in lines:
         constants[:, line.rows] = line.constants(None if offset else placement.centre)
-        slots[len(shared) :, line.rows] = np.array(_own_slots(line, settings, options, table))
+        own = _own_slots(line, settings, options, table)
+        slots[len(shared) :, line.rows] = np.array(own, dtype=np.int64).reshape(len(own), len(line.rows))
     return Group(np.arange(len(observations)), settings, slots, constants)
 
 
@@ -298,10 +308,6 @@ class _Placement:
         """Mean of the points of all lines, (3,) [mm]."""
         return np.mean([line.line.point for line in self.lines], axis=0)
 
-    def keys(self, letters: str) -> tuple[Key, ...]:
-        """Keys of its three translations (XYZ) or rotations (ABC)."""
-        return tuple(("alignment", self.alignment.name, c) for c in letters)
-
     @cached_property
     def design(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """∂value/∂(rotations, translations) of all readings at the nominal placement, (n, 6), readings (n,), and line numbers."""
@@ -325,7 +331,7 @@ class _Placement:
     def slots(self, observations: ObservationSet, table: NuisanceTable, translated: bool) -> list[int]:
         """Numbers of the rotations and, where lines have no offsets of their own, the translations."""
         name, body, moves = self.alignment.name, self.alignment.body, self.moves
-        turns, shifts = self.keys("ABC"), self.keys("XYZ")
+        turns, shifts = (alignment_keys(self.alignment, letters) for letters in ("ABC", "XYZ"))
         found = [
             table.index(
                 turns[i],
@@ -371,7 +377,7 @@ def _fitted(placement: _Placement) -> dict[Any, float]:
     columns = [np.flatnonzero(placement.moves), own]
     whole = np.hstack([design[:, columns[0]], numbers[:, None] == own])
     found = np.linalg.lstsq(whole[seen], values[seen], rcond=1e-9)[0]
-    keys = [*placement.keys("ABC"), *placement.keys("XYZ")]
+    keys = alignment_keys(placement.alignment, "ABCXYZ")
     lines = [placement.lines[i] for i in own]
     names = [keys[i] for i in columns[0]]
     names += [("offset", line.observations.name, line.name, line.component) for line in lines]

@@ -26,7 +26,9 @@ LEAST = 1.5e-5  # of the largest singular value: what determines less is a coinc
 SPAN = 100.0  # of the median singular value: a single very precise reading does not make the others count for nothing
 WEAK = 1e-4  # of the largest: determined, with a large u
 RELATIVE = 1e-9  # the same for the other unknowns, which are in units of their own
-ROUNDING = 1e-10  # of what a parameter does to readings: what other unknowns leave of that, where they explain all of it
+ROUNDING = (
+    1e-10  # of what a parameter does to readings: what other unknowns leave of that, where they explain all of it
+)
 
 
 @dataclass(frozen=True)
@@ -85,7 +87,9 @@ def _clear_cut(matrix: np.ndarray, n: int, units: np.ndarray) -> np.ndarray | No
     schur = scaled[:n, :n] - (cross @ cho_solve(cho_factor(inner), cross.T) if len(inner) else 0.0)
     values, vectors = np.linalg.eigh(schur)
     largest = max(float(values[-1]), 1e-300) if n else 1.0
-    if n and largest < 1e-8 * float(np.max(np.diagonal(scaled)[:n])):  # the other unknowns explain all: rounding is left
+    if n and largest < 1e-8 * float(
+        np.max(np.diagonal(scaled)[:n])
+    ):  # the other unknowns explain all: rounding is left
         return None
     high = values > 1e-8 * largest
     low = np.abs(values) < 1e-11 * largest
