@@ -39,6 +39,7 @@ ROTATION_SPREAD, OFFSET_SPREAD = 2e-3, 0.1  # rad, mm: how far a virtual artefac
 SAME_PLACE = 3  # decimal places [mm] that tell places along a line apart
 ACROSS = 0.5  # cosine of the angle between the component that is read and the normal of the surface, at least
 LEVER = 1e-6  # mm: a rotation with a shorter one moves no reading
+ALIKE = 1e-9  # of what an unknown does to readings: if others do all of it but this, they stand for it
 
 
 class AlignedSettings(NamedTuple):
@@ -321,12 +322,20 @@ class _Placement:
 
     @cached_property
     def moves(self) -> np.ndarray:
-        """Which of the six move a reading against the others of its line, bool (6,)."""
+        """Which of the six are unknown, bool (6,): those that do to readings what no other does, translations before rotations.
+
+        The others are held at 0: a rotation that only shifts lines which have offsets, or a placement, to follow it.
+        """
         design, _, numbers = self.design
-        for i, own in enumerate(self.own_offset):
-            if own:
-                design = np.where((numbers == i)[:, None], design - design[numbers == i].mean(axis=0), design)
-        return np.asarray(np.abs(design).max(axis=0, initial=0.0) > LEVER)
+        kept = [np.where(numbers == i, 1.0, 0.0) for i, own in enumerate(self.own_offset) if own]
+        moves = np.zeros(6, dtype=bool)
+        for k in (3, 4, 5, 0, 1, 2):
+            column = design[:, k]
+            others = np.stack(kept, axis=1) if kept else np.zeros((len(column), 0))
+            left = column - others @ np.linalg.lstsq(others, column, rcond=1e-9)[0]
+            moves[k] = np.linalg.norm(left) > ALIKE * max(float(np.linalg.norm(column)), LEVER)
+            kept += [column] if moves[k] else []
+        return moves
 
     def slots(self, observations: ObservationSet, table: NuisanceTable, translated: bool) -> list[int]:
         """Numbers of the rotations and, where lines have no offsets of their own, the translations."""

@@ -231,9 +231,19 @@ def _slopes_apart(observations: ObservationSet, machine: Machine) -> str:
     )
 
 
+def _from_line(observations: ObservationSet, rows: np.ndarray) -> np.ndarray:
+    """Readings along a line of an artefact less a straight line, whose slope is the artefact's placement, (m,)."""
+    positions, values = observations.positions[rows], observations.readings[rows, 0]
+    moving = positions[:, int(np.argmax(np.ptp(positions, axis=0)))]
+    design = np.stack([np.ones(len(rows)), moving - moving.mean()], axis=1)
+    return np.asarray(values - design @ np.linalg.lstsq(design, values, rcond=None)[0])
+
+
 def _check_line(observations: ObservationSet, rows: np.ndarray, unit: str) -> None:
     values = observations.readings[rows, 0]
-    offset = np.abs(values - np.median(values))
+    offset = (
+        np.abs(values - np.median(values)) if not is_aligned(observations) else np.abs(_from_line(observations, rows))
+    )
     i = int(np.argmax(offset))
     if offset[i] <= LARGEST_VALUE[unit]:
         return

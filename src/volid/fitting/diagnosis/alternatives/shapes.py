@@ -26,4 +26,4 @@ def span(values: np.ndarray) -> np.ndarray:
 
 def products(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Products of all pairs of functions (k, n) and (l, n), (k · l, n)."""
-    return np.asarray((a[:, None, :] * b[None, :, :]).reshape(-1, a.shape[1]))
+    return np.asarray((a[:, None, :] * b[None, :, :]).reshape(len(a) * len(b), a.shape[1]))
