@@ -98,7 +98,8 @@ class Effect:
 class End(NamedTuple):
     """Functional points that the rows of a set see, one a row.
 
-    `positions`, `directions` (m, n_axes): commanded axis positions [mm or degrees] and how they were approached. `tool` (m, 3) [mm].
+    `positions`, `directions` (m, n_axes): commanded axis positions [mm or degrees], and how they were approached. `tool` (m, 3)
+    [mm].
     """
 
     positions: np.ndarray

@@ -139,8 +139,8 @@ def turned_over(campaign: Campaign) -> Campaign:
 def test_the_published_squareness_of_run_1_counts_the_gauge_the_other_way_along_x():
     """2091 µrad (README) is the difference of both slopes, the squareness where one gauge counts the other way.
 
-    That it did so, the third placement shows (case 09): a square 1.6° off the axes has slopes of opposite sign, and those readings
-    have the same.
+    That it did so, the third placement shows (case 09): a square 1.6° off the axes has slopes of opposite sign, and those
+    readings have slopes of the same sign.
     """
     campaign = load_campaign(CASES / "08_square_two_lines/run1_alignment.toml")
     value, u = value_and_u(fit(turned_over(campaign)), "EC0Y")

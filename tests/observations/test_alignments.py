@@ -205,7 +205,7 @@ def test_a_simulated_square_is_found_again(tmp_path):
     )
     solution = fit(found)
     assert solution.location("EC0Y").u < 4e-5
-    true = truth.constants["EC0Y"] if "EC0Y" in truth.constants else 0.0
+    true = truth.constants.get("EC0Y", 0.0)
     assert abs(solution.location("EC0Y").value - true) < 4.0 * solution.location("EC0Y").u
     assert not solution.adequacy.rejected
 

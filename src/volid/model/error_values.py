@@ -3,8 +3,8 @@
 Error values are linear in the coefficients c of the spline bases: row by row, value = Σ sign · c · basis. The functions here take
 bases that were evaluated already, so that each is evaluated once per position, and run on NumPy arrays and in JAX alike.
 
-A reading may see the machine at several positions, its *ends*: positions `q` are then (ends · n_axes, m), one end after another, and
-so are the bases and the rows of error values. The coefficients are the same at all ends.
+A reading may see the machine at several positions, its *ends*: positions `q` are then (ends · n_axes, m), one end after another,
+and so are the bases and the rows of error values. The coefficients are the same at all ends.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
 """`component`: one of the six components of the deviation (interferometer, level, autocollimator, straightedge, square).
 
 value = component of the deviation + offset of the line, plus slope · (moving axis - its first position) when the
-artefact's alignment is unknown. Lines on one artefact that was placed once share its `alignment` instead (see `alignments`): two legs
-of a square then determine the squareness of two axes, which slopes of their own would take away. CONVENTIONS 6; ISO 230-1 8, 9, 10.
+artefact's alignment is unknown. Lines on one artefact that was placed once share its `alignment` instead (see `alignments`): two
+legs of a square then determine the squareness of two axes, which slopes of their own would take away.
+CONVENTIONS 6; ISO 230-1 8, 9, 10.
 """
 
 from __future__ import annotations
@@ -24,12 +25,13 @@ from volid.observations.alignments import (
     OPTIONS,
     AlignedSettings,
     aligned_group,
-    alignment_starts,
     check_aligned,
     is_aligned,
     predict_aligned,
+    slopes_apart,
 )
 from volid.observations.base import Group, Kind, NuisanceTable, Part
+from volid.observations.placements import alignment_starts
 from volid.observations.response import Linear, Remainder, remainder
 
 SPREAD = {"mm": 0.01, "rad": 1e-4}  # of a line's offset; a virtual instrument draws from it
@@ -121,7 +123,7 @@ class Component(Kind):
 
     def advice(self, sets: Sequence[ObservationSet], campaign: Campaign) -> list[str]:
         """Which lines have slopes of their own although one artefact may have held them all."""
-        return [said for s in sets if (said := _slopes_apart(s, campaign.machine))]
+        return [said for s in sets if (said := slopes_apart(s, campaign.machine))]
 
     def unit_at(self, observations: ObservationSet, row: int, i: int) -> str:
         """mm or rad, as the component of the row is."""
@@ -208,27 +210,6 @@ class _Line:
         residual[np.abs(residual) < 1e-9 * np.abs(change).max()] = 0.0
         rows = [tuple((-row).tolist()) for row in found] + [(0.0,) * 9]
         return (rows[0], rows[1]), remainder(residual, self.observations.u[self.rows, 0], reason)
-
-
-def _slopes_apart(observations: ObservationSet, machine: Machine) -> str:
-    """That the squareness of two axes is not determined by lines of a set whose slopes are all unknown; "" where it is no such set."""
-    if is_aligned(observations) or not observations.options.get("slope"):
-        return ""
-    moved = set()
-    for line, component in {
-        *zip(observations.labels["line"].tolist(), observations.labels["component"].tolist(), strict=True)
-    }:
-        rows = (observations.labels["line"] == line) & (observations.labels["component"] == component)
-        travel = np.ptp(observations.positions[rows], axis=0)
-        if travel.any() and component not in ROTATIONS:
-            moved.add(machine.letters[int(np.argmax(travel))])
-    if len(moved) < 2:
-        return ""
-    return (
-        f"every line of set '{observations.name}' has a slope of its own (slope = true), which takes the squareness of "
-        f"{', '.join(sorted(moved))} away; if lines were read on one artefact in one place, such as a square, add [[alignment]] with "
-        "a name and a body, and alignment = that name and lines = { … } in the set, instead of slope"
-    )
 
 
 def _from_line(observations: ObservationSet, rows: np.ndarray) -> np.ndarray:

@@ -2,10 +2,10 @@
 
     reading = (1 + s) · |p(q2, tool2) - p(q1, tool1)| + a
 
-with p the actual functional point in workpiece coordinates, so that both ends carry the machine's errors. For every artefact, a is
-its unknown offset when `relative`, else the deviation of its calibrated length (prior `calibrated_u` [mm]); s is the deviation of its
-scale, a ratio (prior `scale_u`, inf when unknown). Sets that name the same artefact share both. Not modelled: bending of an
-artefact, and probing in another direction than along the length. CONVENTIONS 2, 6; ISO 10360-2 (calibrated test lengths).
+with p the actual functional point in workpiece coordinates, so that both ends carry the machine's errors. For every artefact, a
+is its unknown offset when `relative`, else the deviation of its calibrated length (prior `calibrated_u` [mm]); s is the deviation
+of its scale, a ratio (prior `scale_u`, inf when unknown). Sets that name the same artefact share both. Not modelled: bending of
+an artefact, and probing in another direction than along the length. CONVENTIONS 2, 6; ISO 10360-2 (calibrated test lengths).
 """
 
 from __future__ import annotations
@@ -21,19 +21,23 @@ from volid.campaign import Campaign, ObservationSet
 from volid.exceptions import InputError
 from volid.model.geometry import Vector, norm, subtract
 from volid.model.iso230 import LINEAR_AXES
-from volid.model.jacobian import side_rotation, tool_rotation_rows
-from volid.model.kinematics import ROWS, functional_point, nominal_point
+from volid.model.kinematics import ROWS, functional_point
 from volid.model.machine import Machine
+from volid.observations.artefact_lengths import (
+    INCLINED,
+    SAME_PLACE,
+    UNNAMED,
+    Artefact,
+    artefact_key,
+    artefacts_of,
+    fitted,
+    nominal_lengths,
+)
 from volid.observations.base import Group, Kind, NuisanceTable
-from volid.observations.response import MOTIONS, SEVERAL_TOOLS, Key, Linear, Remainder, remainder
+from volid.observations.response import Key
 
-SPREAD = 1.0  # mm, of an unknown offset of a virtual artefact
-SCALE_SPREAD = 1e-3  # of an unknown scale
-UNNAMED = "1"  # artefact of a set that names none: its own
-SAME_PLACE = 1e-6  # mm: ends that are nearer are one place
 UNITS = {1e-3: "metres", 1e3: "micrometres", 1.0 / 25.4: "inches"}
 FITS = 0.1  # of a length: how near readings in another unit come to the commanded ones
-INCLINED = 0.05  # of a length: a part along an axis that counts
 
 
 class LengthSettings(NamedTuple):
@@ -68,8 +72,9 @@ class Length(Kind):
     ) -> Any:
         """Predicted lengths, shape (1, m) [mm]; q, tool and errors hold those of the second end behind those of the first."""
         n, rows = len(machine.axes), ROWS * (len(machine.axes) + 1)
-        first = functional_point(machine, q[:n], (tool[0], tool[1], tool[2]), errors[:rows])
-        second = functional_point(machine, q[n:], (tool[3], tool[4], tool[5]), errors[rows:])
+        tools: Any = tool
+        first = functional_point(machine, q[:n], tuple(tools[:3]), errors[:rows])  # type: ignore[arg-type]
+        second = functional_point(machine, q[n:], tuple(tools[3:]), errors[rows:])  # type: ignore[arg-type]
         value = norm(subtract(second, first))
         if settings.scale:
             value = value * (1.0 + slots[int(settings.offset)])
@@ -79,7 +84,7 @@ class Length(Kind):
 
     def groups(self, observations: ObservationSet, campaign: Campaign, table: NuisanceTable) -> list[Group]:
         """All rows of a set as one group, with offset and scale of every artefact as far as they are open."""
-        own = [_Artefact(observations, campaign.machine, name) for name in _names(observations)]
+        own = [Artefact(observations, campaign.machine, name) for name in artefacts_of(observations)]
         settings = LengthSettings(any(a.has_offset for a in own), float(observations.options.get("scale_u", 0.0)) > 0.0)
         slots = np.zeros((sum(settings), len(observations)), dtype=np.int64)
         for artefact in own:
@@ -88,14 +93,14 @@ class Length(Kind):
 
     def starts(self, campaign: Campaign) -> dict[Any, float]:
         """Unknown offsets and scales, as nominal lengths give them by least squares over all sets of an artefact."""
-        found: dict[tuple[Key, Key], list[_Artefact]] = {}
+        found: dict[tuple[Key, Key], list[Artefact]] = {}
         for s in campaign.sets if not all(np.isnan(s.readings).all() for s in campaign.sets) else ():
-            for name in _names(s) if s.kind == self.name else ():
-                artefact = _Artefact(s, campaign.machine, name)
+            for name in artefacts_of(s) if s.kind == self.name else ():
+                artefact = Artefact(s, campaign.machine, name)
                 found.setdefault((artefact.key("offset"), artefact.key("scale")), []).append(artefact)
         starts: dict[Any, float] = {}
         for keys, parts in found.items():
-            starts |= _fitted(keys, parts)
+            starts |= fitted(keys, parts)
         return starts
 
     def check(self, observations: ObservationSet) -> None:
@@ -117,11 +122,11 @@ class Length(Kind):
         if not observations.options.get("relative"):
             said = "expected a length > 0 (relative = true for lengths with an unknown offset)"
             self._check_row(observations, found <= 0.0, f"length is not positive; {said}")
-        for name in _names(observations):
-            artefact = _Artefact(observations, campaign.machine, name)
+        for name in artefacts_of(observations):
+            artefact = Artefact(observations, campaign.machine, name)
             scale = _scale(nominal[artefact.rows], found[artefact.rows], bool(observations.options.get("relative")))
-            for factor, unit in UNITS.items() if scale is not None else ():
-                if abs(scale / factor - 1.0) < FITS:
+            for factor, unit in UNITS.items():
+                if scale is not None and abs(scale / factor - 1.0) < FITS:
                     raise InputError(
                         f"{observations.file_and_set}: lengths seem to be in {unit}, {scale:.3g} times the distances of the "
                         "commanded positions; expected mm"
@@ -135,7 +140,7 @@ class Length(Kind):
     def dead_paths(self, observations: ObservationSet, starts: Mapping[Any, float]) -> np.ndarray:
         """Start values of the artefacts' offsets, (m, 1) [mm]."""
         names = observations.labels["artefact"]
-        by_name = {n: starts.get(_key("offset", observations, n), 0.0) for n in _names(observations)}
+        by_name = {n: starts.get(artefact_key("offset", observations, n), 0.0) for n in artefacts_of(observations)}
         return np.array([[by_name[str(n)]] for n in names])
 
     def advice(self, sets: Sequence[ObservationSet], campaign: Campaign) -> list[str]:
@@ -148,109 +153,6 @@ class Length(Kind):
                 f"lengths were measured with a single tool vector ({single}) mm; use three that do not lie on one line"
             )
         return reasons
-
-
-def nominal_lengths(observations: ObservationSet, machine: Machine) -> np.ndarray:
-    """Distances of the nominal functional points of both ends, (m,) [mm]."""
-    return np.asarray(np.linalg.norm(_beams(observations, machine), axis=1))
-
-
-def _beams(observations: ObservationSet, machine: Machine) -> np.ndarray:
-    """From the first nominal functional point to the second, workpiece frame, (m, 3) [mm]."""
-    first, second = (nominal_point(machine, end.positions, end.tool) for end in observations.ends)
-    return np.asarray(second - first)
-
-
-def _names(observations: ObservationSet) -> list[str]:
-    return [str(name) for name in dict.fromkeys(observations.labels["artefact"].tolist())]
-
-
-def _key(what: str, observations: ObservationSet, name: str) -> Key:
-    """Key of an unknown of an artefact; one without a name belongs to its set."""
-    owner = ("set", observations.name) if name == UNNAMED else ("artefact", name)
-    return (f"{what} of length", *owner)
-
-
-class _Artefact:
-    """Rows of one artefact in a set: its unknowns, and how lengths answer a constant rotation h of the tool vectors.
-
-    A motion of the workpiece frame changes no length. h does where tool vectors, or rotary axes of the head, differ at both ends;
-    an unknown offset follows the mean of that.
-    """
-
-    def __init__(self, observations: ObservationSet, machine: Machine, name: str) -> None:
-        self.observations, self.machine, self.name = observations, machine, name
-        self.rows = np.flatnonzero(observations.labels["artefact"] == name)
-        self.relative = bool(observations.options.get("relative", False))
-        self.calibrated_u = float(observations.options.get("calibrated_u", 0.0))
-        self.answer, self.not_followed = self._response()
-
-    @property
-    def has_offset(self) -> bool:
-        """Whether there is an offset; one that is known to be 0 where something must tell what a change of datum leaves out."""
-        return self.relative or self.calibrated_u > 0.0 or self.not_followed is not None
-
-    def key(self, what: str) -> Key:
-        """Key of an unknown of the artefact."""
-        return _key(what, self.observations, self.name)
-
-    def slots(self, settings: LengthSettings, table: NuisanceTable) -> list[int]:
-        """Numbers of its offset and scale, as far as the set has them."""
-        name = self.observations.name if self.name == UNNAMED else self.name
-        found = []
-        if settings.offset:
-            u = np.inf if self.relative else self.calibrated_u
-            response = Linear(not_followed=self.not_followed, constant=self.answer)
-            number = table.index(
-                self.key("offset"), f"offset of length {name}", prior_u=u, spread=SPREAD, response=response
-            )
-            found.append(self._agreeing(table, number, u, "relative or calibrated_u"))
-        if settings.scale:
-            u = float(self.observations.options["scale_u"])
-            number = table.index(self.key("scale"), f"scale of length {name}", "1", prior_u=u, spread=SCALE_SPREAD)
-            found.append(self._agreeing(table, number, u, "scale_u"))
-        return found
-
-    def _agreeing(self, table: NuisanceTable, number: int, u: float, what: str) -> int:
-        if table.entries[number].prior_u != u:
-            raise InputError(
-                f"set '{self.observations.name}', artefact '{self.name}': {what} is stated otherwise in another set; expected the "
-                "same in all sets, or another name for another artefact"
-            )
-        return number
-
-    def _response(self) -> tuple[tuple[float, ...], Remainder | None]:
-        """The answer of the offset to (t, ω, h), and what it does not follow."""
-        own = self.observations.rows_of(self.rows)
-        beams = _beams(own, self.machine)
-        directions = beams / np.maximum(np.linalg.norm(beams, axis=1), SAME_PLACE)[:, None]
-        turned = [
-            side_rotation(self.machine, e.positions, True)
-            @ tool_rotation_rows(self.machine, e.positions, e.tool)[:, :3]
-            for e in own.ends
-        ]
-        rows = np.zeros((len(self.rows), MOTIONS))
-        rows[:, 6:] = -np.einsum("mi,mij->mj", directions, turned[1] - turned[0])
-        rows[np.abs(rows) < 1e-9] = 0.0  # mm/rad: rounding
-        mean = rows.mean(axis=0) if self.relative else np.zeros(MOTIONS)
-        left = rows - mean
-        left[np.abs(left) < 1e-9] = 0.0
-        return tuple((-mean).tolist()), remainder(left, own.u[:, 0], SEVERAL_TOOLS)
-
-
-def _fitted(keys: tuple[Key, Key], parts: Sequence[_Artefact]) -> dict[Any, float]:
-    """Start values of an artefact's unknown offset and scale."""
-    nominal = np.concatenate([nominal_lengths(p.observations, p.machine)[p.rows] for p in parts])
-    found = np.concatenate([p.observations.readings[p.rows, 0] for p in parts])
-    scaled = any(np.isinf(float(p.observations.options.get("scale_u", 0.0))) for p in parts)
-    open_ = [(keys[0], np.ones(len(nominal)))] if any(p.relative for p in parts) else []
-    open_ += [(keys[1], nominal)] if scaled and (not open_ or np.ptp(nominal) > INCLINED * nominal.max()) else []
-    seen = np.isfinite(found)
-    if not open_ or not seen.any():
-        return {}
-    design = np.stack([column for _, column in open_], axis=1)[seen]
-    values = np.linalg.lstsq(design, (found - nominal)[seen], rcond=None)[0]
-    return {key: float(value) for (key, _), value in zip(open_, values, strict=True)}
 
 
 def _scale(nominal: np.ndarray, found: np.ndarray, relative: bool) -> float | None:
@@ -277,7 +179,7 @@ def _unknown_lengths(sets: Sequence[ObservationSet]) -> Iterator[str]:
     """Artefacts of unknown length that were measured once."""
     for s in sets:
         names = s.labels["artefact"].tolist()
-        once = [n for n in _names(s) if names.count(n) == 1] if s.options.get("relative") else []
+        once = [n for n in artefacts_of(s) if names.count(n) == 1] if s.options.get("relative") else []
         if once:
             yield f"the offset of {', '.join(once)} is unknown and was measured once; measure it at several places"
 

@@ -150,8 +150,9 @@ class TurnOf(Response):
 class GapOf(Response):
     """Offset of a surface on the body, whose normal R n turns with a rotation vector o and which is read along e.
 
-    A motion changes the gap at point p of the surface by (R n)·(t + ω × p + T h) / (R n)·e. `of`: keys of o; `normal` n, `point` p,
-    `read` e; `turned` T (3, 3): what a constant rotation h of the tool does to the functional point, in the frame of the body.
+    A motion changes the gap at point p of the surface by (R n)·(t + ω × p + T h) / (R n)·e. `of`: keys of o; `normal` n,
+    `point` p, `read` e; `turned` T (3, 3): what a constant rotation h of the tool does to the functional point, in the frame of
+    the body.
     """
 
     of: tuple[Key, ...] = ()

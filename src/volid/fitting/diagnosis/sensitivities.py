@@ -78,7 +78,7 @@ def of_readings(problem: Problem, campaign: Campaign, z: np.ndarray) -> Sensitiv
 
 
 class _Entries(NamedTuple):
-    """What the readings of a set see at one of their ends: `partials` (errors + 3, m, k), the end, number of the first reading."""
+    """What readings of a set see at one of their ends: `partials` (errors + 3, m, k), the end, number of the first reading."""
 
     partials: np.ndarray
     end: End

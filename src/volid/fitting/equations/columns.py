@@ -40,7 +40,7 @@ def window_of(run: list[Term]) -> Spline | None:
 
 
 def _at_end(run: list[Term], end: int, layout: Layout) -> list[Term]:
-    """The terms of a run as readings see them at another end: rows of positions and error values stand behind those of the first."""
+    """The terms of a run at another end, whose rows of positions and error values stand behind those of the first."""
     axes, rows = end * layout.n_axes, end * ROWS * (layout.n_axes + 1)
     basis = run[0].basis
     moved = Basis(

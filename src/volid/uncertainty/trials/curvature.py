@@ -94,7 +94,7 @@ class Curvature:
 
 
 def hessian_bytes(system: System) -> float:
-    """Memory for the Hessians of all readings; infinite where some see the machine at two positions, for which there are no tiles."""
+    """Memory for the Hessians of all readings; infinite where some see the machine at two positions, which no tile holds."""
     if any(b.q.shape[1] > system.layout.n_axes for b in system.blocks):
         return float("inf")
     d = [len(_rows(system.layout)) + b.slots.shape[1] for b in system.blocks]

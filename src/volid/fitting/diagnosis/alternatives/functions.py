@@ -97,12 +97,12 @@ def finer(around: Around, model: ErrorModel) -> Iterator[Alternative]:
                 continue
             order = min(2 * function.splines[0].segments + 6, MOST_ORDERS)
             row = ROWS * i + component
-            pair = [
+            columns, change = (
                 s.summed((s.errors[row] * low_order(axis, s.positions[:, i], order)).T)
                 for s in (around.seen, around.outcome.seen)
-            ]
-            own.append(pair)
-            yield Alternative(FINER, f"{name} has too few segments", f"{_MODEL} {name} = {_AUTO}", *pair)
+            )
+            own.append([columns, change])
+            yield Alternative(FINER, f"{name} has too few segments", f"{_MODEL} {name} = {_AUTO}", columns, change)
         if own:
             what, cure = (
                 f"the functions of {axis.letter} have too few segments",
