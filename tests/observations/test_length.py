@@ -12,10 +12,16 @@ from support.machines import LAYOUTS, VERTICAL, exact_machine, volid_machine
 
 from volid.campaign import Campaign, Effect, End, ObservationSet
 from volid.exceptions import InputError
-from volid.fitting.equations.problem import random_effects
+from volid.fitting.diagnosis.sensitivities import of_readings
+from volid.fitting.equations.interpreted import Interpreted
+from volid.fitting.equations.problem import build_problem, random_effects
 from volid.fitting.fit import fit
-from volid.io import load_campaign, write_manifest
-from volid.model.error_functions import motion_names
+from volid.fitting.streamed import fit_streamed
+from volid.io import load_campaign, write_campaign, write_manifest
+from volid.io.campaign.stream import CampaignStream
+from volid.model.error_functions import motion_names, spline_axes
+from volid.model.error_model import build_model
+from volid.model.splines import evaluate
 from volid.observations.artefact_lengths import nominal_lengths
 from volid.observations.base import NuisanceTable
 from volid.observations.length import LENGTH, LengthSettings
@@ -207,7 +213,40 @@ def test_monte_carlo_scatters_as_the_covariance_says():
     np.testing.assert_allclose(x.std(axis=0), expected, rtol=0.1)  # 2000 trials: 1.6 %, four of that and more
 
 
+def test_lengths_that_are_read_part_by_part_give_the_same_machine(tmp_path):
+    machine = machine_of(PLANE)
+    q, p = positions_of(machine, 200, seed=1), positions_of(machine, 200, seed=2)
+    plan = Campaign(
+        machine, (), (lengths(machine, q, p, labels={"artefact": np.resize(["bar", "gauge"], 200)}, relative=True),)
+    )
+    campaign, _ = simulate(plan, exact_truth(machine), seed=1)
+    write_campaign(campaign, tmp_path / "c.h5")
+    assert [len(part.sets[0]) for part in CampaignStream(tmp_path / "c.h5").parts(rows=150)] == [150, 50]
+    whole, parts = fit(campaign), fit_streamed(CampaignStream(tmp_path / "c.h5"), sample=200)
+    np.testing.assert_allclose(np.asarray(parts.parameters), np.asarray(whole.parameters), rtol=0.0, atol=1e-9)
+
+
 # ------------------------------------------------------------------------------------------------ what acts on both ends
+
+
+def test_tests_of_other_causes_see_both_ends():
+    """Sensitivities to EXX at both ends times its basis there, summed, are columns of the Jacobian; sets of one end beside."""
+    machine = machine_of(PLANE)
+    q, p = positions_of(machine, 30, seed=1), positions_of(machine, 30, seed=2)
+    own = lengths(machine, q, p)
+    single = plan_set("single", "component", q, (0.0, 0.0, 0.0), {"component": "X"})
+    plan = Campaign(machine, (), tuple(replace(s, name=n) for s, n in ((own, "a"), (single, "b"), (own, "c"))))
+    campaign, _ = simulate(plan, exact_truth(machine), seed=1)
+    segments = {n: (2,) * len(spline_axes(machine, n)) for n in motion_names(machine)}
+    problem = build_problem(campaign, build_model(machine, segments), engine=Interpreted())
+    seen = of_readings(problem, campaign, problem.start)
+    assert seen.errors.shape[1] == 150 and len(seen.summed(seen.errors.T)) == 90
+    (term,) = [t for t in problem.model.layout.terms if t.name == "EXX" and t.part == "mean"]
+    columns = seen.summed((seen.errors[term.row] * evaluate(term.basis, seen.positions.T, seen.directions.T)).T)
+    blocks = problem.equations.jacobian(problem.start)
+    whole = np.concatenate([block[0].T[:30] for block in blocks])[:, term.start : term.start + term.basis.size]
+    np.testing.assert_allclose(columns, whole, rtol=1e-9, atol=1e-9)
+    assert np.abs(seen.of_each(np.arange(90.0))[90:] - np.r_[np.arange(30.0), np.arange(60.0, 90.0)]).max() == 0.0
 
 
 def test_positions_of_both_ends_scatter():
@@ -290,8 +329,10 @@ def test_an_artefact_is_known_or_unknown_and_the_same_in_all_sets():
         fit(replace(campaign, sets=(*campaign.sets, other)))
 
 
-def test_sides_alone_leave_the_squareness_open_and_say_why():
-    machine = machine_of(PLANE)
+@pytest.mark.parametrize("segments", ["segments = 2", ""], ids=["stated", "from the data"])
+def test_sides_alone_leave_the_squareness_open_and_say_why(segments):
+    """Where splines are chosen from the data, positions are moved to decide on rank: what stands still must do so there."""
+    machine = machine_of(PLANE.replace("segments = 2", segments))
     x, y = machine.index("X"), machine.index("Y")
     first, second = [], []
     for at in np.linspace(0.0, 400.0, 6):
