@@ -98,8 +98,17 @@ class Effect:
 class End(NamedTuple):
     """Functional points that the rows of a set see, one a row.
 
-    `positions`, `directions` (m, n_axes): commanded axis positions [mm or degrees], and how they were approached. `tool` (m, 3)
-    [mm].
+    Args:
+        positions: Commanded axis positions, shape (m, n_axes) [mm or degrees].
+        directions: How they were approached, shape (m, n_axes): +1, -1 or 0 (unknown).
+        tool: Tool vectors, shape (m, 3) [mm].
+
+    >>> import numpy as np
+    >>> still, tool = np.zeros((2, 3)), np.tile([0.0, 0.0, -150.0], (2, 1))
+    >>> first, second = End(still, still, tool), End(still + [[300.0, 0.0, 0.0], [300.0, 400.0, 0.0]], still, tool)
+    >>> bar = ObservationSet("bar", "length", *first, np.array([[300.01], [500.02]]), np.full((2, 1), 1e-3), to=second)
+    >>> len(bar.ends), bar.side_by_side.positions.shape
+    (2, (2, 6))
     """
 
     positions: np.ndarray
