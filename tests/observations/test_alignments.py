@@ -192,8 +192,9 @@ def test_a_straightedge_that_is_turned_over_loses_its_own_form():
 # ---------------------------------------------------------------------------------------------- simulation and files
 
 
-def test_a_simulated_square_is_found_again(tmp_path):
-    machine = machine_of(STRAIGHT)
+@pytest.mark.parametrize("segments", ["segments = 2", ""], ids=["stated", "from the data"])
+def test_a_simulated_square_is_found_again(segments, tmp_path):
+    machine = machine_of(STRAIGHT.replace("segments = 2", segments))
     plan = campaign(machine, square("square", machine, form_u=2e-3, angle_u=1e-5))
     write_campaign(plan, tmp_path / "plan.h5")
     for again in (

@@ -158,6 +158,10 @@ class Kind(ABC):
         """Whether the tool vector takes part in the readings of a set."""
         return self.target_body(observations.options) == TOOL
 
+    def is_pinned(self, observations: ObservationSet) -> bool:
+        """Whether unknowns of a set belong to its commanded positions, so that other positions would have other unknowns."""
+        return False
+
     # ---------------------------------------------------------------------------------------------------- units and parts
 
     def unit_of(self, i: int) -> str:

@@ -121,6 +121,10 @@ class Component(Kind):
         """Raises `InputError` for options of an alignment that do not fit each other or the lines."""
         check_aligned(observations)
 
+    def is_pinned(self, observations: ObservationSet) -> bool:
+        """Whether there is a form error at every place of an artefact."""
+        return is_aligned(observations) and float(observations.options.get("form_u", 0.0)) > 0.0
+
     def advice(self, sets: Sequence[ObservationSet], campaign: Campaign) -> list[str]:
         """Which lines have slopes of their own although one artefact may have held them all."""
         return [said for s in sets if (said := slopes_apart(s, campaign.machine))]

@@ -180,7 +180,7 @@ def determined(
     if factors is not None:
         rows = [np.flatnonzero(np.any(f > 0.0, axis=1)) for f in factors]
         used = replace(campaign, sets=tuple(s.rows_of(r) for s, r in zip(campaign.sets, rows, strict=True)))
-    still = _axes_to_leave(problem.model, processes)
+    still = _axes_to_leave(problem.model, processes) | _pinned_axes(campaign)
     table = NuisanceTable.of(problem.nuisance)
     beside = [p for p in processes if still & {parse(n).axis for n in p.names}]
     own = known.and_smooth(_level(problem) / ORDINARY * _rows(beside, problem.model)) if beside else known
@@ -227,6 +227,13 @@ def _is_singular(matrix: np.ndarray) -> bool:
     except np.linalg.LinAlgError:
         return True
     return bool(np.any(np.diagonal(lower) ** 2 < SINGULAR))
+
+
+def _pinned_axes(campaign: Campaign) -> set[str]:
+    """Letters of axes that move in sets whose unknowns belong to the positions."""
+    pinned = [s for s in campaign.sets if KINDS[s.kind].is_pinned(s)]
+    moved = [np.ptp(s.all_ends.positions, axis=0) > 0.0 for s in pinned]
+    return {letter for own in moved for letter, moves in zip(campaign.machine.letters, own, strict=True) if moves}
 
 
 def _axes_to_leave(model: ErrorModel, processes: tuple[Process, ...]) -> set[str]:
