@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import h5py
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -273,6 +274,18 @@ def test_rotations_of_an_artefact_are_refused():
     own = square("square", machine)
     with pytest.raises(InputError, match=r"component C of a set with an alignment; expected X, Y or Z"):
         COMPONENT.check(replace(own, labels={**own.labels, "component": np.full(2 * N, "C")}))
+
+
+@pytest.mark.parametrize(
+    "text", ['{"name": "square"}', "[1]", '[{"body": "bed"}]', '[{"name": 1}]', '[{"name": "a", "place": "b"}]']
+)
+def test_alignments_of_a_damaged_file_are_named(text, tmp_path):
+    machine = machine_of(SQUARENESS)
+    write_campaign(campaign(machine, square("square", machine)), tmp_path / "c.h5")
+    with h5py.File(tmp_path / "c.h5", "r+") as file:
+        file.attrs["alignments"] = text
+    with pytest.raises(InputError, match=r"c\.h5, attribute alignments: expected a list of tables"):
+        load_campaign(tmp_path / "c.h5")
 
 
 def test_alignments_in_files_are_checked(tmp_path):

@@ -52,7 +52,7 @@ def described(observations: ObservationSet, name: str) -> Described:
 def _vector(given: Any) -> np.ndarray | None:
     try:
         x, y, z = (float(v) for v in given)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         return None
     return np.array([x, y, z]) if np.all(np.isfinite([x, y, z])) else None
 

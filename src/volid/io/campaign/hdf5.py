@@ -22,11 +22,11 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from volid.campaign import Alignment, Campaign, Effect, End, ObservationSet, Station
+from volid.campaign import Campaign, Effect, End, ObservationSet, Station
 from volid.exceptions import InputError
 from volid.io.basics.atomic import atomic_output
 from volid.io.basics.hdf5_values import check_format, read_text, reading, to_json, write_array, write_text
-from volid.io.campaign.rules import FORMAT, check_consistent, find_kind
+from volid.io.campaign.rules import FORMAT, alignments_of, check_consistent, find_kind
 from volid.io.machines import format_machine, parse_machine
 from volid.model.machine import Machine
 from volid.observations import KINDS
@@ -142,7 +142,7 @@ def read_outline(file: h5py.Group, path: str) -> Campaign:
         conditions=json.loads(file.attrs["conditions"]),
         warnings=tuple(json.loads(file.attrs["warnings"])),
         source=path,
-        alignments=tuple(Alignment(**a) for a in json.loads(file.attrs.get("alignments", "[]"))),
+        alignments=alignments_of(json.loads(file.attrs.get("alignments", "[]")), f"{path}, attribute alignments"),
     )
 
 

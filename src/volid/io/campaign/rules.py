@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import fields
+from typing import Any
 
 import numpy as np
 
-from volid.campaign import Campaign, ObservationSet, Station
+from volid.campaign import Alignment, Campaign, ObservationSet, Station
 from volid.effects.prediction import check_effects
 from volid.exceptions import InputError
 from volid.io.basics.toml_table import nearest
@@ -101,6 +103,19 @@ def check_target(readings: ObservationSet, campaign: Campaign) -> None:
                 f"{campaign.source}, set '{readings.name}': station '{name}' and its target stand on the same body "
                 f"({body_of_station}), so their distance never changes; expected two bodies that move against each other"
             )
+
+
+def alignments_of(given: Any, where: str) -> tuple[Alignment, ...]:
+    """Alignments from plain values, as a file holds them. Raises `InputError` for anything but a list of tables of texts."""
+    keys = {f.name for f in fields(Alignment)}
+    tables = given if isinstance(given, list) else [None]
+    for a in tables:
+        texts = isinstance(a, Mapping) and all(isinstance(text, str) for text in a.values())
+        if not texts or "name" not in a or set(a) - keys:
+            raise InputError(
+                f"{where}: expected a list of tables with the texts name, body and artefact; write the file again"
+            )
+    return tuple(Alignment(**a) for a in tables)
 
 
 def check_alignments(campaign: Campaign) -> None:
