@@ -108,9 +108,9 @@ def check_target(readings: ObservationSet, campaign: Campaign) -> None:
 def alignments_of(given: Any, where: str) -> tuple[Alignment, ...]:
     """Alignments from plain values, as a file holds them. Raises `InputError` for anything but a list of tables of texts."""
     keys = {f.name for f in fields(Alignment)}
-    tables = given if isinstance(given, list) else [None]
+    tables: list[Any] = given if isinstance(given, list) else [given]
     for a in tables:
-        texts = isinstance(a, Mapping) and all(isinstance(text, str) for text in a.values())
+        texts = isinstance(given, list) and isinstance(a, Mapping) and all(isinstance(t, str) for t in a.values())
         if not texts or "name" not in a or set(a) - keys:
             raise InputError(
                 f"{where}: expected a list of tables with the texts name, body and artefact; write the file again"
