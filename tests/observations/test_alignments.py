@@ -13,7 +13,9 @@ from support.kinds import EXAMPLES, exact_readings, exact_truth, machine_of, pla
 from volid.campaign import Alignment, Campaign, ObservationSet
 from volid.exceptions import InputError
 from volid.fitting.fit import fit
+from volid.fitting.streamed import fit_streamed
 from volid.io import load_campaign, write_campaign, write_manifest
+from volid.io.campaign.stream import CampaignStream
 from volid.io.solutions import read_solution, write_solution
 from volid.model.geometry import rotate_exactly
 from volid.model.machine import Datum
@@ -286,6 +288,14 @@ def test_alignments_of_a_damaged_file_are_named(text, tmp_path):
         file.attrs["alignments"] = text
     with pytest.raises(InputError, match=r"c\.h5, attribute alignments: expected a list of tables"):
         load_campaign(tmp_path / "c.h5")
+
+
+def test_lines_of_an_artefact_are_not_fitted_part_by_part(tmp_path):
+    machine = machine_of(STRAIGHT)
+    found, _ = simulate(campaign(machine, square("square", machine)), exact_truth(machine), seed=4)
+    write_campaign(found, tmp_path / "c.h5")
+    with pytest.raises(InputError, match="set 'square': its rows refer to each other"):
+        fit_streamed(CampaignStream(tmp_path / "c.h5"))
 
 
 def test_alignments_in_files_are_checked(tmp_path):

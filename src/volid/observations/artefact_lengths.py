@@ -34,6 +34,7 @@ def _beams(observations: ObservationSet, machine: Machine) -> np.ndarray:
 
 
 def artefacts_of(observations: ObservationSet) -> list[str]:
+    """Names of the artefacts of a set, in the order of its rows."""
     return [str(name) for name in dict.fromkeys(observations.labels["artefact"].tolist())]
 
 

@@ -162,6 +162,10 @@ class Kind(ABC):
         """Whether unknowns of a set belong to its commanded positions, so that other positions would have other unknowns."""
         return False
 
+    def is_whole(self, observations: ObservationSet) -> bool:
+        """Whether rows of a set refer to each other, so that it cannot be read part by part."""
+        return False
+
     # ---------------------------------------------------------------------------------------------------- units and parts
 
     def unit_of(self, i: int) -> str:

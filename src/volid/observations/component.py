@@ -121,6 +121,10 @@ class Component(Kind):
         """Raises `InputError` for options of an alignment that do not fit each other or the lines."""
         check_aligned(observations)
 
+    def is_whole(self, observations: ObservationSet) -> bool:
+        """Whether lines have the placement of an artefact, which counts from the places of all of them."""
+        return is_aligned(observations)
+
     def is_pinned(self, observations: ObservationSet) -> bool:
         """Whether there is a form error at every place of an artefact."""
         return is_aligned(observations) and float(observations.options.get("form_u", 0.0)) > 0.0
