@@ -114,8 +114,16 @@ def test_documented_manifests_and_machine_file_are_read(tmp_path):
     (tmp_path / "machine.toml").write_text(machine, encoding="utf-8")
     datasets = (ROOT / "datasets/README.md").read_text(encoding="utf-8")
     examples = re.findall(r"`(\w+\.csv)` begins `([^`]*)`:\n```toml\n(.*?)```", datasets, re.S)
-    assert len(examples) == 3
-    cells = {"component": "X", "line": "1", "segment": "1", "distance": "300", "X_dir": "1", "Y_dir": "0", "Z": "-100"}
+    assert len(examples) == 5
+    cells = {
+        "component": "X",
+        "line": "leg_Y",
+        "segment": "1",
+        "distance": "300",
+        "X_dir": "1",
+        "Y_dir": "0",
+        "Z": "-100",
+    }
     for name, header, manifest in examples:
         station = re.search(r'\[\[station\]\]\nname = "(\w+)"', manifest)
         row = [station[1] if column == "station" else cells.get(column, "0.5") for column in header.split(",")]

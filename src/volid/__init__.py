@@ -32,7 +32,9 @@ _PUBLIC = {  # public name: where it comes from, in the order of the work
     "save_campaign": "volid.io:write_campaign",
     "Campaign": "volid.campaign:Campaign",
     "Station": "volid.campaign:Station",
+    "Alignment": "volid.campaign:Alignment",
     "ObservationSet": "volid.campaign:ObservationSet",
+    "End": "volid.campaign:End",
     "check_campaign": "volid.plausibility.checks:check_campaign",
     "closures": "volid.plausibility.checks:closures",
     # a virtual machine instead of a real one

@@ -5,9 +5,9 @@ Facts that follow from the readings' places alone (measured ranges, tool vectors
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -51,6 +51,31 @@ class Station:
         return self.known and self.frame != "machine"
 
 
+@dataclass(frozen=True)
+class Alignment:
+    """A placement that several lines of readings share: of a square, a granite, a plate that was clamped once.
+
+    Its three rotations and three translations are unknown.
+
+    Args:
+        name: The name by which sets call it.
+        body: The body that the artefact stands on: "workpiece", "bed" or the letter of the axis that moves it.
+        artefact: The artefact, whose form and angle are the same in all its placements; "" for one of the alignment's name.
+
+    >>> Alignment("square").artefact_name
+    'square'
+    """
+
+    name: str
+    body: str = WORKPIECE
+    artefact: str = ""
+
+    @property
+    def artefact_name(self) -> str:
+        """The artefact's name."""
+        return self.artefact or self.name
+
+
 @dataclass(frozen=True, eq=False)
 class Effect:
     """A systematic effect on the readings of a set.
@@ -68,6 +93,31 @@ class Effect:
     u: float
     per: str
     options: Mapping[str, Any] = field(default_factory=dict)
+
+
+class End(NamedTuple):
+    """Functional points that the rows of a set see, one a row.
+
+    Args:
+        positions: Commanded axis positions, shape (m, n_axes) [mm or degrees].
+        directions: How they were approached, shape (m, n_axes): +1, -1 or 0 (unknown).
+        tool: Tool vectors, shape (m, 3) [mm].
+
+    >>> import numpy as np
+    >>> still, tool = np.zeros((2, 3)), np.tile([0.0, 0.0, -150.0], (2, 1))
+    >>> first, second = End(still, still, tool), End(still + [[300.0, 0.0, 0.0], [300.0, 400.0, 0.0]], still, tool)
+    >>> bar = ObservationSet("bar", "length", *first, np.array([[300.01], [500.02]]), np.full((2, 1), 1e-3), to=second)
+    >>> len(bar.ends), bar.side_by_side.positions.shape
+    (2, (2, 6))
+    """
+
+    positions: np.ndarray
+    directions: np.ndarray
+    tool: np.ndarray
+
+    def rows_of(self, numbers: np.ndarray | slice) -> End:
+        """Those of some rows."""
+        return End(*(values[numbers] for values in self))
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +139,7 @@ class ObservationSet:
         effects: systematic effects on the readings.
         source: File that the set was read from.
         rows: Line number of each row in that file, shape (m,).
+        to: The second functional point of every row, of a kind that sees two; None for all others.
 
     Source: CONVENTIONS 6.
 
@@ -116,9 +167,33 @@ class ObservationSet:
     effects: tuple[Effect, ...] = ()
     source: str = ""
     rows: Int[np.ndarray, " rows"] | None = None
+    to: End | None = None
 
     def __len__(self) -> int:
         return len(self.positions)
+
+    @property
+    def ends(self) -> tuple[End, ...]:
+        """The functional points of every row: one, or two."""
+        first = End(self.positions, self.directions, self.tool)
+        return (first,) if self.to is None else (first, self.to)
+
+    @property
+    def all_ends(self) -> End:
+        """The functional points of all rows: all first ones, then all second ones."""
+        return End(*(np.concatenate(parts) for parts in zip(*self.ends, strict=True)))
+
+    @property
+    def side_by_side(self) -> End:
+        """The functional points of every row beside each other: (m, n_axes · ends), and (m, 3 · ends) for the tool."""
+        return End(*(np.hstack(parts) for parts in zip(*self.ends, strict=True)))
+
+    def moved(
+        self, change: Callable[[np.ndarray], np.ndarray], way: Callable[[np.ndarray], np.ndarray]
+    ) -> ObservationSet:
+        """The set with its positions changed by one function, (m, n_axes) -> (m, n_axes), and its directions by another."""
+        first, *others = (End(change(e.positions), way(e.directions), e.tool) for e in self.ends)
+        return replace(self, positions=first.positions, directions=first.directions, to=others[0] if others else None)
 
     @property
     def file_and_set(self) -> str:
@@ -131,6 +206,7 @@ class ObservationSet:
         cut: dict[str, Any] = {name: None if values is None else values[numbers] for name, values in given.items()}
         if self.rows is None:  # messages go on to name the row that it was
             cut["rows"] = np.asarray(numbers) + 1
+        cut["to"] = None if self.to is None else self.to.rows_of(numbers)
         return replace(self, labels={name: values[numbers] for name, values in self.labels.items()}, **cut)
 
     def where(self, i: int) -> str:
@@ -164,6 +240,7 @@ class Campaign:
         conditions: the record of conditions, as ISO/TR 16907 9.1 asks for it.
         warnings: Messages about what looked odd when it was read or planned.
         source: file that it was read from.
+        alignments: Placements of artefacts that lines of readings share.
 
     >>> import volid
     >>> campaign = volid.load_campaign("datasets/vertical_multilateration/campaign.toml")
@@ -180,6 +257,7 @@ class Campaign:
     conditions: Mapping[str, Any] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     source: str = ""
+    alignments: tuple[Alignment, ...] = ()
 
     def station(self, name: str) -> Station:
         """The station called `name` (KeyError when there is none)."""
@@ -190,10 +268,14 @@ class Campaign:
         """Number of scalar readings in all sets."""
         return sum(int(s.readings.size) for s in self.sets)
 
+    def alignment(self, name: str) -> Alignment:
+        """The alignment called `name` (KeyError when there is none)."""
+        return {alignment.name: alignment for alignment in self.alignments}[name]
+
     @property
     def positions(self) -> Float[np.ndarray, "rows axes"]:
-        """Commanded positions of all sets [mm or degrees]."""
-        return np.concatenate([s.positions for s in self.sets])
+        """Commanded positions of all functional points of all sets [mm or degrees]."""
+        return np.concatenate([s.all_ends.positions for s in self.sets])
 
     def measured_range(self) -> Float[np.ndarray, "axes 2"]:
         """Lowest and highest measured position of every axis [mm or degrees]."""
@@ -209,10 +291,11 @@ class Campaign:
     def rotary_poses(self) -> list[Int[np.ndarray, " rows"]]:
         """Number of the combination of rotary positions of every row, by set; 0 everywhere without rotary axes."""
         columns = [i for i, axis in enumerate(self.machine.axes) if not axis.is_linear]
-        angles = np.round(self.positions[:, columns] / SAME_ANGLE)
+        ends = [(s.positions, s.positions if s.to is None else s.to.positions) for s in self.sets]
+        angles = np.round(np.concatenate([np.hstack([a[:, columns], b[:, columns]]) for a, b in ends]) / SAME_ANGLE)
         _, pose = np.unique(angles, axis=0, return_inverse=True)
         return np.split(np.asarray(pose).ravel(), np.cumsum([len(s) for s in self.sets])[:-1])
 
     def tool_vectors(self) -> Float[np.ndarray, "tools 3"]:
         """The distinct tool vectors of all sets [mm], in ascending order."""
-        return np.unique(np.round(np.concatenate([s.tool for s in self.sets]), SAME_TOOL), axis=0)
+        return np.unique(np.round(np.concatenate([s.all_ends.tool for s in self.sets]), SAME_TOOL), axis=0)

@@ -134,7 +134,8 @@ def test_second_derivatives_bend_the_predictions(case):
         delta = np.zeros_like(whole)
         delta[places] = 0.1 * steps[:, None] * rng.standard_normal((len(places), m))
 
-        def whitened(w, form=block.form, chunk=chunk, split=6 * (problem.system.layout.n_axes + 1)):
+        def whitened(w, form=block.form, chunk=chunk, errors=errors):
+            split = len(errors)
             tool, constants = tuple(chunk.tool), tuple(chunk.constants)
             return chunk.weight * predict_readings(system.machine, form, chunk.q, tool, w[:split], w[split:], constants)
 

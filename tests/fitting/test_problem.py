@@ -142,6 +142,9 @@ def test_components_are_the_exact_chains_with_offset_and_slope(number, slope):
             np.testing.assert_allclose(found[number][rows, 0], expected, rtol=0, atol=1e-9)
 
 
+OPEN = ("offset", "scale")  # of an artefact whose lengths were measured
+
+
 def test_nuisance_parameters_are_the_expected_ones():
     _, built, _, _ = everything()
     names = [e.name for e in built.nuisance]
@@ -156,8 +159,15 @@ def test_nuisance_parameters_are_the_expected_ones():
     prior = {e.name: e.prior_u for e in built.nuisance}
     assert prior["station exact X"] == 0.0 and prior["length calibrated"] == 0.001 and prior["station bed Z"] == np.inf
     fixed_columns = np.flatnonzero(np.abs(built.free).sum(axis=1) == 0) - built.model.layout.n_coefficients
-    assert [names[i] for i in fixed_columns] == [f"station exact {c}" for c in "XYZ"]
-    assert sum(n.startswith("slope") for n in names) == 4 and sum(n.startswith("offset") for n in names) == 8
+    # nothing is read along Z on the square
+    assert [names[i] for i in fixed_columns] == [*(f"station exact {c}" for c in "XYZ"), "alignment square Z"]
+    assert sum(n.startswith("slope") for n in names) == 4
+    assert sum(n.startswith("offset components") for n in names) == 8
+    assert [n for n in names if "length " in n and "of" in n] == [
+        f"{w} of length {a}" for a in ("bar", "gauge") for w in OPEN
+    ]
+    assert {prior[f"{w} of length bar"] for w in OPEN} == {np.inf} and prior["angle square line Y"] == 1e-5
+    assert {e.prior_u for e in built.nuisance if e.name.startswith("form square")} == {1e-3}
 
 
 def test_normal_equations_are_those_of_jacobian_residual_and_prior(case):
@@ -166,9 +176,12 @@ def test_normal_equations_are_those_of_jacobian_residual_and_prior(case):
     r = np.concatenate(
         [((p - s.readings) / s.u)[:, 0] for s, p in zip(campaign.sets, predictions(campaign, built, z), strict=True)]
     )
-    i = built.model.layout.n_coefficients + [e.name for e in built.nuisance].index("length calibrated")
+    u = np.array([e.prior_u for e in built.nuisance])
     prior = np.zeros_like(z)
-    prior[i] = 1 / 0.001**2
+    prior[built.model.layout.n_coefficients :] = np.where(
+        np.isfinite(u) & (u > 0.0), 1.0 / np.maximum(u, 1e-9) ** 2, 0.0
+    )
+    assert prior.max() == pytest.approx(1e10)  # of the angle of the square
     normal = built.equations.normal(z)
     size = np.sqrt(np.diagonal(J.T @ J + np.diag(prior)))
     np.testing.assert_allclose(
@@ -176,7 +189,7 @@ def test_normal_equations_are_those_of_jacobian_residual_and_prior(case):
     )
     scale = size * np.linalg.norm(r)
     np.testing.assert_allclose(normal.gradient / scale, (J.T @ r + prior * z) / scale, atol=1e-12)
-    assert float(normal.cost) == pytest.approx(0.5 * (r @ r + prior[i] * z[i] ** 2), rel=1e-12)
+    assert float(normal.cost) == pytest.approx(0.5 * (r @ r + prior @ z**2), rel=1e-12)
 
 
 def test_weights_of_a_reweighted_problem(case):

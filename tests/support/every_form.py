@@ -6,7 +6,7 @@ import numpy as np
 from exact_chain import ExactMachine
 
 from support.machines import volid_machine
-from volid.campaign import Campaign, ObservationSet, Station
+from volid.campaign import Alignment, Campaign, End, ObservationSet, Station
 from volid.fitting.equations.problem import build_problem
 from volid.model.error_functions import motion_names, spline_axes
 from volid.model.error_model import LOCATION, build_model
@@ -59,18 +59,37 @@ def components(rng, letters, slope):
     return observations(f"components {letters}", rng, "component", labels=labels, options={"slope": slope})
 
 
+def lengths(rng):
+    """Between two places and two tool vectors each; offset and scale of two artefacts unknown."""
+    to = End(
+        rng.uniform([0, 0, -500], [600, 1000, 0], (M, 3)),
+        rng.choice([-1.0, 1.0], (M, 3)),
+        rng.uniform(-200, 200, (M, 3)),
+    )
+    labels = {"artefact": np.where(np.arange(M) < 12, "bar", "gauge")}
+    return observations("lengths", rng, "length", labels=labels, options={"relative": True, "scale_u": np.inf}, to=to)
+
+
+def legs(rng):
+    """Two legs of a square with an angle and a form of its own, placed as a whole."""
+    lines = {"X": {"along": [1, 0, 0], "normal": [0, 1, 0]}, "Y": {"along": [0, 1, 0], "normal": [1, 0, 0]}}
+    labels = {"line": np.where(np.arange(M) < 12, "X", "Y"), "component": np.where(np.arange(M) < 12, "Y", "X")}
+    options = {"alignment": "square", "lines": lines, "form_u": 1e-3, "angle_u": 1e-5, "offset": False}
+    return observations("legs", rng, "component", labels=labels, options=options)
+
+
 @cache
 def everything():
     """One campaign with every form of set, its problem, and z where nothing is zero."""
     rng = np.random.default_rng(0)
     sets = [distances(name, rng, **form) for name, form in SETS.items()]
-    sets += [components(rng, "XC", False), components(rng, "YA", True)]
+    sets += [components(rng, "XC", False), components(rng, "YA", True), lengths(rng), legs(rng)]
     machine = volid_machine(EXACT, EXTRA)
-    campaign = Campaign(machine, tuple(STATIONS.values()), tuple(sets))
+    campaign = Campaign(machine, tuple(STATIONS.values()), tuple(sets), alignments=(Alignment("square"),))
     segments = {n: (3, 2)[: len(spline_axes(machine, n))] for n in motion_names(machine)}
     built = build_problem(campaign, build_model(machine, segments))
     terms = built.model.layout.terms
-    units = {"mm": 3.0, "rad": 1e-3, "mm/mm": 1e-4, "rad/mm": 1e-6}
+    units = {"mm": 3.0, "rad": 1e-3, "mm/mm": 1e-4, "rad/mm": 1e-6, "1": 1e-4}
     scale = np.concatenate(
         [np.full(t.basis.size, 1e-2 if t.part != LOCATION and t.name[1] in "XYZ" else 1e-4) for t in terms]
         + [[units[e.unit]] for e in built.nuisance]

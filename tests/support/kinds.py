@@ -12,7 +12,7 @@ from functools import cache
 import numpy as np
 
 from support.judging import spline_truth
-from volid.campaign import Campaign, ObservationSet, Station
+from volid.campaign import Alignment, Campaign, End, ObservationSet, Station
 from volid.fitting.equations.interpreted import Interpreted
 from volid.fitting.equations.problem import build_problem, scatter
 from volid.fitting.solution import Solution
@@ -125,13 +125,14 @@ class Example:
     wrong: tuple[tuple[float, str], ...] = ()
     single: bool = False
     loose: float = 1e-3
+    alignments: tuple[Alignment, ...] = ()
 
     def plan(self) -> Campaign:
         """The campaign without readings."""
         machine = machine_of(self.machine)
         stations, volume = distances(machine, 60 if self.machine == THREE else 150, self.single)
         own, sets = self.make(machine)
-        return Campaign(machine, (*stations, *own), (volume, *sets), title="contract")
+        return Campaign(machine, (*stations, *own), (volume, *sets), title="contract", alignments=self.alignments)
 
 
 def _seen_from(kind: str, body: str, place=(-700.0, -350.0, 400.0)):
@@ -209,8 +210,44 @@ def _lines(slope: bool, letters: str = "XYB"):
     return make
 
 
+def _lengths(two_tools: bool = False, **options):
+    """Lengths of three artefacts between places all over the travels, at both ends with one tool vector or with two."""
+
+    def make(machine):
+        m = 45
+        q, p = positions_of(machine, m, seed=3), positions_of(machine, m, seed=11)
+        tool = TOOLS[np.arange(m) % 3]
+        labels = {"artefact": np.array(["bar", "gauge", "piece"])[np.arange(m) * 3 // m]}
+        own = plan_set("own", "length", q, tool, labels, **options)
+        return (), (replace(own, to=End(p, np.zeros_like(p), np.roll(tool, 1, axis=0) if two_tools else tool)),)
+
+    return make
+
+
+def _artefact(placed: bool, **options):
+    """Two legs of a square, each read along its normal and from above."""
+    x, y, z = np.eye(3).tolist()
+    legs = {"leg_X": {"along": x, "normal": y}, "top_X": {"along": x, "normal": z}}
+    legs |= {"leg_Y": {"along": y, "normal": x}, "top_Y": {"along": y, "normal": z}}
+
+    def make(machine):
+        lines, m = [], 9
+        for axis in "XXYY":
+            q = np.tile([0.5 * sum(a.travel) for a in machine.axes], (m, 1))
+            i = machine.index(axis)
+            q[:, i] = np.linspace(*machine.axes[i].travel, m)
+            lines.append(q)
+        labels = {"component": np.repeat(list("YZXZ"), m), "line": np.repeat(list(legs), m)}
+        own = plan_set("own", "component", np.concatenate(lines), TOOLS[1], labels, u=5e-4)
+        stated = {"alignment": "square", "lines": legs} | ({"offset": False} if placed else {}) | options
+        return (), (replace(own, options={**own.options, **stated}),)
+
+    return make
+
+
 METRES, MICRO = 1e-3, 1e3
 IN_METRES, IN_MICRO = "seem.* to be in metres", "seem.* to be in micrometres"
+SQUARE = (Alignment("square"),)
 EXAMPLES = {
     "distance": Example(
         "distance", THREE, _seen_from("distance", "workpiece"), ((METRES, IN_METRES), (MICRO, IN_MICRO))
@@ -241,6 +278,21 @@ EXAMPLES = {
     ),
     "component, rotations": Example("component", THREE, _lines(False, "AC")),
     "component, table and head": Example("component", FIVE, _lines(True)),
+    "component, one artefact": Example("component", THREE, _artefact(False), alignments=SQUARE),
+    "component, an artefact placed": Example("component", THREE, _artefact(True), alignments=SQUARE),
+    "component, angle and form": Example(
+        "component", THREE, _artefact(False, form_u=1e-3, angle_u=1e-5), loose=1.0, alignments=SQUARE
+    ),
+    "component, an artefact on the bed": Example(
+        "component", FIVE, _artefact(False), alignments=(Alignment("square", "bed"),)
+    ),
+    "component, an artefact on the table": Example("component", FIVE, _artefact(True), alignments=SQUARE),
+    "length": Example("length", THREE, _lengths(), ((METRES, IN_METRES), (MICRO, IN_MICRO))),
+    "length, relative": Example("length", THREE, _lengths(relative=True, scale_u=np.inf)),
+    "length, calibrated": Example("length", THREE, _lengths(calibrated_u=1e-3, scale_u=1e-5), loose=0.5),
+    "length, two tool vectors": Example("length", THREE, _lengths(True)),
+    "length, table and head": Example("length", FIVE, _lengths(True)),
+    "length, table and head, relative": Example("length", FIVE, _lengths(relative=True)),
 }
 
 

@@ -62,6 +62,15 @@ class Recorded:
 
     __rmul__ = __mul__
 
+    def __truediv__(self, other: Any) -> Recorded:
+        if isinstance(other, Recorded):
+            return self * (1.0 / other)
+        return self._new(self.value / other, (self, 1.0 / other))
+
+    def __rtruediv__(self, other: Any) -> Recorded:
+        quotient = other / self.value
+        return self._new(quotient, (self, -quotient / self.value))
+
     def sqrt(self) -> Recorded:
         """Square root, derivative 1/(2 sqrt)."""
         root = np.sqrt(self.value)

@@ -65,14 +65,15 @@ class Term(NamedTuple):
 
 
 class ToolShift(NamedTuple):
-    """One component of the tool vector with an unknown error: its number 0, 1 or 2, and the unknown's number by row, (m,)."""
+    """One component of the tool vector with an unknown error: its number 0, 1 or 2 (3, 4, 5 at a second end), and the unknown's
+    number by row, (m,)."""
 
     component: int
     slot: np.ndarray
 
 
 class Sensitivity(NamedTuple):
-    """∂reading/∂(axis position) (n_axes, m, k) and ∂reading/∂(tool vector) (3, m, k) at the nominal machine."""
+    """∂reading/∂(axis position) (ends·n_axes, m, k) and ∂reading/∂(tool vector) (ends·3, m, k) at the nominal machine."""
 
     by_axis: np.ndarray
     by_tool: np.ndarray

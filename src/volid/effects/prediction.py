@@ -23,7 +23,8 @@ from volid.observations.base import NuisanceTable
 
 
 class Form(NamedTuple):
-    """Static part of a group of readings: kind, settings, readings per row, tool components and additive terms of effects."""
+    """Static part of a group of readings: kind, settings, readings per row, tool components (those of a second end are 3, 4, 5)
+    and additive terms of effects."""
 
     kind: str
     settings: Any

@@ -26,11 +26,12 @@ class Repeatability(EffectType):
     def variance(
         self, effect: Effect, observations: ObservationSet, machine: Machine, sensitivity: Sensitivity
     ) -> np.ndarray:
-        """Σ (u_axis ∂reading/∂position)²."""
+        """Σ (u_axis ∂reading/∂position)²; positions of two ends scatter independently."""
         given = effect.options.get("axes")
         scatter = given if isinstance(given, Mapping) else {a.letter: effect.u for a in machine.axes if a.is_linear}
-        variances = [(float(u) * sensitivity.by_axis[machine.index(letter)]) ** 2 for letter, u in scatter.items()]
-        return np.asarray(sum(variances, np.zeros(observations.readings.shape)))
+        n, by_axis = len(machine.axes), sensitivity.by_axis
+        variances = [(float(u) * by_axis[machine.index(letter) :: n]) ** 2 for letter, u in scatter.items()]
+        return np.asarray(sum((v.sum(axis=0) for v in variances), np.zeros(observations.readings.shape)))
 
 
 REPEATABILITY = Repeatability()

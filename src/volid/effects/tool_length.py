@@ -1,11 +1,14 @@
 """`tool_length`: the tool vector has an unknown error in one or more of its `components` ("Z" by default, "XYZ" for all).
 
 reading = prediction(tool + Σ ξ e_c, …),   u of ξ in mm
+
+Both ends of a reading that has two share ξ, unless `per` = "tool" and their tool vectors differ.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -22,9 +25,11 @@ class ToolLength(EffectType):
     keys: Mapping[str, FileKey] = {"components": Letters()}
 
     def tool_shifts(self, effect: Effect, observations: ObservationSet, table: NuisanceTable) -> list[ToolShift]:
-        """One shift for every component of the tool vector that the effect names."""
+        """One shift for every component of the tool vector that the effect names, at every end."""
+        at_ends = (replace(observations, tool=end.tool) for end in observations.ends)
         return [
-            ToolShift(COMPONENTS.index(letter), slots_of(observations, effect, table, "mm", letter))
+            ToolShift(3 * i + COMPONENTS.index(letter), slots_of(seen, effect, table, "mm", letter))
+            for i, seen in enumerate(at_ends)
             for letter in _letters(effect)
         ]
 
@@ -32,7 +37,7 @@ class ToolLength(EffectType):
         self, effect: Effect, observations: ObservationSet, machine: Machine, sensitivity: Sensitivity
     ) -> np.ndarray:
         """Σ (u ∂reading/∂tool)²."""
-        by_tool = [sensitivity.by_tool[COMPONENTS.index(letter)] for letter in _letters(effect)]
+        by_tool = [sensitivity.by_tool[COMPONENTS.index(letter) :: 3].sum(axis=0) for letter in _letters(effect)]
         return np.asarray(sum((effect.u * s) ** 2 for s in by_tool))
 
 

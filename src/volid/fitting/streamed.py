@@ -32,6 +32,7 @@ from volid.fitting.smoothness.scatter import with_scatter
 from volid.fitting.solution import Solution
 from volid.fitting.stages import How, Progress, Stages, breakdown_named, with_large_errors
 from volid.model.machine import Datum
+from volid.observations import KINDS
 from volid.observations.base import NuisanceTable
 
 SAMPLE = 10_000  # rows that stations, rank and smoothness are decided on
@@ -197,6 +198,10 @@ def _of_all_readings(solution: Solution, n: int, n_sample: int, squares: dict[st
 
 def _check_effects(campaign: Campaign) -> None:
     for s in campaign.sets:
+        if KINDS[s.kind].is_whole(s):
+            raise InputError(
+                f"set '{s.name}': its rows refer to each other and cannot be fitted part by part; fit the campaign in memory"
+            )
         for effect in s.effects:
             if TYPES[effect.type].spans_campaign:
                 raise InputError(

@@ -49,6 +49,11 @@ def across_pair(direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return first, np.cross(direction, first)
 
 
+def dot(a: Vector, b: Vector) -> Any:
+    """Scalar product a · b."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
 def norm(a: Vector) -> Any:
     """Euclidean length."""
     return sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
@@ -63,6 +68,17 @@ def rotate_small(rotation: Vector, x: Vector) -> Vector:
     first = cross(rotation, x)
     second = cross(rotation, first)
     return x[0] + first[0] + 0.5 * second[0], x[1] + first[1] + 0.5 * second[1], x[2] + first[2] + 0.5 * second[2]
+
+
+def rotate_exactly(rotation: Vector, x: Vector) -> Vector:
+    """Turn `x` by the exact rotation by 2 arctan(|o|/2) about o: a rotation vector to third order, smooth at 0 and of any size.
+
+    x + (o × x + o × (o × x) / 2) / (1 + |o|²/4) (Cayley's transform; Bauchau, Flexible Multibody Dynamics, 13.4).
+    """
+    first = cross(rotation, x)
+    second = cross(rotation, first)
+    share = 1.0 / (1.0 + 0.25 * dot(rotation, rotation))
+    return tuple(x[i] + share * (first[i] + 0.5 * second[i]) for i in range(3))  # type: ignore[return-value]
 
 
 def rotate_about(direction: tuple[float, float, float], angle: Any, x: Vector) -> Vector:

@@ -114,6 +114,9 @@ class Kind(ABC):
     `tested_by`: labels whose groups of residuals are tested; `named_by`: labels that name a reading.
     `standing`: label of what stands on the workpiece at an unknown place ("sphere"). `takes_centres`: places found by a probe
     may be given instead of readings; they count as readings of 0.
+    `ends`: functional points that a reading sees; with two, the set holds the second ones in `to`, and `predict` gets q, tool and
+    errors of the second behind those of the first. `still_by`: labels of rows among which an axis that does not move is meant to
+    stand still.
     """
 
     name: str
@@ -131,6 +134,8 @@ class Kind(ABC):
     named_by: tuple[str, ...] = ()
     standing: str = ""
     takes_centres: bool = False
+    ends: int = 1
+    still_by: tuple[str, ...] = ()
 
     @property
     def further(self) -> Mapping[str, Any]:
@@ -163,6 +168,14 @@ class Kind(ABC):
     def sees_tool(self, observations: ObservationSet) -> bool:
         """Whether the tool vector takes part in the readings of a set."""
         return self.target_body(observations.options) == TOOL
+
+    def is_pinned(self, observations: ObservationSet) -> bool:
+        """Whether unknowns of a set belong to its commanded positions, so that other positions would have other unknowns."""
+        return False
+
+    def is_whole(self, observations: ObservationSet) -> bool:
+        """Whether rows of a set refer to each other, so that it cannot be read part by part."""
+        return False
 
     # ---------------------------------------------------------------------------------------------------- units and parts
 

@@ -1,12 +1,14 @@
 """`component`: one of the six components of the deviation (interferometer, level, autocollimator, straightedge, square).
 
 value = component of the deviation + offset of the line, plus slope · (moving axis - its first position) when the
-artefact's alignment is unknown. CONVENTIONS 6; ISO 230-1 8, 9, 10.
+artefact's alignment is unknown. Lines on one artefact that was placed once share its `alignment` instead (see `alignments`): two
+legs of a square then determine the squareness of two axes, which slopes of their own would take away.
+CONVENTIONS 6; ISO 230-1 8, 9, 10.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,7 +21,17 @@ from volid.model.iso230 import DIRECTIONS, ROTATIONS
 from volid.model.jacobian import rigid_motion_rows, tool_rotation_rows
 from volid.model.kinematics import deviation
 from volid.model.machine import Machine
+from volid.observations.alignments import (
+    OPTIONS,
+    AlignedSettings,
+    aligned_group,
+    check_aligned,
+    is_aligned,
+    predict_aligned,
+    slopes_apart,
+)
 from volid.observations.base import Group, Kind, NuisanceTable, Part, takes_large_errors
+from volid.observations.placements import alignment_starts
 from volid.observations.response import Linear, Remainder, remainder
 
 SPREAD = {"mm": 0.01, "rad": 1e-4}  # of a line's offset; a virtual instrument draws from it
@@ -55,13 +67,15 @@ class Component(Kind):
     labels: Mapping[str, str | None] = {"component": None, "line": "1"}
     choices: Mapping[str, tuple[str, ...]] = {"component": tuple(DIRECTIONS)}
     options: Mapping[str, Any] = {"slope": False}
+    optional: Mapping[str, Any] = OPTIONS
+    still_by = ("line",)
     tested_by = ("line", "component")
     named_by = ("component", "line")
 
     @staticmethod
     def predict(
         machine: Machine,
-        settings: ComponentSettings,
+        settings: ComponentSettings | AlignedSettings,
         q: Any,
         tool: Vector,
         errors: Any,
@@ -69,6 +83,8 @@ class Component(Kind):
         constants: Any,
     ) -> Any:
         """Predicted values, shape (1, m) [mm or rad]."""
+        if isinstance(settings, AlignedSettings):
+            return predict_aligned(machine, settings, q, tool, errors, slots, constants)
         value = deviation(machine, q, tool, errors)[settings.component] + slots[0]
         if settings.slope:
             value = value + slots[1] * constants[0]
@@ -83,6 +99,8 @@ class Component(Kind):
             raise InputError(
                 f"{observations.where(i)}: component '{components[i]}' is none of X, Y, Z (mm) and A, B, C (rad)"
             )
+        if is_aligned(observations):
+            return [aligned_group(observations, campaign, table)]
         slope = bool(observations.options.get("slope", False))
         result = []
         for component in dict.fromkeys(components):
@@ -97,6 +115,26 @@ class Component(Kind):
             settings = ComponentSettings(DIRECTIONS.index(component), slope)
             result.append(Group(rows, settings, slots, arm))
         return result
+
+    def starts(self, campaign: Campaign) -> dict[Any, float]:
+        """Placements of artefacts and offsets of their lines."""
+        return alignment_starts(campaign)
+
+    def check(self, observations: ObservationSet) -> None:
+        """Raises `InputError` for options of an alignment that do not fit each other or the lines."""
+        check_aligned(observations)
+
+    def is_whole(self, observations: ObservationSet) -> bool:
+        """Whether lines have the placement of an artefact, which counts from the places of all of them."""
+        return is_aligned(observations)
+
+    def is_pinned(self, observations: ObservationSet) -> bool:
+        """Whether there is a form error at every place of an artefact."""
+        return is_aligned(observations) and float(observations.options.get("form_u", 0.0)) > 0.0
+
+    def advice(self, sets: Sequence[ObservationSet], campaign: Campaign) -> list[str]:
+        """Which lines have slopes of their own although one artefact may have held them all."""
+        return [said for s in sets if (said := slopes_apart(s, campaign.machine))]
 
     def unit_at(self, observations: ObservationSet, row: int, i: int) -> str:
         """mm or rad, as the component of the row is."""
@@ -197,7 +235,8 @@ class _Line:
 
 def _check_line(observations: ObservationSet, rows: np.ndarray, line: _Line) -> None:
     values, unit = observations.readings[rows, 0], line.unit
-    straight = np.polyval(np.polyfit(line.arm, values, 1), line.arm) if line.slope and np.ptp(line.arm) > 0.0 else 0.0
+    free = (line.slope or is_aligned(observations)) and np.ptp(line.arm) > 0.0
+    straight = np.polyval(np.polyfit(line.arm, values, 1), line.arm) if free else 0.0
     offset = np.abs(values - straight - np.median(values - straight))
     i = int(np.argmax(offset))
     if offset[i] <= LARGEST_VALUE[unit]:

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from volid.model.geometry import skew
+from volid.model.geometry import rotate_exactly, skew
 
 TOOL_VECTORS = "tool vectors"  # the frame in which they are given, as a body
 MOTIONS = 9  # t [mm], ω [rad] of the body's frame, and h [rad] of the tool
@@ -146,6 +146,29 @@ class TurnOf(Response):
         return np.concatenate([np.zeros(3), turned[self.component], np.zeros(3)])
 
 
+@dataclass(frozen=True)
+class GapOf(Response):
+    """Offset of a surface on the body, whose normal R n turns with a rotation vector o and which is read along e.
+
+    A motion changes the gap at point p of the surface by (R n)·(t + ω × p + T h) / (R n)·e. `of`: keys of o; `normal` n,
+    `point` p, `read` e; `turned` T (3, 3): what a constant rotation h of the tool does to the functional point, in the frame of
+    the body.
+    """
+
+    of: tuple[Key, ...] = ()
+    normal: tuple[float, ...] = (0.0, 0.0, 1.0)
+    point: tuple[float, ...] = (0.0, 0.0, 0.0)
+    read: tuple[float, ...] = (0.0, 0.0, 1.0)
+    turned: Rows = _NO_TURN
+
+    def row(self, value: Values) -> np.ndarray:
+        """-(R n, p × R n, -R n T) / (R n)·e."""
+        a, b, c = (value(key) for key in self.of)
+        normal = np.array(rotate_exactly((a, b, c), self.normal))  # type: ignore[arg-type]
+        whole = np.concatenate([-normal, -np.cross(self.point, normal), normal @ np.array(self.turned)])
+        return np.asarray(whole / (normal @ np.array(self.read)))
+
+
 UNMOVED = Unmoved()
 SEVERAL_TOOLS = (
     "the new datum turns the tool, whose rotation the model leaves out or holds at 0, and the readings see several tool vectors. "
@@ -156,6 +179,7 @@ _FORMS: dict[str, type[Response]] = {
     "row": Linear,
     "point": PlaceOf,
     "rotation": TurnOf,
+    "gap": GapOf,
 }
 
 

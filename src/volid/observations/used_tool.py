@@ -13,8 +13,8 @@ def most_used_tool(campaign: Campaign) -> tuple[float, float, float]:
 
     Where no set sees the tool, all rows count.
     """
-    seen = [s.tool for s in campaign.sets if KINDS[s.kind].sees_tool(s)]
-    tools = np.round(np.concatenate(seen or [s.tool for s in campaign.sets]), SAME_TOOL)
+    seen = [s.all_ends.tool for s in campaign.sets if KINDS[s.kind].sees_tool(s)]
+    tools = np.round(np.concatenate(seen or [s.all_ends.tool for s in campaign.sets]), SAME_TOOL)
     values, first, counts = np.unique(tools, axis=0, return_index=True, return_counts=True)
     x, y, z = (values[np.lexsort((first, -counts))[0]] + 0.0).tolist()
     return x, y, z

@@ -87,8 +87,9 @@ def check_campaign(campaign: Campaign) -> tuple[str, ...]:
 def _check_numbers(readings: ObservationSet) -> None:
     if np.isnan(readings.readings).all():
         raise InputError(f"{readings.source or readings.name}: the readings are missing; expected them, not a plan")
-    for name in ("positions", "directions", "tool", "readings", "u"):
-        wrong = ~np.isfinite(getattr(readings, name)).all(axis=1)
+    numbers = readings.side_by_side._asdict() | {"readings": readings.readings, "u": readings.u}
+    for name, values in numbers.items():
+        wrong = ~np.isfinite(values).all(axis=1)
         if wrong.any():
             raise InputError(f"{readings.where(int(np.argmax(wrong)))}: {name} hold no finite number; expected one")
     wrong = (readings.u <= 0.0).any(axis=1)
@@ -133,11 +134,12 @@ def _small_positions(readings: ObservationSet, machine: Machine) -> Iterable[str
 
 def _outside_travel(readings: ObservationSet, machine: Machine) -> Iterable[str]:
     for i, axis in enumerate(machine.axes):
-        q, (lower, upper) = readings.positions[:, i], axis.travel
+        q, (lower, upper) = readings.side_by_side.positions[:, i :: len(machine.axes)], axis.travel
         slack = 1e-9 * axis.length
-        rows = np.flatnonzero((q < lower - slack) | (q > upper + slack))
+        outside = (q < lower - slack) | (q > upper + slack)
+        rows, q = np.flatnonzero(outside.any(axis=1)), q[outside]
         if len(rows):
-            found = f"{q[rows].min():g}" if len(rows) == 1 else f"{q[rows].min():g} … {q[rows].max():g}"
+            found = f"{q.min():g}" if len(q) == 1 else f"{q.min():g} … {q.max():g}"
             yield (
                 f"{_name_rows(readings, rows)}: {axis.letter} = {found} {axis.unit} lies outside the travel "
                 f"{lower:g} … {upper:g}; the error functions are not determined there"
@@ -150,7 +152,7 @@ def _duplicates(readings: ObservationSet, machine: Machine) -> Iterable[str]:
     Raises `InputError` when there are more of them than coarse digits explain; otherwise a warning names them. A reading of
     exactly 0 repeats whenever an instrument is zeroed, and the last row may repeat the first where a path is closed.
     """
-    columns = [*readings.positions.T, *readings.directions.T, *readings.tool.T, *readings.readings.T]
+    columns = [*(column for values in readings.side_by_side for column in values.T), *readings.readings.T]
     columns += [*readings.labels.values(), *([] if readings.time is None else [readings.time])]
     ids = _combine(columns)
     first = _first_of(ids, np.arange(len(ids)))
@@ -248,10 +250,11 @@ def _closure(readings: ObservationSet, i: int, name: str, later: np.ndarray, ear
 
 def _repeats(readings: ObservationSet, machine: Machine) -> tuple[np.ndarray, np.ndarray]:
     """Rows that repeat an earlier place, and the earliest row at that place, both (n,)."""
-    tolerance = [SAME_POSITION[axis.is_linear] for axis in machine.axes] + [SAME_POSITION[True]] * 3
-    places = np.hstack([readings.positions, readings.tool])
+    seen, ends = readings.side_by_side, len(readings.ends)
+    tolerance = ([SAME_POSITION[axis.is_linear] for axis in machine.axes] + [SAME_POSITION[True]] * 3) * ends
+    places = np.hstack([np.hstack([end.positions, end.tool]) for end in readings.ends])
     clusters = [_cluster(values, t) for values, t in zip(places.T, tolerance, strict=True)]
-    ids = _combine([*clusters, *readings.directions.T, *readings.labels.values()])
+    ids = _combine([*clusters, *seen.directions.T, *readings.labels.values()])
     first = _first_of(ids, _order(readings))
     later = np.flatnonzero(first != np.arange(len(ids)))
     same = (np.abs(places[later] - places[first[later]]) <= 1.001 * np.array(tolerance)).all(axis=1)

@@ -35,7 +35,7 @@ _ENOUGH = 3  # different whole degrees, which by chance all numbers are once in 
 def check_radians(readings: ObservationSet, campaign: Campaign) -> None:
     """Raises `InputError` when positions of one or several rotary axes of a set are in radians."""
     machine = campaign.machine
-    small = _may_be_radians(machine, readings.positions)
+    small = _may_be_radians(machine, readings.all_ends.positions)
     if not small:
         return
     before = _misfit(readings, campaign, readings.positions)
@@ -46,7 +46,7 @@ def check_radians(readings: ObservationSet, campaign: Campaign) -> None:
             what = f"the {places}'s places scatter" if places else "distances differ from nominal"
             said = f"{what} by {before:.3g} mm, but by {after:.2g} mm when they are taken for radians"
             _say_radians(readings, machine, best, said)
-    integers = [i for i in small if _integer_degrees(readings.positions[:, i])]
+    integers = [i for i in small if _integer_degrees(readings.all_ends.positions[:, i])]
     if integers:
         _say_radians(readings, machine, integers, "they are whole degrees when taken for radians")
 

@@ -77,7 +77,7 @@ def _axes(campaign: Campaign) -> Iterator[Slip]:
     """Axes that count the other way, and exchanged columns."""
     machine = campaign.machine
     for i, axis in enumerate(machine.axes):
-        if not any(s.positions[:, i].any() for s in campaign.sets):
+        if not campaign.positions[:, i].any():
             continue
         if axis.is_linear:
             signs = np.where(np.arange(len(machine.axes)) == i, -1.0, 1.0)
@@ -92,7 +92,7 @@ def _axes(campaign: Campaign) -> Iterator[Slip]:
 
 def _scaled(campaign: Campaign, factors: np.ndarray) -> Campaign:
     """Positions times one factor for each axis."""
-    return covering(_with_sets(campaign, lambda s: replace(s, positions=s.positions * factors)))
+    return covering(_with_sets(campaign, lambda s: s.moved(lambda q: q * factors, lambda way: way)))
 
 
 def _turning_the_other_way(campaign: Campaign, i: int) -> Slip:
@@ -109,10 +109,7 @@ def _exchanged(campaign: Campaign, i: int, j: int) -> Slip:
     a, b = machine.letters[i], machine.letters[j]
     columns = [j if k == i else i if k == j else k for k in range(len(machine.axes))]
 
-    def change(s: ObservationSet) -> ObservationSet:
-        return replace(s, positions=s.positions[:, columns], directions=s.directions[:, columns])
-
-    changed = covering(_with_sets(campaign, change))
+    changed = covering(_with_sets(campaign, lambda s: s.moved(lambda q: q[:, columns], lambda way: way[:, columns])))
     return Slip(COLUMNS, f"positions of {a} and {b} are exchanged", f"campaign: exchange columns {a} and {b}", changed)
 
 
@@ -164,8 +161,11 @@ def _tools(campaign: Campaign) -> Iterator[Slip]:
 
 
 def _tool_slip(campaign: Campaign, factors: tuple[float, float, float], what: str, cure: str) -> Slip:
-    changed = _with_sets(campaign, lambda s: replace(s, tool=s.tool * np.array(factors, dtype=float)))
-    return Slip(TOOL, what, cure, changed)
+    def change(s: ObservationSet) -> ObservationSet:
+        to = None if s.to is None else s.to._replace(tool=s.to.tool * np.array(factors))
+        return replace(s, tool=s.tool * np.array(factors), to=to)
+
+    return Slip(TOOL, what, cure, _with_sets(campaign, change))
 
 
 def _hands(campaign: Campaign) -> Iterator[Slip]:

@@ -33,7 +33,7 @@ _CLEARLY = 0.2  # u over δ/√12, below which u cannot be meant
 def check_far(readings: ObservationSet, machine: Machine) -> None:
     """Raises `InputError` when the positions of an axis lie, in the median, ten travels and more off its travel."""
     for i, axis in enumerate(machine.axes):
-        _check_axis(readings, readings.positions[:, i], axis)
+        _check_axis(readings, readings.all_ends.positions[:, i], axis)
 
 
 def _check_axis(readings: ObservationSet, q: np.ndarray, axis: Axis) -> None:
@@ -50,7 +50,8 @@ def _check_axis(readings: ObservationSet, q: np.ndarray, axis: Axis) -> None:
 
 def check_metres(readings: ObservationSet, machine: Machine) -> None:
     """Raises `InputError` when the positions of at least two linear axes fill their travels if they are taken for metres."""
-    q, moved = readings.positions, np.ptp(readings.positions, axis=0)
+    q = readings.all_ends.positions
+    moved = np.ptp(q, axis=0)
     linear = sorted((i for i, axis in enumerate(machine.axes) if axis.is_linear), key=lambda i: machine.letters[i])
     if any(moved[i] for i in range(len(machine.axes)) if i not in linear):
         return

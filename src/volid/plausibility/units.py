@@ -57,7 +57,7 @@ def check_lengths(readings: ObservationSet, campaign: Campaign) -> None:
 def _positions_are_small(readings: ObservationSet, machine: Machine) -> bool:
     """The linear axes span a tiny share of their travels, and lie near zero."""
     return all(
-        np.abs(readings.positions[:, i]).max() <= _FEW_TRAVELS * max(axis.length, *np.abs(axis.travel))
+        np.abs(readings.all_ends.positions[:, i]).max() <= _FEW_TRAVELS * max(axis.length, *np.abs(axis.travel))
         for i, axis in enumerate(machine.axes)
         if axis.is_linear
     )
@@ -65,7 +65,9 @@ def _positions_are_small(readings: ObservationSet, machine: Machine) -> bool:
 
 def positions_look_small(readings: ObservationSet, machine: Machine) -> bool:
     """True when all linear positions would fit the travels in metres as well (for a warning)."""
-    return bool(machine.linear) and np.ptp(readings.positions) > 0.0 and _positions_are_small(readings, machine)
+    return (
+        bool(machine.linear) and np.ptp(readings.all_ends.positions) > 0.0 and _positions_are_small(readings, machine)
+    )
 
 
 def beams(readings: ObservationSet, campaign: Campaign) -> Iterable[Beam]:

@@ -81,7 +81,7 @@ class Design:
         digest = hashlib.sha256(repr((self.n_per_station, self.seed, stations)).encode())
         for s in self.plan.sets if self.plan else ():
             digest.update(repr((s.name, s.kind, dict(s.options), s.effects, list(s.labels))).encode())
-            for a in (s.positions, s.directions, s.tool, s.u, s.time, s.temperature):
+            for a in (*s.side_by_side, s.u, s.time, s.temperature):
                 digest.update(b"none" if a is None else np.ascontiguousarray(a, dtype=float).tobytes())
             for label in s.labels.values():
                 digest.update(repr(np.asarray(label).tolist()).encode())

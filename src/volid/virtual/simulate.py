@@ -137,7 +137,7 @@ def on_machine(plan: Campaign, machine: Machine) -> Campaign:
             f"but '{machine.name}' has {', '.join(machine.letters)}; expected the same axes"
         )
     order = [plan.machine.index(letter) for letter in machine.letters]
-    sets = tuple(replace(s, positions=s.positions[:, order], directions=s.directions[:, order]) for s in plan.sets)
+    sets = tuple(s.moved(lambda q: q[:, order], lambda way: way[:, order]) for s in plan.sets)
     return replace(plan, machine=machine, sets=sets)
 
 
@@ -224,12 +224,13 @@ def _predict(
     engine: Engine, readings: ObservationSet, truth: Truth, groups: list[Extended], values: np.ndarray
 ) -> np.ndarray:
     """Readings without noise, shape (m, k)."""
-    errors = truth.errors(readings.positions, readings.directions)
+    errors = np.concatenate([truth.errors(end.positions, end.directions) for end in readings.ends])
+    seen = readings.side_by_side
     result = np.full(readings.readings.shape, np.nan)
     chain = chain_of(truth.machine)
     for group in groups:
         rows = group.rows
-        numbers = (readings.positions[rows].T, readings.tool[rows].T, errors[:, rows], values[group.slots])
+        numbers = (seen.positions[rows].T, seen.tool[rows].T, errors[:, rows], values[group.slots])
         result[rows] = engine.readings(chain, group.form, *numbers, group.constants).T
     return result
 

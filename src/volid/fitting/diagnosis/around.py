@@ -79,6 +79,11 @@ class Around:
         """Sensitivities to a displacement of the target in the workpiece frame, (3, n) [1/mm]."""
         return of_displacement(self.campaign.machine, self.seen)
 
+    @property
+    def positions(self) -> np.ndarray:
+        """Positions of every reading, (n, n_axes) [mm or degrees]: the first, where it has two."""
+        return self.seen.positions[: len(self.v)]
+
     @cached_property
     def weight(self) -> np.ndarray:
         """1/u of every reading times its square-root weight, (n,)."""

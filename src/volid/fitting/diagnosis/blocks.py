@@ -61,20 +61,20 @@ def partitions(around: Around, machine: Machine) -> Iterator[Blocks]:
     rounded = np.round(around.tools, SAME_TOOL)
     yield from _few("tool vectors", np.unique(rounded, axis=0, return_inverse=True)[1].ravel(), around.active)
     for i, axis in enumerate(machine.axes):
-        positions = around.seen.positions[:, i]
+        positions = around.positions[:, i]
         if np.ptp(positions[around.active]) > 1e-6 * axis.length:
             yield Blocks(f"positions of {axis.letter}", _by_quantile(positions, around.active, LEVELS))
     rotary = [i for i, axis in enumerate(machine.axes) if not axis.is_linear]
     if len(rotary) > 1:
-        poses = np.unique(np.round(around.seen.positions[:, rotary], 3), axis=0, return_inverse=True)[1].ravel()
+        poses = np.unique(np.round(around.positions[:, rotary], 3), axis=0, return_inverse=True)[1].ravel()
         yield Blocks("rotary positions", np.where(around.active, poses % MOST, -1))
 
 
 def cells(around: Around, machine: Machine) -> Iterator[Blocks]:
     """Cells of the volume, by axis and by pair of axes."""
-    moved = [i for i, a in enumerate(machine.axes) if np.ptp(around.seen.positions[around.active, i]) > 1e-6 * a.length]
-    fine = {i: _by_quantile(around.seen.positions[:, i], around.active, LEVELS) for i in moved}
-    coarse = {i: _by_quantile(around.seen.positions[:, i], around.active, CELLS) for i in moved}
+    moved = [i for i, a in enumerate(machine.axes) if np.ptp(around.positions[around.active, i]) > 1e-6 * a.length]
+    fine = {i: _by_quantile(around.positions[:, i], around.active, LEVELS) for i in moved}
+    coarse = {i: _by_quantile(around.positions[:, i], around.active, CELLS) for i in moved}
     for i in moved:
         yield Blocks(f"places along {machine.letters[i]}", fine[i])
     for a, i in enumerate(moved):

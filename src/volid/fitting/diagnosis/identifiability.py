@@ -26,6 +26,9 @@ LEAST = 1.5e-5  # of the largest singular value: what determines less is a coinc
 SPAN = 100.0  # of the median singular value: a single very precise reading does not make the others count for nothing
 WEAK = 1e-4  # of the largest: determined, with a large u
 RELATIVE = 1e-9  # the same for the other unknowns, which are in units of their own
+ROUNDING = (
+    1e-10  # of what a parameter does to readings: what other unknowns leave of that, where they explain all of it
+)
 
 
 @dataclass(frozen=True)
@@ -84,6 +87,10 @@ def _clear_cut(matrix: np.ndarray, n: int, units: np.ndarray) -> np.ndarray | No
     schur = scaled[:n, :n] - (cross @ cho_solve(cho_factor(inner), cross.T) if len(inner) else 0.0)
     values, vectors = np.linalg.eigh(schur)
     largest = max(float(values[-1]), 1e-300) if n else 1.0
+    if n and largest < 1e-8 * float(
+        np.max(np.diagonal(scaled)[:n])
+    ):  # the other unknowns explain all: rounding is left
+        return None
     high = values > 1e-8 * largest
     low = np.abs(values) < 1e-11 * largest
     if not np.all(high | low):
@@ -138,7 +145,16 @@ def _by_triangle(problem: Problem, units: np.ndarray) -> tuple[np.ndarray, np.nd
         machine = machine - q @ (q.T @ machine)
     else:
         machine = machine[m:]
-    return machine, jacobi, kept, deficient
+    return _above_rounding(machine, triangle[:, m:] * units), jacobi, kept, deficient
+
+
+def _above_rounding(left: np.ndarray, whole: np.ndarray) -> np.ndarray:
+    """What other unknowns leave of the machine's part of R, 0 where that is rounding beside the `whole`."""
+    if not left.size:
+        return left
+    _, sizes, vt = np.linalg.svd(left, full_matrices=False)
+    least = ROUNDING * float(np.linalg.norm(whole, axis=0).max(initial=0.0))
+    return np.asarray(np.where(sizes > least, sizes, 0.0)[:, None] * vt)
 
 
 def analyse(problem: Problem, campaign: Campaign) -> Identifiability:

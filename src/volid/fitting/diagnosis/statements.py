@@ -155,7 +155,7 @@ def _segment_reasons(model: ErrorModel, campaign: Campaign, names: list[str]) ->
     reasons = []
     names = [n for n in names if settings_for(campaign.machine, n).segments != "auto"]
     for letter in campaign.machine.letters:
-        values = np.concatenate([s.positions[:, campaign.machine.index(letter)] for s in campaign.sets])
+        values = campaign.positions[:, campaign.machine.index(letter)]
         count = len(np.unique(np.round(values, 3)))
         sizes = [s for f in model.functions if f.name in names for s in f.splines]
         sizes = [s for s in sizes if campaign.machine.letters[s.axis] == letter and s.size > count]
@@ -174,9 +174,9 @@ def likely_reasons(campaign: Campaign) -> list[str]:
     for kind, sets in sets_by_kind(campaign).items():
         reasons += kind.advice(sets, campaign)
     for i, letter in enumerate(campaign.machine.letters):
-        values = np.concatenate([s.positions[:, i] for s in campaign.sets])
+        values = campaign.positions[:, i]
         count = len(np.unique(np.round(values, 3)))
-        ways = set(np.unique(np.concatenate([s.directions[:, i] for s in campaign.sets])).tolist()) - {0}
+        ways = set(np.unique(np.concatenate([s.all_ends.directions[:, i] for s in campaign.sets])).tolist()) - {0}
         if len(ways) < 2 and any(f.axis == letter for f in map(parse, reversals(campaign.machine))):
             said = "in one direction only" if ways else "without recorded directions"
             reasons.append(f"axis {letter} was approached {said} (column {letter}_dir)")

@@ -129,6 +129,7 @@ _ARRAYS = ("q", "direction", "tool", "reading", "weight", "slots", "constants")
 
 def arranged(columns: Columns, block: Block) -> Arranged | None:
     """The rows of a block that have a weight; None where there are none."""
+    columns = columns.seen_by(block.q.shape[1] // columns.layout.n_axes)
     arrays = {name: flat(getattr(block, name)) for name in _ARRAYS}
     used = np.flatnonzero(arrays["weight"].any(axis=0))
     if not used.size:

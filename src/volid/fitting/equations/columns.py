@@ -2,18 +2,20 @@
 
 Terms with one basis (a run of the layout) stand together, coefficient by coefficient: number = start + coefficient · terms +
 term. So the coefficients that the readings of a cell can reach are one slice of every run. A periodic spline is unrolled: its
-first `degree` coefficients stand at its end again, and are folded back where results leave.
+first `degree` coefficients stand at its end again, and are folded back where results leave. So are the columns of further ends,
+positions at which a reading sees the machine once more: every end has columns of its own for the same coefficients.
 """
 
 from __future__ import annotations
 
+from copy import copy
 from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
-from volid.model.error_model import Layout, Term
-from volid.model.splines import Spline
+from volid.model.error_model import ROWS, Layout, Term
+from volid.model.splines import Basis, Spline
 
 
 class Run(NamedTuple):
@@ -37,18 +39,32 @@ def window_of(run: list[Term]) -> Spline | None:
     return basis.factors[0] if local else None
 
 
+def _at_end(run: list[Term], end: int, layout: Layout) -> list[Term]:
+    """The terms of a run at another end, whose rows of positions and error values stand behind those of the first."""
+    axes, rows = end * layout.n_axes, end * ROWS * (layout.n_axes + 1)
+    basis = run[0].basis
+    moved = Basis(
+        tuple(s._replace(axis=s.axis + axes) for s in basis.factors),
+        None if basis.linear is None else (basis.linear[0] + axes, basis.linear[1]),
+        basis.directed + axes if basis.directed >= 0 else -1,
+    )
+    return [term._replace(basis=moved, row=term.row + rows) for term in run]
+
+
 class Columns:
     """All columns of a layout with some nuisance parameters behind them.
 
-    `runs`: those with a window first. `source` (n,): the number in z of every column.
+    `ends`: how many positions a reading sees at most. `runs`: those with a window first. `source` (n,): the number in z of every
+    column.
     """
 
-    def __init__(self, layout: Layout, n_nuisance: int) -> None:
-        self.layout, self.n_nuisance = layout, n_nuisance
+    def __init__(self, layout: Layout, n_nuisance: int, ends: int = 1) -> None:
+        self.layout, self.n_nuisance, self.ends = layout, n_nuisance, ends
         self.runs: list[Run] = []
         source = []
         start = 0
-        for run in sorted(layout.runs, key=lambda r: window_of(r) is None):
+        every = [_at_end(run, end, layout) for end in range(ends) for run in layout.runs]
+        for run in sorted(every, key=lambda r: window_of(r) is None):
             spline, size = window_of(run), run[0].basis.size
             unrolled = np.arange(size + (spline.degree if spline is not None and spline.periodic else 0)) % size
             source.append((np.array([t.start for t in run]) + unrolled[:, None]).ravel())
@@ -58,17 +74,26 @@ class Columns:
         self.n_curves = start
         self.source = np.concatenate([*source, layout.n_coefficients + np.arange(n_nuisance)]).astype(np.int64)
 
+    def seen_by(self, ends: int) -> Columns:
+        """The same columns with those runs alone that readings with so many ends see."""
+        if ends == self.ends:
+            return self
+        seen = copy(self)
+        last = ends * ROWS * (self.layout.n_axes + 1)
+        seen.runs = [run for run in self.runs if run.rows[0] < last]
+        return seen
+
     @property
     def size(self) -> int:
         """Number of columns."""
         return len(self.source)
 
-    @cached_property
+    @property
     def windows(self) -> list[Run]:
         """Runs with a window."""
         return [run for run in self.runs if run.spline is not None]
 
-    @cached_property
+    @property
     def others(self) -> list[Run]:
         """Runs without one."""
         return [run for run in self.runs if run.spline is None]
@@ -103,6 +128,6 @@ class Columns:
 
 
 @lru_cache(maxsize=16)
-def columns_of(layout: Layout, n_nuisance: int) -> Columns:
+def columns_of(layout: Layout, n_nuisance: int, ends: int = 1) -> Columns:
     """The columns of a layout; the same ones serve all stages of a fit."""
-    return Columns(layout, n_nuisance)
+    return Columns(layout, n_nuisance, ends)

@@ -93,7 +93,8 @@ class Engine(Protocol):
         self, machine: Machine, form: Form, q: Any, tool: Any, errors: Any, slots: Any, constants: Any
     ) -> np.ndarray:
         """Predicted readings (k, m) of one group from its numbers: `q` (n_axes, m), `tool` (3, m), error values `errors`
-        (6 · (n_axes + 1), m), values of its nuisance parameters `slots` (n_slots, m), `constants` (n_constants, m)."""
+        (6 · (n_axes + 1), m), values of its nuisance parameters `slots` (n_slots, m), `constants` (n_constants, m). Of readings
+        with two ends, `q`, `tool` and `errors` hold those of the second end behind those of the first."""
         ...
 
     def sensitivities(

@@ -52,7 +52,7 @@ class Interpreted:
         notes: list[Recorded] = []
         axes, tools = ([Recorded(row, notes) for row in np.asarray(a, dtype=float)] for a in (q, tool))
         m = np.shape(q)[1]
-        errors = np.zeros((ROWS * (len(machine.axes) + 1), m))
+        errors = np.zeros((ROWS * (len(machine.axes) + 1) * (len(axes) // len(machine.axes)), m))
         found = predict_readings(machine, form, axes, tuple(tools), errors, slots, constants)
         rows = np.stack([gradients(f, [*axes, *tools], m) for f in found], axis=1)
         return rows[: len(axes)], rows[len(axes) :]
@@ -87,7 +87,7 @@ class InterpretedEquations:
 
     def __init__(self, engine: Interpreted, system: System, blocks: Sequence[Arranged | None] | None = None) -> None:
         self.engine, self.system = engine, system
-        self.columns = columns_of(system.layout, system.n_nuisance)
+        self.columns = columns_of(system.layout, system.n_nuisance, system.ends)
         if blocks is not None:
             self.blocks = blocks
 
@@ -172,7 +172,7 @@ class InterpretedEquations:
             own = slice(start, min(start + STRAIGHT, q.shape[1]))
             errors = error_values(layout, z[:n], evaluate_bases(layout, q[:, own], way[:, own]))
             if not errors.shape[1]:
-                errors = np.zeros((len(errors), own.stop - own.start))
+                errors = np.zeros((len(errors) * (len(q) // layout.n_axes), own.stop - own.start))
             result[:, own] = predict_readings(
                 self.system.machine, block.form, q[:, own], tuple(tool[:, own]), errors, z[n + slots[:, own]],
                 tuple(constants[:, own]),

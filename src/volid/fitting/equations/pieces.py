@@ -59,7 +59,7 @@ class Piece(NamedTuple):
     def error_values(self, values: np.ndarray) -> list[np.ndarray]:
         """Error values, one row (m,) each, from the `values` of all columns."""
         own, columns = self.rows, self.block.columns
-        rows: list[Any] = [None] * (ROWS * (columns.layout.n_axes + 1))
+        rows: list[Any] = [None] * (ROWS * (columns.layout.n_axes + 1) * (len(self.block.q) // columns.layout.n_axes))
         for k, run in enumerate(columns.runs):
             basis, curves = self.block.basis(k, own), np.empty((run.width, own.stop - own.start))
             for start, size, part in self._spans(k):

@@ -72,6 +72,7 @@ def _pad(values: np.ndarray, chunks: int, length: int, edge: bool) -> np.ndarray
 def _block(campaign: Campaign, number: int, group: Extended, weights: np.ndarray) -> Block:
     observations = campaign.sets[number]
     rows = group.rows
+    seen = observations.side_by_side.rows_of(rows)
     chunks, length = chunk_shape(len(rows))
 
     def pad(values: np.ndarray, edge: bool = True) -> Any:
@@ -79,9 +80,9 @@ def _block(campaign: Campaign, number: int, group: Extended, weights: np.ndarray
 
     return Block(
         form=group.form,
-        q=pad(observations.positions[rows].T),
-        direction=pad(observations.directions[rows].T.astype(float)),
-        tool=pad(observations.tool[rows].T),
+        q=pad(seen.positions.T),
+        direction=pad(seen.directions.T.astype(float)),
+        tool=pad(seen.tool.T),
         reading=pad(observations.readings[rows].T),
         weight=pad(weights[rows].T, edge=False),
         slots=pad(group.slots),

@@ -242,8 +242,8 @@ def readings(machine: Machine, form: Form, q: Any, tool: Any, errors: Any, slots
 
 @partial(jit, static_argnames=("form",))
 def sensitivities(machine: Machine, form: Form, q: Any, tool: Any, slots: Any, constants: Any) -> tuple[Any, Any]:
-    """∂reading/∂q (n_axes, k, m) and ∂reading/∂tool (3, k, m) at the nominal machine."""
-    errors = jnp.zeros((ROWS * (len(machine.axes) + 1), q.shape[1]))
+    """∂reading/∂q (ends·n_axes, k, m) and ∂reading/∂tool (ends·3, k, m) at the nominal machine."""
+    errors = jnp.zeros((ROWS * (len(machine.axes) + 1) * (q.shape[0] // len(machine.axes)), q.shape[1]))
 
     def along(i: int, n: int) -> Any:
         return jnp.ones_like(q[0]) * (jnp.arange(n) == i)[:, None]
@@ -252,5 +252,5 @@ def sensitivities(machine: Machine, form: Form, q: Any, tool: Any, slots: Any, c
         return predict_readings(machine, form, q, tuple(tool), errors, slots, constants)
 
     axes = [jax.jvp(lambda x: of(x, tool), (q,), (along(i, len(q)),))[1] for i in range(len(q))]
-    tools = [jax.jvp(lambda x: of(q, x), (tool,), (along(i, 3),))[1] for i in range(3)]
+    tools = [jax.jvp(lambda x: of(q, x), (tool,), (along(i, len(tool)),))[1] for i in range(len(tool))]
     return jnp.stack(axes), jnp.stack(tools)

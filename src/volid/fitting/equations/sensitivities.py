@@ -14,7 +14,7 @@ from volid.model.machine import Machine
 
 
 class Sensitivities(NamedTuple):
-    """∂reading/∂q (n_axes, m, k) and ∂reading/∂tool (3, m, k) of a set at the nominal machine."""
+    """∂reading/∂q (ends·n_axes, m, k) and ∂reading/∂tool (ends·3, m, k) of a set at the nominal machine, end by end."""
 
     by_axis: np.ndarray
     by_tool: np.ndarray
@@ -24,13 +24,13 @@ def sensitivities_of(
     engine: Engine, observations: ObservationSet, machine: Machine, groups: list[Extended], values: np.ndarray
 ) -> Sensitivities:
     """Sensitivities of every row; `values`: of the nuisance parameters that the groups' slots number."""
-    k = observations.readings.shape[1]
-    by_axis = np.zeros((len(machine.axes), len(observations), k))
-    by_tool = np.zeros((3, len(observations), k))
+    k, seen = observations.readings.shape[1], observations.side_by_side
+    by_axis = np.zeros((seen.positions.shape[1], len(observations), k))
+    by_tool = np.zeros((seen.tool.shape[1], len(observations), k))
     chain = chain_of(machine)
     for group in groups:
         rows = group.rows
-        arrays = (observations.positions[rows].T, observations.tool[rows].T, values[group.slots], group.constants)
+        arrays = (seen.positions[rows].T, seen.tool[rows].T, values[group.slots], group.constants)
         axes, tools = engine.sensitivities(chain, group.form, *arrays)
         by_axis[:, rows], by_tool[:, rows] = axes.transpose(0, 2, 1), tools.transpose(0, 2, 1)
     return Sensitivities(by_axis, by_tool)

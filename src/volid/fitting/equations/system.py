@@ -22,6 +22,7 @@ from volid.model.machine import Machine
 class Block:
     """Readings of one form, padded with zero weight to whole chunks: every array is (n_chunks, width, chunk).
 
+    Readings that see the machine at several positions have these one after another in `q`, `direction` and `tool`.
     `weight`: 1/u, times the square root of a robust weight, 0 for padding.
     """
 
@@ -55,6 +56,11 @@ class System:
     def size(self) -> int:
         """Length of z."""
         return self.layout.n_coefficients + self.n_nuisance
+
+    @property
+    def ends(self) -> int:
+        """At how many positions a reading sees the machine, at most."""
+        return max((block.q.shape[1] // self.layout.n_axes for block in self.blocks), default=1)
 
     def prior_residual(self, z: Any) -> Any:
         """W z - t, shape (r,)."""

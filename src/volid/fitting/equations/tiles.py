@@ -86,10 +86,11 @@ def _choose(splines: list[Spline], counts: list[int], whole: int, m: int) -> _Pl
 
 
 def tiles_of(layout: Layout, n_nuisance: int, block: Any, m: int) -> Tiles | None:
-    """Tiles of a block of `m` readings' rows, or None where they do not pay."""
+    """Tiles of a block of `m` readings' rows, or None where they do not pay, or readings see several positions at once."""
     split = _split(layout)
     whole = sum(_size(run) for run in split.whole) + n_nuisance
-    if m < LEAST or not split.windows or whole > MOST_WHOLE:
+    several = block.q.shape[1] > layout.n_axes
+    if several or m < LEAST or not split.windows or whole > MOST_WHOLE:
         return None
     splines = [run[0].basis.factors[0] for run in split.windows]
     plan = _choose(splines, [len(run) for run in split.windows], whole, m)

@@ -22,6 +22,7 @@ from volid.model.error_functions import motion_names
 from volid.model.error_model import ErrorModel
 from volid.model.iso230 import parse
 from volid.model.machine import Axis, Machine
+from volid.observations import KINDS
 from volid.observations.base import NuisanceTable
 
 SAME = 1e-6  # of the travel: positions that near are one level
@@ -51,8 +52,7 @@ def spread_out(campaign: Campaign, n_unknowns: int, still: set[str] | None = Non
 def _levels(campaign: Campaign, axis: int) -> np.ndarray:
     """Distinct positions of an axis in ascending order."""
     step = SAME * campaign.machine.axes[axis].length
-    positions = np.concatenate([s.positions[:, axis] for s in campaign.sets])
-    return np.asarray(np.unique(np.round(positions / step)) * step)
+    return np.asarray(np.unique(np.round(campaign.positions[:, axis] / step)) * step)
 
 
 def _chosen(readings: ObservationSet, share: float, rng: np.random.Generator) -> np.ndarray:
@@ -72,7 +72,7 @@ def _chosen(readings: ObservationSet, share: float, rng: np.random.Generator) ->
 
 def _kinds_of_row(readings: ObservationSet) -> list[np.ndarray]:
     """What sorts readings: labels and tool vector."""
-    _, tool = np.unique(np.round(readings.tool, 6), axis=0, return_inverse=True)
+    _, tool = np.unique(np.round(readings.side_by_side.tool, 6), axis=0, return_inverse=True)
     return [*readings.labels.values(), np.asarray(tool).ravel()]
 
 
@@ -80,14 +80,34 @@ def _moved(
     readings: ObservationSet, rows: np.ndarray, levels: list[np.ndarray], rng: np.random.Generator
 ) -> ObservationSet:
     chosen = readings.rows_of(rows)
-    positions = chosen.positions.copy()
+    moved = [_between(levels, end.positions, rng) for end in chosen.ends]
+    return _standing_still(chosen, moved)
+
+
+def _between(levels: list[np.ndarray], positions: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Positions (m, n_axes) at random between the neighbours of their levels."""
+    positions = positions.copy()
     for i, known in enumerate(levels):
         if len(known) < 2:
             continue
         edges = np.concatenate([known[:1], 0.5 * (known[1:] + known[:-1]), known[-1:]])
         at = np.clip(np.searchsorted(edges, positions[:, i], side="right") - 1, 0, len(known) - 1)
-        positions[:, i] = edges[at] + rng.random(len(rows)) * (edges[at + 1] - edges[at])
-    return replace(chosen, positions=positions)
+        positions[:, i] = edges[at] + rng.random(len(positions)) * (edges[at + 1] - edges[at])
+    return positions
+
+
+def _standing_still(chosen: ObservationSet, moved: list[np.ndarray]) -> ObservationSet:
+    """The set at its moved positions, in which an axis stands still where it did: along a line, and from one end to the other."""
+    labels = [chosen.labels[label] for label in KINDS[chosen.kind].still_by]
+    lines = np.unique(np.stack(labels), axis=1, return_inverse=True)[1].ravel() if labels else np.arange(len(chosen))
+    for line in np.unique(lines) if labels else ():
+        own = np.flatnonzero(lines == line)
+        still = np.ptp(chosen.positions[own], axis=0) == 0.0
+        moved[0][np.ix_(own, still)] = moved[0][own[0], still]
+    if chosen.to is None:
+        return replace(chosen, positions=moved[0])
+    same = chosen.to.positions == chosen.positions
+    return replace(chosen, positions=moved[0], to=chosen.to._replace(positions=np.where(same, *moved)))
 
 
 def measured_machine(campaign: Campaign, earlier: Mapping[str, tuple[float, float]] | None = None) -> Machine:
@@ -160,7 +180,7 @@ def determined(
     if factors is not None:
         rows = [np.flatnonzero(np.any(f > 0.0, axis=1)) for f in factors]
         used = replace(campaign, sets=tuple(s.rows_of(r) for s, r in zip(campaign.sets, rows, strict=True)))
-    still = _axes_to_leave(problem.model, processes)
+    still = _axes_to_leave(problem.model, processes) | _pinned_axes(campaign)
     table = NuisanceTable.of(problem.nuisance)
     beside = [p for p in processes if still & {parse(n).axis for n in p.names}]
     own = known.and_smooth(_level(problem) / ORDINARY * _rows(beside, problem.model)) if beside else known
@@ -207,6 +227,13 @@ def _is_singular(matrix: np.ndarray) -> bool:
     except np.linalg.LinAlgError:
         return True
     return bool(np.any(np.diagonal(lower) ** 2 < SINGULAR))
+
+
+def _pinned_axes(campaign: Campaign) -> set[str]:
+    """Letters of axes that move in sets whose unknowns belong to the positions."""
+    pinned = [s for s in campaign.sets if KINDS[s.kind].is_pinned(s)]
+    moved = [np.ptp(s.all_ends.positions, axis=0) > 0.0 for s in pinned]
+    return {letter for own in moved for letter, moves in zip(campaign.machine.letters, own, strict=True) if moves}
 
 
 def _axes_to_leave(model: ErrorModel, processes: tuple[Process, ...]) -> set[str]:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from volid.campaign import Campaign, Station
+from volid.campaign import Campaign
 from volid.exceptions import InputError
 from volid.io.basics.hdf5_values import is_hdf5
 from volid.io.campaign.hdf5 import read_campaign
@@ -61,7 +62,8 @@ def _merge(campaigns: list[Campaign]) -> Campaign:
     return check_consistent(
         Campaign(
             machine=first.machine,
-            stations=_merge_stations(campaigns),
+            stations=_merged(campaigns, lambda c: c.stations, "station"),
+            alignments=_merged(campaigns, lambda c: c.alignments, "alignment"),
             sets=tuple(s for c in campaigns for s in c.sets),
             title="; ".join(dict.fromkeys(c.title for c in campaigns if c.title)),
             conditions=_merge_conditions(campaigns),
@@ -76,17 +78,18 @@ def _same_machine(a: Machine, b: Machine) -> bool:
     return (bool(a.text) and a.text.split() == b.text.split()) or bool(a == b)
 
 
-def _merge_stations(campaigns: list[Campaign]) -> tuple[Station, ...]:
-    stations: dict[str, tuple[Station, str]] = {}
+def _merged(campaigns: list[Campaign], given: Callable[[Campaign], tuple[Any, ...]], what: str) -> tuple[Any, ...]:
+    """Stations or alignments of all campaigns; raises `InputError` when two of one name differ."""
+    found: dict[str, tuple[Any, str]] = {}
     for campaign in campaigns:
-        for station in campaign.stations:
-            known, source = stations.setdefault(station.name, (station, campaign.source))
-            if known != station:
+        for entry in given(campaign):
+            known, source = found.setdefault(entry.name, (entry, campaign.source))
+            if known != entry:
                 raise InputError(
-                    f"{campaign.source}: station '{station.name}' is defined otherwise in {source}; "
-                    "use another name for another station, or the same definition"
+                    f"{campaign.source}: {what} '{entry.name}' is defined otherwise in {source}; "
+                    f"use another name for another {what}, or the same definition"
                 )
-    return tuple(station for station, _ in stations.values())
+    return tuple(entry for entry, _ in found.values())
 
 
 def _merge_conditions(campaigns: list[Campaign]) -> dict[str, Any]:

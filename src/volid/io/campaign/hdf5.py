@@ -8,7 +8,9 @@ Root attributes: `format`; `title`; `conditions` and `warnings` (JSON texts); `a
   - `positions` (m, n_axes) [mm or degrees], `directions` (m, n_axes): +1, -1, 0 for unknown; `tool` (m, 3) [mm];
   - `readings` and `u` (m, k), their attribute `columns` naming the k readings and `unit` their unit; NaN in a plan;
   - `labels/<column>` (m,) text; `rows` (m,) line numbers in `source`; where recorded `time` (m,) [s] and
-    `temperature` (m,) [°C], NaN where not recorded.
+    `temperature` (m,) [°C], NaN where not recorded; for kinds that see two functional points `to_positions`, `to_directions`,
+    `to_tool`, of the second.
+Root attribute `alignments` (JSON text), where there are any: placements that lines share.
 """
 
 from __future__ import annotations
@@ -20,14 +22,17 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from volid.campaign import Campaign, Effect, ObservationSet, Station
+from volid.campaign import Campaign, Effect, End, ObservationSet, Station
 from volid.exceptions import InputError
 from volid.io.basics.atomic import atomic_output
 from volid.io.basics.hdf5_values import check_format, read_text, reading, to_json, write_array, write_text
-from volid.io.campaign.rules import FORMAT, check_consistent, find_kind
+from volid.io.campaign.rules import FORMAT, alignments_of, check_consistent, find_kind
 from volid.io.machines import format_machine, parse_machine
 from volid.model.machine import Machine
 from volid.observations import KINDS
+
+TO = "to_"
+SECOND = tuple(f"{TO}{name}" for name in End._fields)  # datasets of second functional points
 
 
 def write_campaign(campaign: Campaign, path: str | Path, *, overwrite: bool = False) -> None:
@@ -60,6 +65,8 @@ def write_campaign_group(campaign: Campaign, group: h5py.Group) -> None:
     group.attrs["conditions"] = to_json(campaign.conditions)
     group.attrs["warnings"] = to_json(campaign.warnings)
     group.attrs["axes"] = list(campaign.machine.letters)
+    if campaign.alignments:
+        group.attrs["alignments"] = to_json([asdict(alignment) for alignment in campaign.alignments])
     group["machine"] = format_machine(campaign.machine)
     _write_stations(group.create_group("stations"), campaign.stations)
     sets = group.create_group("sets")
@@ -84,6 +91,8 @@ def _write_set(group: h5py.Group, readings: ObservationSet) -> None:
     write_array(group, "positions", readings.positions)
     write_array(group, "directions", readings.directions, np.int8)
     write_array(group, "tool", readings.tool).attrs["unit"] = "mm"
+    for name, values in zip(SECOND, readings.to or (), strict=False):
+        write_array(group, name, values)
     kind = KINDS[readings.kind]
     for name in ("readings", "u"):
         dataset = write_array(group, name, getattr(readings, name))
@@ -133,6 +142,7 @@ def read_outline(file: h5py.Group, path: str) -> Campaign:
         conditions=json.loads(file.attrs["conditions"]),
         warnings=tuple(json.loads(file.attrs["warnings"])),
         source=path,
+        alignments=alignments_of(json.loads(file.attrs.get("alignments", "[]")), f"{path}, attribute alignments"),
     )
 
 
@@ -146,11 +156,13 @@ def _read_stations(group: h5py.Group) -> tuple[Station, ...]:
 def read_set(group: h5py.Group, machine: Machine, where: str, rows: slice = slice(None)) -> ObservationSet:
     """The set in an open group, or consecutive `rows` of it. Raises `InputError` when an array has a wrong shape."""
     kind = find_kind(group.attrs["kind"], where)
-    arrays = {name: group[name][rows].astype(float) for name in ("positions", "directions", "tool", "readings", "u")}
+    second = SECOND if kind.ends == 2 else ()
+    names = ("positions", "directions", "tool", "readings", "u", *second)
+    arrays = {name: group[name][rows].astype(float) for name in names}
     m = len(arrays["positions"])
     expected = {"positions": len(machine.axes), "directions": len(machine.axes), "tool": 3}
     for name, array in arrays.items():
-        shape = (m, expected.get(name, len(kind.readings)))
+        shape = (m, expected.get(name.removeprefix(TO), len(kind.readings)))
         if array.shape != shape:
             raise InputError(f"{where}/{name}: shape is {array.shape}; expected {shape}")
     return ObservationSet(
@@ -163,5 +175,6 @@ def read_set(group: h5py.Group, machine: Machine, where: str, rows: slice = slic
         effects=tuple(Effect(**effect) for effect in json.loads(group.attrs["effects"])),
         source=group.attrs["source"],
         rows=group["rows"][rows] if "rows" in group else None,
+        to=End(*(arrays.pop(name) for name in second)) if second else None,
         **arrays,
     )

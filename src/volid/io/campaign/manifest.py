@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import csv
 import re
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from volid.campaign import Campaign, ObservationSet, Station, standard_uncertainty
+from volid.campaign import Alignment, Campaign, End, ObservationSet, Station, standard_uncertainty
 from volid.exceptions import InputError, OutputError
 from volid.io.basics.atomic import atomic_folder, atomic_with_companions
 from volid.io.basics.csv_form import CsvForm
 from volid.io.basics.toml_table import Table, check_format, format_lines, parse_toml, read_text
 from volid.io.campaign.named_stations import with_named
 from volid.io.campaign.rules import FORMAT, STATION_FRAMES, check_consistent
-from volid.io.campaign.sets import read_set, uncertainty_key_of
+from volid.io.campaign.sets import TO, TOOL_COLUMNS, read_set, uncertainty_key_of
 from volid.io.machines import format_machine, read_machine
 from volid.model.machine import Machine
 from volid.observations import KINDS
@@ -34,7 +35,7 @@ def read_manifest(path: str | Path, *, plan: bool = False) -> Campaign:
     path = Path(path)
     top = Table(parse_toml(read_text(path), str(path)), str(path))
     check_format(top, FORMAT)
-    top.only(("format", "machine", "title", "warnings", "conditions", "csv", "station", "set"))
+    top.only(("format", "machine", "title", "warnings", "conditions", "csv", "station", "alignment", "set"))
     machine = read_machine(path.parent / top.text("machine"))
     sets = top.tables("set")
     if not sets:
@@ -48,6 +49,7 @@ def read_manifest(path: str | Path, *, plan: bool = False) -> Campaign:
         Campaign(
             machine=machine,
             stations=stations,
+            alignments=tuple(_alignment(table) for table in top.tables("alignment")),
             sets=readings,
             title=top.text("title", ""),
             conditions=dict(top.table("conditions", {}).data),
@@ -73,6 +75,11 @@ def _station(table: Table, machine: Machine) -> Station:
         known=table.flag("known", False),
         frame=table.text("frame", "stations", choices=STATION_FRAMES),
     )
+
+
+def _alignment(table: Table) -> Alignment:
+    table.only(("name", "body", "artefact"))
+    return Alignment(table.text("name"), table.text("body", "workpiece"), table.text("artefact", ""))
 
 
 def write_manifest(campaign: Campaign, place: str | Path, *, overwrite: bool = False) -> Path:
@@ -122,6 +129,8 @@ def _manifest(campaign: Campaign, machine: str, names: list[str]) -> str:
     for station in campaign.stations:
         keys = {key: getattr(station, key) for key in ("name", "body", "position", "known", "frame")}
         lines += ["", "[[station]]", *format_lines(keys)]
+    for alignment in campaign.alignments:
+        lines += ["", "[[alignment]]", *format_lines({k: v or None for k, v in asdict(alignment).items()})]
     for readings, name in zip(campaign.sets, names, strict=True):
         keys = {"name": readings.name, "kind": KINDS[readings.kind].file_kind or readings.kind, "file": name}
         lines += ["", "[[set]]", *format_lines(keys | dict(readings.options))]
@@ -156,16 +165,24 @@ def _known(readings: ObservationSet, i: int) -> np.ndarray:
     return readings.u[:, i]
 
 
+def _end_columns(end: End, machine: Machine, start: str) -> dict[str, list[Any]]:
+    """Columns of one functional point, whose names begin with `start`."""
+    columns: dict[str, list[Any]] = {}
+    for i, letter in enumerate(machine.letters):
+        columns[f"{start}{letter}"] = end.positions[:, i].tolist()
+    for i, letter in enumerate(machine.letters):
+        if end.directions[:, i].any():
+            columns[f"{start}{letter}_dir"] = end.directions[:, i].astype(int).tolist()
+    for i, name in enumerate(TOOL_COLUMNS):
+        columns[f"{start}{name}"] = end.tool[:, i].tolist()
+    return columns
+
+
 def _columns(readings: ObservationSet, machine: Machine) -> dict[str, list[Any]]:
     """Columns of the CSV file, in the order in which people read them."""
     columns: dict[str, list[Any]] = {}
-    for i, letter in enumerate(machine.letters):
-        columns[letter] = readings.positions[:, i].tolist()
-    for i, letter in enumerate(machine.letters):
-        if readings.directions[:, i].any():
-            columns[f"{letter}_dir"] = readings.directions[:, i].astype(int).tolist()
-    for i, letter in enumerate("xyz"):
-        columns[f"tool_{letter}"] = readings.tool[:, i].tolist()
+    for start, end in zip(("", TO), readings.ends, strict=False):
+        columns |= _end_columns(end, machine, start)
     for name, labels in readings.labels.items():
         columns[name] = labels.tolist()
     names = KINDS[readings.kind].readings

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import fields
+from typing import Any
 
 import numpy as np
 
-from volid.campaign import Campaign, ObservationSet, Station
+from volid.campaign import Alignment, Campaign, ObservationSet, Station
 from volid.effects.prediction import check_effects
 from volid.exceptions import InputError
 from volid.io.basics.toml_table import nearest
@@ -130,10 +132,44 @@ def check_target(readings: ObservationSet, campaign: Campaign) -> None:
             )
 
 
+def alignments_of(given: Any, where: str) -> tuple[Alignment, ...]:
+    """Alignments from plain values, as a file holds them. Raises `InputError` for anything but a list of tables of texts."""
+    keys = {f.name for f in fields(Alignment)}
+    tables: list[Any] = given if isinstance(given, list) else [given]
+    for a in tables:
+        texts = isinstance(given, list) and isinstance(a, Mapping) and all(isinstance(t, str) for t in a.values())
+        if not texts or "name" not in a or set(a) - keys:
+            raise InputError(
+                f"{where}: expected a list of tables with the texts name, body and artefact; write the file again"
+            )
+    return tuple(Alignment(**a) for a in tables)
+
+
+def check_alignments(campaign: Campaign) -> None:
+    """Raises `InputError` for an alignment that is not there, or stands on a body that carries no artefact."""
+    check_unique((a.name for a in campaign.alignments), "alignment", campaign.source)
+    known = [body for body in bodies(campaign.machine) if body != TOOL]
+    for alignment in campaign.alignments:
+        if alignment.body not in known:
+            raise InputError(
+                f"{campaign.source}, alignment '{alignment.name}': body is '{alignment.body}'"
+                f"{nearest(alignment.body, known) or ';'} expected one of {', '.join(known)}"
+            )
+    names = [a.name for a in campaign.alignments]
+    for readings in campaign.sets:
+        name = str(readings.options.get("alignment", ""))
+        if name and name not in names:
+            raise InputError(
+                f"{campaign.source}, set '{readings.name}': alignment '{name}' is unknown{nearest(name, names) or ';'} "
+                f'alignments: {", ".join(names) or "none"}; add [[alignment]] with name = "{name}" or mend the name'
+            )
+
+
 def check_consistent(campaign: Campaign) -> Campaign:
     """The campaign itself when names are unique and every station that a reading names exists, else `InputError`."""
     check_unique((s.name for s in campaign.stations), "station", campaign.source)
     check_unique((s.name for s in campaign.sets), "set", campaign.source)
+    check_alignments(campaign)
     for station in campaign.stations:
         check_station(station, campaign.machine, f"{campaign.source}, station '{station.name}'")
     for readings in campaign.sets:

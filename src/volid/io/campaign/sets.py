@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from volid.campaign import Effect, ObservationSet, standard_uncertainty
+from volid.campaign import Effect, End, ObservationSet, standard_uncertainty
 from volid.exceptions import InputError
 from volid.io.basics.csv_form import PLAIN, CsvForm
 from volid.io.basics.csv_table import CsvTable, read_csv
@@ -21,6 +21,7 @@ from volid.model.machine import TOOL, Machine
 from volid.observations import KINDS, Kind
 
 TOOL_COLUMNS = ("tool_x", "tool_y", "tool_z")
+TO = "to_"  # begins the columns of a second functional point
 _SET_KEYS = ("name", "kind", "file", "csv", "columns", "ignore", "tool", "effect")
 _RECORDED = {"time": "s", "temperature": "°C"}
 
@@ -44,11 +45,12 @@ def read_set(
     purpose = f"every row of a '{kind.name}' set needs one"
     content = _centres(table, csv, kind, machine, purpose, plan) or _content(table, csv, kind, machine, purpose, plan)
     u, pending = _uncertainty(table, csv, kind, content.readings)
+    first, *second = _ends(table, csv, kind, machine, content)
     found = ObservationSet(
         name=table.text("name"),
         kind=kind.name,
         positions=content.positions,
-        directions=read_directions(csv, machine),
+        directions=first.directions,
         tool=content.tool,
         readings=content.readings,
         u=u,
@@ -59,8 +61,27 @@ def read_set(
         effects=_effects(table, folder, machine),
         source=csv.source,
         rows=csv.rows,
+        to=second[0] if second else None,
     )
     return found, csv.notes
+
+
+def _ends(table: Table, csv: CsvTable, kind: Kind, machine: Machine, content: _Content) -> list[End]:
+    """The functional points of the rows: the first, and for a kind with two the second, from columns that begin with "to_".
+
+    The second tool vector is the first one unless its own columns are there.
+    """
+    first = End(content.positions, read_directions(csv, machine), content.tool)
+    if kind.ends == 1:
+        return [first]
+    purpose = f"every row of a '{kind.name}' set has two ends"
+    positions = np.stack([csv.numbers(f"{TO}{a.letter}", a.unit, purpose) for a in machine.axes], axis=1)
+    tool = content.tool
+    if any(f"{TO}{name}" in csv for name in TOOL_COLUMNS):
+        columns = tuple(f"{TO}{name}" for name in TOOL_COLUMNS)
+        csv.require(columns, "a tool vector has three coordinates", tuple(csv.columns))
+        tool = np.stack([csv.numbers(name, "mm", purpose) for name in columns], axis=1)
+    return [first, End(positions, read_directions(csv, machine, TO), tool)]
 
 
 def _form(kind: Kind, table: Table, csv: CsvTable) -> Kind:
@@ -159,10 +180,15 @@ def uncertainty_key_of(readings: tuple[str, ...], i: int) -> tuple[str, ...]:
 
 
 def _check_columns(csv: CsvTable, kind: Kind, machine: Machine, purpose: str, plan: bool) -> None:
-    required = [*machine.letters, *(name for name, default in kind.labels.items() if default is None)]
+    starts = ("", TO)[: kind.ends]
+    required = [f"{start}{letter}" for start in starts for letter in machine.letters]
+    required += [name for name, default in kind.labels.items() if default is None]
     if not plan or any(name in csv for name in kind.readings):
         required += kind.readings
-    optional = [*(f"{a}_dir" for a in machine.letters), *TOOL_COLUMNS, *kind.labels, *uncertainty_keys(kind.readings)]
+    optional = [
+        f"{start}{name}" for start in starts for name in (*(f"{a}_dir" for a in machine.letters), *TOOL_COLUMNS)
+    ]
+    optional += [*kind.labels, *uncertainty_keys(kind.readings)]
     known = tuple(dict.fromkeys([*required, *optional, *kind.readings, *_RECORDED]))
     csv.require(required, purpose, known)
     csv.only(known)
@@ -175,11 +201,11 @@ def _readings(csv: CsvTable, kind: Kind, purpose: str) -> np.ndarray:
     return np.stack(columns, axis=1)
 
 
-def read_directions(csv: CsvTable, machine: Machine) -> np.ndarray:
-    """Approach directions, shape (m, n_axes): +1, -1, or 0 where the file does not tell."""
+def read_directions(csv: CsvTable, machine: Machine, start: str = "") -> np.ndarray:
+    """Approach directions, shape (m, n_axes): +1, -1, or 0 where the file does not tell; `start`: of the columns' names."""
     result = np.zeros((len(csv), len(machine.axes)))
     for i, letter in enumerate(machine.letters):
-        name = f"{letter}_dir"
+        name = f"{start}{letter}_dir"
         if name in csv:
             result[:, i] = csv.numbers(name, "steps of one", "expected +1, -1 or 0")
             wrong = ~np.isin(result[:, i], (-1.0, 0.0, 1.0))

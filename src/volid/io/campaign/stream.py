@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from volid.campaign import ROW_ARRAYS, Campaign, ObservationSet
+from volid.campaign import ROW_ARRAYS, Campaign, End, ObservationSet
 from volid.exceptions import InputError
 from volid.io.basics.hdf5_values import is_hdf5, reading
 from volid.io.campaign.hdf5 import read_outline, read_set, set_groups
@@ -89,8 +89,10 @@ class CampaignStream:
 
 
 def _finite(readings: ObservationSet) -> ObservationSet:
-    for name in ("positions", "tool", "readings", "u"):
-        wrong = ~np.isfinite(getattr(readings, name)).all(axis=1)
+    seen = readings.side_by_side
+    numbers = {"positions": seen.positions, "tool": seen.tool, "readings": readings.readings, "u": readings.u}
+    for name, values in numbers.items():
+        wrong = ~np.isfinite(values).all(axis=1)
         if wrong.any():
             where = readings.where(int(np.argmax(wrong)))
             raise InputError(
@@ -124,4 +126,6 @@ def _joined(parts: list[ObservationSet]) -> ObservationSet:
         if all(getattr(p, name) is not None for p in parts)
     }
     labels = {name: np.concatenate([p.labels[name] for p in parts]) for name in first.labels}
+    if first.to is not None:
+        joined["to"] = End(*(np.concatenate(values) for values in zip(*(p.ends[1] for p in parts), strict=True)))
     return replace(first, labels=labels, **joined)

@@ -93,8 +93,10 @@ class Curvature:
     numbers: Any
 
 
-def hessian_bytes(system: System) -> int:
-    """Memory for the Hessians of all readings."""
+def hessian_bytes(system: System) -> float:
+    """Memory for the Hessians of all readings; infinite where some see the machine at two positions, which no tile holds."""
+    if any(b.q.shape[1] > system.layout.n_axes for b in system.blocks):
+        return float("inf")
     d = [len(_rows(system.layout)) + b.slots.shape[1] for b in system.blocks]
     return sum(4 * (n + 1) ** 2 * int(b.reading.size) for n, b in zip(d, system.blocks, strict=True))
 

@@ -125,7 +125,11 @@ def fingerprint(solution: Solution) -> str:
     text = json.dumps([stated, dict(solution.options)], sort_keys=True, default=str)
     digest = hashlib.sha256(text.encode())
     arrays = [solution.parameters, solution.nuisance, solution.covariance]
-    arrays += [a for s in solution.campaign.sets for a in (s.positions, s.tool, s.readings, s.u)]
+    arrays += [
+        a
+        for s in solution.campaign.sets
+        for a in (*(v for end in s.ends for v in (end.positions, end.tool)), s.readings, s.u)
+    ]
     arrays += [*(o.astype(float) for o in solution.readings.outliers), solution.prior_rows, solution.smooth_spread]
     for a in arrays:
         digest.update(np.ascontiguousarray(np.asarray(a, dtype=float)).tobytes())

@@ -18,7 +18,7 @@ from volid.fitting.equations.programs import residual_rows
 from volid.fitting.equations.system import Block, System
 from volid.model.error_model import ROWS as ROWS_PER_BODY
 from volid.model.error_model import Layout
-from volid.model.error_values import add_curves, evaluate_bases
+from volid.model.error_values import add_curves, by_end, evaluate_bases, values_by_end
 from volid.uncertainty.trials.curvature import Curvature
 from volid.uncertainty.trials.second_order import second_order
 
@@ -133,25 +133,29 @@ def _tile_gradient(system: System, chunk: Block, exact: Any, noise: Any, z: Any)
 
 def _error_rows(layout: Layout, coefficients: Any, bases: Any, shape: tuple[int, int]) -> tuple[Any, ...]:
     """Error values of every row of the layout as (trials, rows) arrays, from coefficients (trials, n)."""
-    rows: list[Any] = [None] * (ROWS_PER_BODY * (layout.n_axes + 1))
-    values = dict(zip(layout.bases, bases, strict=True))
-    for run in layout.runs:
-        last = run[-1].start + run[-1].basis.size
-        own = coefficients[:, run[0].start : last].reshape(shape[0], len(run), -1).transpose(1, 0, 2)
-        curves = own.reshape(len(run) * shape[0], -1) @ values[run[0].basis]
-        add_curves(rows, run, curves.reshape(len(run), *shape))
-    return tuple(jnp.zeros(shape) if row is None else row for row in rows)
+    every: list[Any] = []
+    for values in values_by_end(layout, bases):
+        rows: list[Any] = [None] * (ROWS_PER_BODY * (layout.n_axes + 1))
+        for run in layout.runs:
+            last = run[-1].start + run[-1].basis.size
+            own = coefficients[:, run[0].start : last].reshape(shape[0], len(run), -1).transpose(1, 0, 2)
+            curves = own.reshape(len(run) * shape[0], -1) @ values[run[0].basis]
+            add_curves(rows, run, curves.reshape(len(run), *shape))
+        every += rows
+    return tuple(jnp.zeros(shape) if row is None else row for row in every)
 
 
 def _pull_to_coefficients(layout: Layout, partials: Any, bases: Any, trials: int) -> Any:
     """Chain rule from error rows to coefficients, summed over the tile's rows: (trials, n_coefficients)."""
-    values = dict(zip(layout.bases, bases, strict=True))
-    blocks = [jnp.zeros((trials, 0))]
-    for run in layout.runs:
-        stacked = jnp.concatenate([term.sign * partials[term.row] for term in run])
-        own = (stacked @ values[run[0].basis].T).reshape(len(run), trials, -1)
-        blocks.append(own.transpose(1, 0, 2).reshape(trials, -1))
-    return jnp.concatenate(blocks, axis=1)
+    total: Any = 0.0
+    for own, values in zip(by_end(layout, partials), values_by_end(layout, bases), strict=True):
+        blocks = [jnp.zeros((trials, 0))]
+        for run in layout.runs:
+            stacked = jnp.concatenate([term.sign * own[term.row] for term in run])
+            pulled = (stacked @ values[run[0].basis].T).reshape(len(run), trials, -1)
+            blocks.append(pulled.transpose(1, 0, 2).reshape(trials, -1))
+        total = total + jnp.concatenate(blocks, axis=1)
+    return total
 
 
 @jit

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from volid.campaign import Campaign
+from volid.campaign import Campaign, ObservationSet
 from volid.fitting.diagnosis.alternatives.refits import Other
 from volid.model.machine import Machine, parse_structure
 
@@ -21,9 +21,7 @@ def other_orders(campaign: Campaign) -> Iterator[Other]:
         order, now = ", ".join(changed.letters), ", ".join(machine.letters)
         what = f"the axes stand in the order {order} from workpiece to tool, not {now}"
         others = f" (or, with b elsewhere, {', '.join(codes[1:])})"
-        sets = tuple(
-            replace(s, positions=s.positions[:, columns], directions=s.directions[:, columns]) for s in campaign.sets
-        )
+        sets = tuple(_reordered(s, columns) for s in campaign.sets)
         moved = replace(campaign, machine=changed, sets=sets)
         yield Other(ORDER, what, f'machine file: structure = "{codes[0]}"{others}', moved)
 
@@ -73,6 +71,10 @@ def _orders(letters: list[str]) -> Iterator[tuple[str, ...]]:
         rest = letters[:i] + letters[i + 1 :]
         for j in range(n):
             yield (*rest[:j], letters[i], *rest[j:])
+
+
+def _reordered(s: ObservationSet, columns: list[int]) -> ObservationSet:
+    return s.moved(lambda q: q[:, columns], lambda way: way[:, columns])
 
 
 def _restructured(machine: Machine, structure: str) -> Machine:

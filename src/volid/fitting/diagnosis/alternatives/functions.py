@@ -59,9 +59,8 @@ def _crossed(seen: Sensitivities, machine: Machine, axis: str, other: str, compo
     """(n, k)."""
     i, j = machine.index(axis), machine.index(other)
     own = low_order(machine.axes[i], seen.positions[:, i], OWN)
-    return (
-        seen.errors[ROWS * i + component] * products(own, low_order(machine.axes[j], seen.positions[:, j], OTHER))
-    ).T
+    both = products(own, low_order(machine.axes[j], seen.positions[:, j], OTHER))
+    return seen.summed((seen.errors[ROWS * i + component] * both).T)
 
 
 def left_out(around: Around, model: ErrorModel) -> Iterator[Alternative]:
@@ -83,7 +82,7 @@ def left_out(around: Around, model: ErrorModel) -> Iterator[Alternative]:
 
 def _along(seen: Sensitivities, machine: Machine, i: int, component: int) -> np.ndarray:
     """A function of low order of its own axis, (n, k)."""
-    return np.asarray((seen.errors[ROWS * i + component] * low_order(machine.axes[i], seen.positions[:, i], OWN)).T)
+    return seen.summed((seen.errors[ROWS * i + component] * low_order(machine.axes[i], seen.positions[:, i], OWN)).T)
 
 
 def finer(around: Around, model: ErrorModel) -> Iterator[Alternative]:
@@ -98,12 +97,12 @@ def finer(around: Around, model: ErrorModel) -> Iterator[Alternative]:
                 continue
             order = min(2 * function.splines[0].segments + 6, MOST_ORDERS)
             row = ROWS * i + component
-            pair = [
-                (s.errors[row] * low_order(axis, s.positions[:, i], order)).T
+            columns, change = (
+                s.summed((s.errors[row] * low_order(axis, s.positions[:, i], order)).T)
                 for s in (around.seen, around.outcome.seen)
-            ]
-            own.append(pair)
-            yield Alternative(FINER, f"{name} has too few segments", f"{_MODEL} {name} = {_AUTO}", *pair)
+            )
+            own.append([columns, change])
+            yield Alternative(FINER, f"{name} has too few segments", f"{_MODEL} {name} = {_AUTO}", columns, change)
         if own:
             what, cure = (
                 f"the functions of {axis.letter} have too few segments",
@@ -124,7 +123,7 @@ def reversals(around: Around, model: ErrorModel) -> Iterator[Alternative]:
     """Every error function of an axis that was approached from both sides, with a reversal value, and all of its six."""
     machine = model.machine
     for i, axis in enumerate(machine.axes):
-        ways = around.seen.directions[around.active, i]
+        ways = around.seen.directions[around.seen.of_each(around.active), i]
         if not (np.any(ways > 0.0) and np.any(ways < 0.0)):
             continue
         names = [f"E{d}{axis.letter}" for d in DIRECTIONS]
@@ -145,7 +144,7 @@ def reversals(around: Around, model: ErrorModel) -> Iterator[Alternative]:
 def _reversed(seen: Sensitivities, machine: Machine, i: int, component: int) -> np.ndarray:
     """Half the reversal value, constant and linear over the axis, (n, 2): E(q, ±) = E(q) ± B(q)/2."""
     half = 0.5 * seen.errors[ROWS * i + component] * seen.directions[:, i]
-    return np.stack([half, half * low_order(machine.axes[i], seen.positions[:, i], 1)[0]], axis=1)
+    return seen.summed(np.stack([half, half * low_order(machine.axes[i], seen.positions[:, i], 1)[0]], axis=1))
 
 
 def pitches(around: Around, machine: Machine) -> Iterator[Alternative]:
@@ -184,7 +183,7 @@ def _frequencies(measured: float) -> np.ndarray:
 def _waves(seen: Sensitivities, i: int, period: float) -> np.ndarray:
     """Cosine and sine in the three translations, (n, 6)."""
     phase = 2.0 * np.pi * seen.positions[:, i] / period
-    return np.concatenate([seen.errors[ROWS * i : ROWS * i + 3] * f(phase) for f in (np.cos, np.sin)]).T
+    return seen.summed(np.concatenate([seen.errors[ROWS * i : ROWS * i + 3] * f(phase) for f in (np.cos, np.sin)]).T)
 
 
 def _best_period(around: Around, i: int, frequencies: np.ndarray) -> float | None:
@@ -196,10 +195,11 @@ def _best_period(around: Around, i: int, frequencies: np.ndarray) -> float | Non
     q = around.seen.positions[::every, i]
     rows = around.seen.errors[ROWS * i : ROWS * i + 3, ::every]
     strength = np.maximum(np.sum(rows**2, axis=1), 1e-300)
+    v = around.seen.of_each(around.v)[::every]
 
     def power(f: np.ndarray) -> np.ndarray:
         turned = np.exp(2j * np.pi * np.outer(f, q))
-        return np.asarray(np.sum(np.abs(turned @ (rows * around.v[::every]).T) ** 2 / strength, axis=1))
+        return np.asarray(np.sum(np.abs(turned @ (rows * v).T) ** 2 / strength, axis=1))
 
     parts = [power(part) for part in np.array_split(frequencies, max(len(frequencies) // 200, 1))]
     whole = np.concatenate(parts)

@@ -37,12 +37,11 @@ def tools(around: Around) -> Iterator[Alternative]:
     rounded = np.round(around.tools, SAME_TOOL)
     found = np.unique(rounded[around.active], axis=0)
     for tool in found if 1 < len(found) <= MOST_TOOLS else ():
-        own = np.all(rounded == tool, axis=1)
+        own = around.seen.of_each(np.all(rounded == tool, axis=1))
         said = ", ".join(f"{c:g}" for c in tool)
         cure = f"measure the tool again, and correct its vector in the campaign (tool or tool_x, tool_y, tool_z of ({said}) mm)"
-        yield Alternative(
-            TOOL, f"tool vector ({said}) mm has another length or offset", cure, (around.seen.tool * own).T
-        )
+        columns = around.seen.summed((around.seen.tool * own).T)
+        yield Alternative(TOOL, f"tool vector ({said}) mm has another length or offset", cure, columns)
 
 
 def scales(around: Around) -> Iterator[Alternative]:

@@ -17,8 +17,8 @@ def low_order(axis: Axis, positions: np.ndarray, order: int) -> np.ndarray:
 
 
 def span(values: np.ndarray) -> np.ndarray:
-    """Values moved and scaled to -1 … 1."""
-    if not len(values):
+    """Values moved and scaled to -1 … 1; none where there are none."""
+    if not values.size:
         return values
     low, high = float(values.min()), float(values.max())
     return np.asarray((2.0 * values - low - high) / max(high - low, 1e-300))

@@ -59,6 +59,7 @@ def growths(around: Around, machine: Machine) -> Iterator[Alternative]:
 
 def _grown(seen: Sensitivities, machine: Machine, t: np.ndarray) -> np.ndarray:
     """A shift of the first axis in three directions, the scales of the linear axes, location of the rotary ones, (n, k)."""
+    t = seen.of_each(t)
     columns = [seen.errors[c] * t for c in range(3)]
     for i, axis in enumerate(machine.axes):
         rows = seen.errors[ROWS * i : ROWS * (i + 1)]
@@ -66,7 +67,7 @@ def _grown(seen: Sensitivities, machine: Machine, t: np.ndarray) -> np.ndarray:
             columns.append(rows[LINEAR_AXES.index(axis.letter)] * t * span(seen.positions[:, i]))
         else:
             columns += [row * t for row in rows]
-    return np.stack(columns, axis=1)
+    return seen.summed(np.stack(columns, axis=1))
 
 
 def breaks(around: Around) -> Iterator[Alternative]:
