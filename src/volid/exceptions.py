@@ -2,7 +2,48 @@
 
 Messages name a parameter as Python does, between backquotes: "go on with `resume=True`". The library never speaks of options of
 the command line, which shows such a name as its option, --resume (`volid.cli.common.in_options`).
+
+What files hold is foreign: a message shows control characters escaped, because a terminal would obey them, and what stands in
+quotes cut to 80 characters.
 """
+
+import re
+
+QUOTED, LONGEST = 80, 4000  # characters of a quoted text, and of a message
+# control characters but tab and line feed; marks that turn the direction of writing; halves of characters (bytes of no text)
+CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
+_QUOTATION = re.compile(r"(?<!\w)'(.*?)'(?!\w)", re.DOTALL)
+
+
+def shown(text: str) -> str:
+    """The text with control characters escaped, for a terminal or a file that people read; tabs and line ends stay.
+
+    >>> print(shown("a" + chr(27) + "[2J"))
+    a\\x1b[2J
+    """
+    return CONTROL.sub(_escaped, text)
+
+
+def cut(text: str, longest: int = QUOTED) -> str:
+    """The text, or its beginning and "…", of at most `longest` characters."""
+    return text if len(text) <= longest else text[: longest - 1] + "…"
+
+
+def _escaped(match: re.Match[str]) -> str:
+    code = ord(match.group())
+    if 0xDC80 <= code <= 0xDCFF:  # how Python keeps a byte of a file name that is no UTF-8
+        code -= 0xDC00
+    return f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}"
+
+
+def _brief(message: str) -> str:
+    """The message with long quotations cut, and cut itself in its middle, where lists of names stand."""
+    text = _without_middle(message, 3 * LONGEST)  # what is quoted is found in a time that grows with the square
+    return _without_middle(_QUOTATION.sub(lambda match: f"'{cut(match[1])}'", text), LONGEST)
+
+
+def _without_middle(text: str, longest: int) -> str:
+    return text if len(text) <= longest else f"{text[: longest * 3 // 4]} … {text[-longest // 4 :]}"
 
 
 class VolidError(Exception):
@@ -11,6 +52,10 @@ class VolidError(Exception):
     >>> issubclass(InputError, VolidError) and issubclass(NotDeterminedError, VolidError)
     True
     """
+
+    def __str__(self) -> str:
+        """The message as it may be printed: escaped, long quotations cut."""
+        return _brief(shown(super().__str__()))
 
 
 class InputError(VolidError):

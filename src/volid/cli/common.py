@@ -12,6 +12,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from volid.exceptions import CONTROL
+
 if TYPE_CHECKING:
     from volid.fitting.solution import Solution
     from volid.io.functions_csv import Sheet
@@ -102,15 +104,23 @@ class _Stop(Exception):
     pass
 
 
-def check_output(path: str | Path | None, overwrite: bool, inputs: Iterable[str | Path] = ()) -> None:
+def check_output(
+    path: str | Path | None, overwrite: bool, inputs: Iterable[str | Path] = (), alone: bool = True
+) -> None:
     """Refuse now what could not be written after the work: an existing file, a folder that is missing or closed.
 
-    Raises `OutputError`, also when `path` is one of the `inputs`, even with `overwrite`.
+    Raises `OutputError`, also when `path` is one of the `inputs`, even with `overwrite`, and for a stream such as standard
+    output where other files will stand beside it (not `alone`).
     """
     from volid.exceptions import OutputError
     from volid.io.basics.atomic import atomic_output
+    from volid.io.basics.targets import find_target
 
     if path is None:
+        return
+    if find_target(path, overwrite).file is None:
+        if not alone:
+            raise OutputError(f"{path} is no file, and other files are written beside it; name a file")
         return
     for name in inputs:
         if os.path.exists(name) and os.path.exists(path) and os.path.samefile(name, path):
@@ -161,7 +171,8 @@ def print_json(data: Any) -> None:
     """JSON on standard output, with null for NaN, which JSON does not have."""
     from volid.report.summary import plain
 
-    print(json.dumps(plain(data), ensure_ascii=False, indent=1, allow_nan=False))
+    text = json.dumps(plain(data), ensure_ascii=False, indent=1, allow_nan=False)
+    print(CONTROL.sub(lambda match: f"\\u{ord(match.group()):04x}", text))
 
 
 def attention(solution: Solution, named: bool = False) -> list[str]:

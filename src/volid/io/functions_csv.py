@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
 
 import numpy as np
 
-from volid.exceptions import InputError
+from volid.exceptions import InputError, shown
 from volid.fitting.results import Deviations, FunctionValue
 from volid.fitting.solution import Solution
 from volid.io.basics.atomic import atomic_output
@@ -123,7 +123,7 @@ def source_lines(solution: Solution, source: str | Path | None = None) -> dict[s
         ),
     }
     if source is not None:
-        lines |= {"source": str(source), "source sha256": sha256(source)}
+        lines |= {"source": shown(str(source)), "source sha256": sha256(source)}
     lines["lack of fit"] = str(lack_of_fit(solution))
     if solution.unseen:
         lines["attention"] = " ".join(f"{text}." for text in solution.unseen)

@@ -8,6 +8,7 @@ file that it leads to is replaced in its own folder.
 from __future__ import annotations
 
 import os
+import posixpath
 import re
 import shutil
 import stat
@@ -34,7 +35,7 @@ class Target:
 
         Raises `OutputError` when something stands there now that may not be replaced, `OSError` when the system refuses.
         """
-        now = find_target(self.path, overwrite)
+        now = find_target(self.path, overwrite)  # once more: something may have come since
         if now.file is None:
             with _opened(self.path) as stream, temporary.open("rb") as source:
                 shutil.copyfileobj(source, stream)
@@ -78,7 +79,7 @@ def _mode(path: Path) -> int:
 
 def _descriptor(path: Path) -> int | None:
     """The open descriptor of this process that `path` names."""
-    name = os.path.abspath(path)
+    name = posixpath.normpath(path.as_posix())
     match = _DESCRIPTOR.fullmatch(name)
     return int(match[1]) if match else _STANDARD.get(name)
 

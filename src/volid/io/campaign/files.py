@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from volid.campaign import Campaign, Station
-from volid.exceptions import InputError
+from volid.exceptions import InputError, shown
 from volid.io.basics.hdf5_values import is_hdf5
 from volid.io.campaign.hdf5 import read_campaign
 from volid.io.campaign.manifest import MANIFEST, read_manifest
@@ -40,12 +41,18 @@ def _load(path: Path, plan: bool) -> Campaign:
     if path.is_dir():
         raise InputError(f"{path} is a folder; name the manifest in it, such as {path / MANIFEST}")
     if is_hdf5(path):
-        return read_campaign(path)
+        return _storable(read_campaign(path))
     if path.suffix.lower() in (".h5", ".hdf5"):
         raise InputError(f"{path}: not an HDF5 file, though its name says so; copy or write it again")
     if path.suffix.lower() == ".csv":
         raise InputError(f"{path} is a table of readings; give the manifest (TOML) that names it, such as {MANIFEST}")
-    return read_manifest(path, plan=plan)
+    return _storable(read_manifest(path, plan=plan))
+
+
+def _storable(campaign: Campaign) -> Campaign:
+    """The campaign with its files named as messages show them: a name of bytes that are no text could not be stored."""
+    sets = tuple(replace(s, source=shown(s.source)) for s in campaign.sets)
+    return replace(campaign, source=shown(campaign.source), sets=sets)
 
 
 def _merge(campaigns: list[Campaign]) -> Campaign:
