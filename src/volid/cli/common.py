@@ -44,6 +44,15 @@ def add_output(parser: argparse.ArgumentParser, metavar: str, text: str, require
     parser.add_argument("--force", action="store_true", help="overwrite an existing file")
 
 
+def add_allow_outside(parser: argparse.ArgumentParser) -> None:
+    """--allow-outside, of verbs that read manifests."""
+    parser.add_argument(
+        "--allow-outside",
+        action="store_true",
+        help="manifests may name files outside their own folder, if you trust them",
+    )
+
+
 def add_solution(parser: argparse.ArgumentParser) -> None:
     """SOLUTION.h5."""
     parser.add_argument("solution", metavar="SOLUTION.h5", help="written by volid fit")
@@ -136,13 +145,13 @@ def check_output(
 def input_files(paths: Sequence[str]) -> list[Path]:
     """Every file that campaigns are made of: HDF5 files as they are, manifests with their machine and CSV files."""
     from volid.io.basics.hdf5_values import is_hdf5
-    from volid.io.basics.toml_table import parse_toml, read_text
+    from volid.io.basics.toml_table import read_toml
 
     found: list[Path] = []
     for path in map(Path, paths):
         found.append(path)
         if not is_hdf5(path):
-            manifest = parse_toml(read_text(path), str(path))
+            manifest = read_toml(path)
             found += [path.parent / name for name in (manifest["machine"], *(s["file"] for s in manifest["set"]))]
     return list(dict.fromkeys(found))
 

@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from volid.cli.common import (
+    add_allow_outside,
     add_output,
     attention,
     check_output,
@@ -71,6 +72,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="read one HDF5 campaign part by part, for more readings than fit into memory; stations, smoothness and rank are "
         "decided on a sample",
     )
+    add_allow_outside(parser)
     add_output(parser, "SOLUTION.h5", "solution, with its campaign and machine", required=True)
 
 
@@ -110,7 +112,7 @@ def _in_memory(args: argparse.Namespace, prior: Solution | None, progress: Progr
     from volid.fitting.fit import fit
     from volid.io import load_campaign
 
-    campaign = load_campaign(*args.campaign)
+    campaign = load_campaign(*args.campaign, allow_outside=args.allow_outside)
     record = _record(args, {"robust": args.robust, "solver": args.solver})
     datum = parse_datum(campaign.machine, args.datum) if args.datum else None
     found = fit(campaign, robust=args.robust, datum=datum, prior=prior, solver=args.solver, progress=progress)

@@ -15,13 +15,14 @@ from volid.io.campaign.rules import check_consistent, check_unique
 from volid.model.machine import Machine
 
 
-def load_campaign(*paths: str | Path, plan: bool = False) -> Campaign:
+def load_campaign(*paths: str | Path, plan: bool = False, allow_outside: bool = False) -> Campaign:
     """A campaign from files, as `datasets/README.md` describes them; several are merged.
 
     Args:
         paths: HDF5 files and text manifests (TOML) in any mixture. All have the same machine; stations of one name are
             defined alike, and sets have different names.
         plan: manifests may lack readings, which are NaN then.
+        allow_outside: manifests may name files outside their own folder; for manifests that are trusted.
 
     Raises:
         InputError: naming file and row or key, for anything that is missing, unknown, contradictory or of the wrong type.
@@ -33,11 +34,11 @@ def load_campaign(*paths: str | Path, plan: bool = False) -> Campaign:
     """
     if not paths:
         raise InputError("no campaign was given; name a manifest (TOML) or a campaign file (HDF5)")
-    campaigns = [_load(Path(path), plan) for path in paths]
+    campaigns = [_load(Path(path), plan, allow_outside) for path in paths]
     return campaigns[0] if len(campaigns) == 1 else _merge(campaigns)
 
 
-def _load(path: Path, plan: bool) -> Campaign:
+def _load(path: Path, plan: bool, allow_outside: bool) -> Campaign:
     if path.is_dir():
         raise InputError(f"{path} is a folder; name the manifest in it, such as {path / MANIFEST}")
     if is_hdf5(path):
@@ -46,7 +47,7 @@ def _load(path: Path, plan: bool) -> Campaign:
         raise InputError(f"{path}: not an HDF5 file, though its name says so; copy or write it again")
     if path.suffix.lower() == ".csv":
         raise InputError(f"{path} is a table of readings; give the manifest (TOML) that names it, such as {MANIFEST}")
-    return _storable(read_manifest(path, plan=plan))
+    return _storable(read_manifest(path, plan=plan, allow_outside=allow_outside))
 
 
 def _storable(campaign: Campaign) -> Campaign:
