@@ -331,7 +331,10 @@ BAD = {
     "study.toml: noise is \\[1.0, 0.0\\]; expected a number > 0": ("2.0]", "0.0]"),
     "study.toml: seeds is 0; expected how many": ("[0, 1, 5]", "0"),
     "study.toml: seeds is \\[0, 1, 1\\]; expected how many .* or a list of different": ("5]", "1]"),
-    'study.toml: segments is "many"; expected a whole number from 1 to 1000 or "auto"': ("segments = 2", 'segments = "many"'),
+    'study.toml: segments is "many"; expected a whole number from 1 to 1000 or "auto"': (
+        "segments = 2",
+        'segments = "many"',
+    ),
     "study.toml: unknown key 'seed'; did you mean 'seeds'": ("seeds", "seed"),
     "study.toml, \\[truth\\]: waviness is 0; expected a finite number > 0": ("waviness = 0.1", "waviness = 0"),
     "study.toml: \\[\\[design\\]\\] is missing": ('[[design]]\nname = "few"\nn_per_station = 40\n', ""),

@@ -9,7 +9,6 @@ the numbers are and where they come from; a cell is empty where the data do not 
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -23,6 +22,7 @@ from volid.exceptions import InputError, shown
 from volid.fitting.results import Deviations, FunctionValue
 from volid.fitting.solution import Solution
 from volid.io.basics.atomic import atomic_output
+from volid.io.basics.cells import CellWriter, header_line
 from volid.io.basics.csv_table import CsvTable, read_csv
 from volid.io.basics.hdf5_values import to_json
 from volid.io.basics.provenance import sha256
@@ -138,8 +138,8 @@ def source_lines(solution: Solution, source: str | Path | None = None) -> dict[s
 def write_csv(stream: TextIO, sheet: Sheet) -> None:
     """Lines "# key: value" (line breaks inside a value become blanks), a row of column names, and the rows."""
     for key, value in sheet.header.items():
-        stream.write(f"# {key}: {' '.join(value.split())}".rstrip() + "\n")
-    writer = csv.writer(stream, lineterminator="\n")
+        stream.write(header_line(key, value) + "\n")
+    writer = CellWriter(stream)
     writer.writerow(sheet.columns)
     digits = [sheet.digits.get(name) for name in sheet.columns]
     writer.writerows([_cell(v, n) for v, n in zip(row, digits, strict=True)] for row in sheet.rows)

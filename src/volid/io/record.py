@@ -12,6 +12,7 @@ from pathlib import Path
 
 from volid.exceptions import InputError
 from volid.fitting.solution import Solution
+from volid.io.basics.cells import original_header
 from volid.io.basics.toml_table import read_text
 from volid.io.functions_csv import REJECTED, source_lines
 
@@ -46,7 +47,7 @@ def closing_lines(
 def read_header(path: str | Path) -> dict[str, str]:
     """The lines "# key: value" of a CSV file."""
     comments = [line[1:].strip() for line in read_text(Path(path)).split("\n") if line.startswith("#")]
-    return dict(line.split(": ", 1) for line in comments if ": " in line)
+    return {k: original_header(v) for k, v in (line.split(": ", 1) for line in comments if ": " in line)}
 
 
 def notes_of(header: Mapping[str, str]) -> tuple[str, ...]:

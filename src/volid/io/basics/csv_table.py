@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from volid.exceptions import InputError
+from volid.io.basics.cells import original
 from volid.io.basics.toml_table import nearest, read_text
 
 
@@ -95,6 +96,8 @@ class CsvTable:
     def labels(self, name: str, purpose: str) -> np.ndarray:
         """Column `name` as text without surrounding blanks, shape (m,). Raises `InputError` for an empty cell."""
         values = np.char.strip(np.array(self.columns[name], dtype=str))
+        if np.char.startswith(values, "'").any():
+            values = np.array([original(cell) for cell in values.tolist()], dtype=str)
         empty = values == ""
         if empty.any():
             raise InputError(f"{self.where(int(np.argmax(empty)))}: {name} is empty; {purpose}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import re
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ import numpy as np
 from volid.campaign import Campaign, ObservationSet, Station, standard_uncertainty
 from volid.exceptions import InputError, OutputError
 from volid.io.basics.atomic import atomic_folder, atomic_with_companions
+from volid.io.basics.cells import CellWriter
 from volid.io.basics.toml_table import Table, check_format, format_lines, read_toml
 from volid.io.campaign.reach import read_machine_of, refuse_outside
 from volid.io.campaign.rules import FORMAT, STATION_FRAMES, check_consistent
@@ -131,7 +131,7 @@ def _manifest(campaign: Campaign, machine: str, names: list[str]) -> str:
 def _write_csv(readings: ObservationSet, machine: Machine, path: Path) -> None:
     columns = _columns(readings, machine)
     with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
+        writer = CellWriter(file)
         writer.writerow(columns)
         writer.writerows(zip(*columns.values(), strict=True))
 
