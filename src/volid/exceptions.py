@@ -7,21 +7,25 @@ What files hold is foreign: a message shows control characters escaped, because 
 quotes cut to 80 characters.
 """
 
+import json
 import re
+import unicodedata
 
 QUOTED, LONGEST = 80, 4000  # characters of a quoted text, and of a message
-# control characters but tab and line feed; marks that turn the direction of writing; halves of characters (bytes of no text)
-CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
+_SUSPECT = re.compile("[^\t\n -~]")
 _QUOTATION = re.compile(r"(?<!\w)'(.*?)'(?!\w)", re.DOTALL)
 
 
-def shown(text: str) -> str:
+def shown(text: str, as_json: bool = False) -> str:
     """The text with control characters escaped, for a terminal or a file that people read; tabs and line ends stay.
+
+    So are marks that turn the direction of writing or have no width, and the bytes of a file name that is no text. `as_json`: the
+    text is JSON, and remains the same JSON.
 
     >>> print(shown("a" + chr(27) + "[2J"))
     a\\x1b[2J
     """
-    return CONTROL.sub(_escaped, text)
+    return _SUSPECT.sub(_in_json if as_json else _escaped, text)
 
 
 def cut(text: str, longest: int = QUOTED) -> str:
@@ -29,11 +33,21 @@ def cut(text: str, longest: int = QUOTED) -> str:
     return text if len(text) <= longest else text[: longest - 1] + "…"
 
 
+def _is_visible(character: str) -> bool:
+    return character.isprintable() or unicodedata.category(character) == "Zs"
+
+
 def _escaped(match: re.Match[str]) -> str:
     code = ord(match.group())
+    if _is_visible(match.group()):
+        return match.group()
     if 0xDC80 <= code <= 0xDCFF:  # how Python keeps a byte of a file name that is no UTF-8
         code -= 0xDC00
     return f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}"
+
+
+def _in_json(match: re.Match[str]) -> str:
+    return match.group() if _is_visible(match.group()) else json.dumps(match.group())[1:-1]
 
 
 def _brief(message: str) -> str:

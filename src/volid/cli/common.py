@@ -12,7 +12,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from volid.exceptions import CONTROL
+from volid.exceptions import shown
 
 if TYPE_CHECKING:
     from volid.fitting.solution import Solution
@@ -180,8 +180,7 @@ def print_json(data: Any) -> None:
     """JSON on standard output, with null for NaN, which JSON does not have."""
     from volid.report.summary import plain
 
-    text = json.dumps(plain(data), ensure_ascii=False, indent=1, allow_nan=False)
-    print(CONTROL.sub(lambda match: f"\\u{ord(match.group()):04x}", text))
+    print(shown(json.dumps(plain(data), ensure_ascii=False, indent=1, allow_nan=False), as_json=True))
 
 
 def attention(solution: Solution, named: bool = False) -> list[str]:

@@ -17,11 +17,13 @@ def low_order(axis: Axis, positions: np.ndarray, order: int) -> np.ndarray:
 
 
 def span(values: np.ndarray) -> np.ndarray:
-    """Values moved and scaled to -1 … 1."""
+    """Values moved and scaled to -1 … 1; none stay none, as of places where a result is determined."""
+    if not len(values):
+        return values
     low, high = float(values.min()), float(values.max())
     return np.asarray((2.0 * values - low - high) / max(high - low, 1e-300))
 
 
 def products(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Products of all pairs of functions (k, n) and (l, n), (k · l, n)."""
-    return np.asarray((a[:, None, :] * b[None, :, :]).reshape(-1, a.shape[1]))
+    return np.asarray((a[:, None, :] * b[None, :, :]).reshape(len(a) * len(b), a.shape[1]))
