@@ -29,7 +29,7 @@ def report(verb: str, error: BaseException, arguments: Sequence[str]) -> int:
         if file
         else ("no report could be written; please send the command line")
     )
-    print(f"{name}: a fault of volid itself, {what}; nothing half was written; {send}", file=sys.stderr)
+    print(f"{name}: a fault of volid itself, {what}; no file is half written; {send}", file=sys.stderr)
     return FAULT
 
 

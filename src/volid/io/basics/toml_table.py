@@ -14,9 +14,17 @@ from pathlib import Path
 from typing import Any
 
 from volid.exceptions import InputError, cut
+from volid.io.basics.toml_mistakes import explained
 from volid.io.basics.toml_values import checked, refuse_control, refuse_long_keys, too_deep
 
 REQUIRED: Any = object()
+_NO_TEXT = {
+    b"\x89HDF": "an HDF5 file",
+    b"PK\x03\x04": "a workbook or archive (ZIP)",
+    b"\xd0\xcf\x11\xe0": "a workbook of an old office program",
+    b"%PDF": "a PDF document",
+    b"\x1f\x8b": "a compressed file (gzip)",
+}
 LARGEST_TEXT = 1 << 30  # bytes
 LARGEST_TOML = 1 << 23  # bytes; read in some seconds
 FILE_TYPES = {  # format tag without version: (what it is, where it comes from)
@@ -36,6 +44,9 @@ def read_text(path: str | Path, largest: int = LARGEST_TEXT) -> str:
     Raises `InputError` when the file is missing, too large, not UTF-8, or a folder, pipe or device, which may never end.
     """
     data = _read_bytes(Path(path), largest)
+    for beginning, what in _NO_TEXT.items():
+        if data.startswith(beginning):
+            raise InputError(f"{path}: this is {what}; expected a text file in UTF-8")
     try:
         return data.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
     except UnicodeDecodeError as error:
@@ -48,8 +59,13 @@ def _read_bytes(path: Path, largest: int) -> bytes:
     try:
         found = path.stat()
         if not stat.S_ISREG(found.st_mode):
-            what = "a folder" if stat.S_ISDIR(found.st_mode) else "a pipe or device"
-            raise InputError(f"{path}: cannot be read: it is {what}; expected a file, so save the text as one")
+            folder = stat.S_ISDIR(found.st_mode)
+            what = (
+                "a folder; name a file in it"
+                if folder
+                else "a pipe or device; expected a file, so save the text as one"
+            )
+            raise InputError(f"{path}: cannot be read: it is {what}")
         if found.st_size > largest:
             raise InputError(f"{path}: {found.st_size >> 20} MiB; expected a text file of at most {largest >> 20} MiB")
         return path.read_bytes()
@@ -77,10 +93,7 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
     except RecursionError:
         raise too_deep(source) from None
     except tomllib.TOMLDecodeError as error:
-        place = re.search(r"^(.*) \(at line (\d+), column (\d+)\)$", str(error))
-        line = place[2] if place else str(text.count("\n") + 1)
-        what = f"{place[1]}, column {place[3]}" if place else str(error)
-        raise InputError(f"{source}, line {line}: not valid TOML: {what}; mend the line") from None
+        raise InputError(f"{source}, {explained(str(error), text)}") from None
     except ValueError:  # Python converts no more than 4300 digits
         long = re.search(r"[\d_]{4300,}", text)
         where = f", line {text.count(chr(10), 0, long.start()) + 1}" if long else ""
@@ -90,7 +103,7 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
 def nearest(name: str, known: Iterable[str]) -> str:
     """ "; did you mean 'travel'?" for a misspelt name, or nothing when none is like it."""
     exact = {item.casefold(): item for item in known}
-    match = difflib.get_close_matches(name.casefold(), list(exact), n=1, cutoff=0.6)
+    match = difflib.get_close_matches(name.casefold(), list(exact), n=1, cutoff=0.65)
     return f"; did you mean '{exact[match[0]]}'?" if match else ""
 
 
@@ -174,7 +187,8 @@ class Table:
             return value
         numbers = isinstance(value, list) and all(map(is_finite, value))
         if not numbers or len(value) != size:
-            raise self.wrong(key, f"a list of {size} finite numbers")
+            commas = isinstance(value, list) and len(value) == 2 * size and size > 1
+            raise self.wrong(key, f"a list of {size} finite numbers" + (", with decimal points" if commas else ""))
         return tuple(float(v) for v in value)
 
     def flag(self, key: str, default: Any = REQUIRED) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -34,6 +35,10 @@ def load_campaign(*paths: str | Path, plan: bool = False, allow_outside: bool = 
     """
     if not paths:
         raise InputError("no campaign was given; name a manifest (TOML) or a campaign file (HDF5)")
+    places = [os.path.realpath(path) for path in paths]
+    for i, place in enumerate(places):
+        if place in places[:i]:
+            raise InputError(f"{paths[i]} is given twice; name every campaign once")
     campaigns = [_load(Path(path), plan, allow_outside) for path in paths]
     return campaigns[0] if len(campaigns) == 1 else _merge(campaigns)
 

@@ -13,7 +13,7 @@ from volid.exceptions import InputError, OutputError
 from volid.io.basics.atomic import atomic_folder, atomic_with_companions
 from volid.io.basics.cells import CellWriter
 from volid.io.basics.toml_table import Table, check_format, format_lines, read_toml
-from volid.io.campaign.reach import read_machine_of, refuse_outside
+from volid.io.campaign.reach import read_machine_of, refuse_other_types, refuse_outside
 from volid.io.campaign.rules import FORMAT, STATION_FRAMES, check_consistent
 from volid.io.campaign.sets import read_set, uncertainty_key_of
 from volid.io.machines import format_machine
@@ -35,6 +35,7 @@ def read_manifest(path: str | Path, *, plan: bool = False, allow_outside: bool =
     top = Table(read_toml(path), str(path))
     check_format(top, FORMAT)
     top.only(("format", "machine", "title", "warnings", "conditions", "station", "set"))
+    refuse_other_types(top)
     if not allow_outside:
         refuse_outside(top, path.parent)
     machine = read_machine_of(top, path.parent)

@@ -24,13 +24,24 @@ _TAGGED = re.compile(rf"""^\s*format\s*=\s*["']{FORMAT.split("/")[0]}/""", re.MU
 
 def refuse_outside(top: Table, folder: Path) -> None:
     """Raises `InputError` for a file of readings that does not stand below `folder`, links followed."""
-    sections = {key: value for key, value in top.data.items() if key not in _FREE}
-    for key, name in _named(sections):
+    for key, name in _names(top):
         if not _is_below(folder, folder / name):
             raise InputError(
                 f"{top.where}: {key} is {format_value(name)}, which is outside the manifest's folder; move the file there, or "
                 "pass `allow_outside=True` if you trust the manifest"
             )
+
+
+def refuse_other_types(top: Table) -> None:
+    """Raises `InputError` where a machine file is named for readings, or readings for the machine."""
+    for key, name in _names(top):
+        if name.lower().endswith(".toml"):
+            raise InputError(f"{top.where}: {key} is {format_value(name)}; expected a table (CSV), not a TOML file")
+    name = top.text("machine")
+    if name.lower().endswith((".csv", ".txt", ".h5", ".hdf5")):
+        raise InputError(
+            f"{top.where}: machine is {format_value(name)}; expected a machine file (TOML), such as machine.toml"
+        )
 
 
 def read_machine_of(top: Table, folder: Path) -> Machine:
@@ -40,6 +51,10 @@ def read_machine_of(top: Table, folder: Path) -> Machine:
     if not (_is_below(folder, path) or _TAGGED.search(text)):
         raise InputError(f"{path}: is no machine file; expected one with format = {format_value(FORMAT)}")
     return parse_machine(text, str(path))
+
+
+def _names(top: Table) -> Iterator[tuple[str, str]]:
+    return _named({key: value for key, value in top.data.items() if key not in _FREE})
 
 
 def _named(value: Any, key: str = "") -> Iterator[tuple[str, str]]:
