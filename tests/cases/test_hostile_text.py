@@ -175,6 +175,28 @@ def test_segments_beyond_reason():
     assert parse_machine(MACHINE + cross.format(25), "m.toml").model.functions["EAZ"].segments == (25, 40)
 
 
+def test_segments_of_all_functions_together(tmp_path):
+    path = write_files(tmp_path, machine=MACHINE + "[model]\nsegments = 1000\n")
+    with pytest.raises(
+        InputError, match="functions have 18000 segments, and there are 64 readings; expected at most 2000"
+    ):
+        volid.fit(volid.load_campaign(path))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("[-150.0, 80.0, -700.0]", "[-1.5e200, 80.0, -700.0]", "position is .*; expected numbers of at most 1e"),
+        ("constant = 0.0003", "constant = 1e300", "constant is 1e.300; expected a number of at most 1e"),
+    ],
+)
+def test_numbers_beyond_anything_measured(old, new, message, tmp_path):
+    with pytest.raises(InputError, match=message):
+        volid.load_campaign(write_files(tmp_path, manifest=MANIFEST.replace(old, new)))
+    with pytest.raises(InputError, match="expected numbers of at most 1e"):
+        parse_machine(MACHINE.replace("1000.0]", "1e300]"), "m.toml")
+
+
 # --------------------------------------------------------------------------------------- names on paper and screen
 
 

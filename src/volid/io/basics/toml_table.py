@@ -25,6 +25,8 @@ _NO_TEXT = {
     b"%PDF": "a PDF document",
     b"\x1f\x8b": "a compressed file (gzip)",
 }
+LARGEST_LENGTH = 1e8  # mm or degrees: 100 km, or what controls call an endless axis
+LARGEST_NUMBER = 1e12
 LARGEST_TEXT = 1 << 30  # bytes
 LARGEST_TOML = 1 << 23  # bytes; read in some seconds
 FILE_TYPES = {  # format tag without version: (what it is, where it comes from)
@@ -178,6 +180,8 @@ class Table:
         limit = f" > {above:g}" if above > -math.inf else f" >= {least:g}" if least > -math.inf else ""
         if not is_finite(value) or value <= above or value < least:
             raise self.wrong(key, f"a finite number{limit}")
+        if abs(value) > LARGEST_NUMBER:
+            raise self.wrong(key, f"a number of at most {LARGEST_NUMBER:g}")
         return float(value)
 
     def vector(self, key: str, size: int, default: Any = REQUIRED) -> Any:
@@ -189,6 +193,8 @@ class Table:
         if not numbers or len(value) != size:
             commas = isinstance(value, list) and len(value) == 2 * size and size > 1
             raise self.wrong(key, f"a list of {size} finite numbers" + (", with decimal points" if commas else ""))
+        if max(map(abs, value)) > LARGEST_LENGTH:
+            raise self.wrong(key, f"numbers of at most {LARGEST_LENGTH:g}")
         return tuple(float(v) for v in value)
 
     def flag(self, key: str, default: Any = REQUIRED) -> Any:
