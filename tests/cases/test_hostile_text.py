@@ -255,10 +255,9 @@ TRIANGLE = (("=1+1", "@B", 3.0), ("=1+1", "-C", 4.0), ("@B", "-C", 5.0))
 
 
 def would_run(cell):
-    """Whether a spreadsheet would take the cell for a formula that is no number (with its unit)."""
+    """Whether a spreadsheet would take the cell for a formula that calls something: a function, a program, another sheet."""
     text = cell.strip()
-    number = re.fullmatch(r"[+-]?[\d.]+(e[+-]?\d+)?( [a-zµ]+)?", text)
-    return text[:1] in tuple("=@+-") and bool(text) and not number
+    return text.startswith(("=", "@")) or (text.startswith(("+", "-")) and re.search(r"[|!]|\w\(", text) is not None)
 
 
 @pytest.mark.parametrize("cell", ["=1+1", "+1", "-1e3", "-Z", "@x", "'=1+1", "''-x", "'quoted'", "S1", "", "-", "\tx"])

@@ -94,7 +94,8 @@ def test_a_reader_that_has_seen_enough(solution, tmp_path):
 def test_a_closed_standard_output_ends_quietly(closed, solution, tmp_path):
     done = shell(f"volid functions {solution} {closed}; echo $?", tmp_path)
     assert done.stdout == b"141\n"
-    assert done.stderr == b""
+    assert b"Error" not in done.stderr  # but for words on what is being done, where that takes a while
+    assert b"Exception" not in done.stderr
 
 
 def test_a_file_is_written_though_standard_output_is_closed(solution, tmp_path):
@@ -108,7 +109,10 @@ def test_a_file_is_written_though_standard_output_is_closed(solution, tmp_path):
 def test_a_full_disk_behind_standard_output(solution, tmp_path):
     done = shell(f"volid functions {solution} > /dev/full", tmp_path)
     assert done.returncode == 2
-    assert done.stderr.decode() == "volid: standard output or a file cannot be written: No space left on device\n"
+    assert (
+        done.stderr.decode().splitlines(True)[-1]
+        == "volid: standard output or a file cannot be written: No space left on device\n"
+    )
 
 
 def test_force_leaves_a_device_and_a_link_what_they_are(solution, tmp_path):
@@ -135,7 +139,8 @@ def test_a_name_that_is_no_text(tmp_path):
     done = shell(r"volid fit $'\xff\x1b[2J.toml' -o o.h5", tmp_path)
     assert done.returncode == 2
     assert (
-        done.stderr.decode() == "volid fit: \\xff\\x1b[2J.toml: there is no such file; check the name and the folder\n"
+        done.stderr.decode().splitlines(True)[-1]
+        == "volid fit: \\xff\\x1b[2J.toml: there is no such file; check the name and the folder\n"
     )
 
 

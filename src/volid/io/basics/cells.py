@@ -14,9 +14,10 @@ from typing import Any, TextIO
 from volid.exceptions import shown
 
 _STARTS = re.compile(r"'*[=+\-@\t\r]")
-# In a header line, which a spreadsheet also cuts into cells, unless it is a number with its unit
-_INNER = re.compile(r"""([,;\t]["']?\s*)(?=[=+\-@])(?![+-]?[\d.]+(?:[eE][+-]?\d+)?(?:\s[^\W\d_]+)?\s*(?:[,;\t]|$))""")
-_NEUTRALISED = re.compile(r"""([,;\t]["']?\s*)'(?=[=+\-@])""")
+# In a header line, which a spreadsheet also cuts into cells: what calls nothing is left, so that commands can be copied
+_RUNS = r"""(?=[=@]|[+-].*(?:[|!]|\w\())"""
+_INNER = re.compile(rf"""([,;\t]["']?\s*){_RUNS}""")
+_NEUTRALISED = re.compile(rf"""([,;\t]["']?\s*)'{_RUNS}""")
 
 
 def neutral(cell: Any) -> Any:
