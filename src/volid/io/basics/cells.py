@@ -14,8 +14,10 @@ from typing import Any, TextIO
 from volid.exceptions import shown
 
 _STARTS = re.compile(r"'*[=+\-@\t\r]")
-# In a header line, which a spreadsheet also cuts into cells: what calls nothing is left, so that commands can be copied
-_RUNS = r"""(?=[=@]|[+-].*(?:[|!]|\w\())"""
+# In a header line, which a spreadsheet also cuts into cells. Numbers with their unit are left, and what calls nothing, so that
+# tool vectors can be read and commands copied.
+_NUMBER = r"""[\d.]+(?:[eE][+-]?\d+)?(?:\s\w+)?\s*(?:[,;\t]|$)"""
+_RUNS = rf"""(?=[=@]|[+-](?!{_NUMBER}).*(?:[|!]|\w\())"""
 _INNER = re.compile(rf"""([,;\t]["']?\s*){_RUNS}""")
 _NEUTRALISED = re.compile(rf"""([,;\t]["']?\s*)'{_RUNS}""")
 
