@@ -222,6 +222,11 @@ def test_engines_are_chosen_in_one_place():
     assert found.keys() == {"fitting/equations/choice.py"}, found
 
 
+def test_tables_are_written_in_one_place():
+    """Where no text becomes a cell that a spreadsheet runs."""
+    assert {line.split(":")[0] for line in lines_with(r"csv\.(writer|DictWriter)\(")} == {"io/basics/cells.py"}
+
+
 def test_the_library_does_not_speak_of_options_of_the_command_line():
     assert lines_with(r"(?<![\w-])--(?!xla_)[a-z]", but=("cli",)) == []
 

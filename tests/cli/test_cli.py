@@ -278,10 +278,10 @@ def test_an_interrupt_that_went_missing_is_raised_once(interruptible):
 
 
 def test_a_stage_begins_only_when_no_interrupt_was_dropped(interruptible, monkeypatch, run, virtual, tmp_path):
-    def load(*paths):
+    def load(*paths, **options):
         with contextlib.suppress(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
-        return load_campaign(*paths)
+        return load_campaign(*paths, **options)
 
     monkeypatch.setattr("volid.io.load_campaign", load)
     status, text, err = run("fit", virtual.manifest, "-o", tmp_path / "s.h5")

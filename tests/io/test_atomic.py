@@ -1,13 +1,18 @@
 """Outputs appear whole or not at all, and say where they come from."""
 
 import hashlib
+import os
+import stat
 import subprocess
 import sys
+from contextlib import suppress
+from pathlib import Path
 
 import pytest
 
 from volid.exceptions import InputError, OutputError
-from volid.io.basics.atomic import atomic_folder, atomic_output
+from volid.io.basics import parts
+from volid.io.basics.atomic import atomic_folder, atomic_output, atomic_with_companions, write_bytes
 from volid.io.basics.provenance import provenance
 
 
@@ -18,7 +23,7 @@ def names(folder):
 def test_output_appears_at_success(tmp_path):
     with atomic_output(tmp_path / "out.csv") as temporary:
         temporary.write_text("whole")
-        assert temporary.parent == tmp_path
+        assert temporary.parent.parent == tmp_path, "on the same disk"
         assert not (tmp_path / "out.csv").exists()
     assert (tmp_path / "out.csv").read_text() == "whole"
     assert names(tmp_path) == ["out.csv"]
@@ -134,6 +139,115 @@ def test_folder_that_holds_something(tmp_path):
         atomic_folder(tmp_path / "a.csv" / "out"),
     ):
         pytest.fail("the block must not run")
+
+
+# ------------------------------------------------------------------------------- what is no regular file, and links
+
+
+@pytest.fixture
+def pipe(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    return tmp_path / "pipe"
+
+
+def test_a_pipe_is_written_through_and_stays(pipe, tmp_path):
+    reader = subprocess.Popen(["cat", pipe], stdout=subprocess.PIPE)
+    write_bytes(pipe, b"whole")
+    assert reader.communicate(timeout=60)[0] == b"whole"
+    assert stat.S_ISFIFO(os.stat(pipe).st_mode)
+    assert names(tmp_path) == ["pipe"]
+
+
+def test_the_null_device_is_never_replaced(tmp_path):
+    """A node of its own where this process may make one, so that a failure costs nothing."""
+    device = tmp_path / "null"
+    try:
+        os.mknod(device, stat.S_IFCHR | 0o666, os.makedev(1, 3))
+    except OSError:
+        device = Path("/dev/null")
+    for overwrite in (False, True):
+        with suppress(OutputError):  # a folder on a disk without devices
+            write_bytes(device, b"nothing", overwrite)
+        assert stat.S_ISCHR(os.stat(device).st_mode)
+    (tmp_path / "link").symlink_to("/dev/null")
+    write_bytes(tmp_path / "link", b"nothing")
+    assert stat.S_ISCHR(os.stat("/dev/null").st_mode)
+    assert (tmp_path / "link").is_symlink()
+
+
+def test_a_full_device_is_an_output_error():
+    with pytest.raises(OutputError, match="/dev/full cannot be written: No space left on device"):
+        write_bytes("/dev/full", b"x")
+
+
+def test_a_link_stays_and_its_file_is_replaced_in_its_own_folder(tmp_path):
+    (tmp_path / "there").mkdir()
+    (tmp_path / "there" / "file.csv").write_text("old")
+    (tmp_path / "link.csv").symlink_to("there/file.csv")
+    with pytest.raises(OutputError, match=r"link\.csv exists"):
+        write_bytes(tmp_path / "link.csv", b"new")
+    with atomic_output(tmp_path / "link.csv", overwrite=True) as temporary:
+        assert temporary.parent.parent == tmp_path / "there"
+        temporary.write_text("new")
+    assert (tmp_path / "there" / "file.csv").read_text() == "new"
+    assert os.readlink(tmp_path / "link.csv") == "there/file.csv"
+    assert names(tmp_path / "there") == ["file.csv"]
+
+
+def test_links_that_lead_nowhere_or_in_a_circle(tmp_path):
+    (tmp_path / "nowhere").symlink_to("missing")
+    (tmp_path / "circle").symlink_to("circle")
+    with pytest.raises(OutputError, match="nowhere exists"):
+        write_bytes(tmp_path / "nowhere", b"x")
+    write_bytes(tmp_path / "nowhere", b"x", overwrite=True)
+    assert (tmp_path / "missing").read_bytes() == b"x"
+    with pytest.raises(OutputError, match="leads back to itself"):
+        write_bytes(tmp_path / "circle", b"x", overwrite=True)
+    assert (tmp_path / "circle").is_symlink()
+
+
+def test_within_folders_too(tmp_path):
+    """A folder that is a link, files in it that are links, and companions."""
+    (tmp_path / "real").mkdir()
+    (tmp_path / "elsewhere.csv").write_text("old")
+    (tmp_path / "real" / "a.csv").symlink_to("../elsewhere.csv")
+    (tmp_path / "folder").symlink_to("real")
+    with atomic_folder(tmp_path / "folder", overwrite=True) as temporary:
+        (temporary / "a.csv").write_text("new")
+    assert (tmp_path / "elsewhere.csv").read_text() == "new"
+    assert (tmp_path / "real" / "a.csv").is_symlink()
+    assert (tmp_path / "folder").is_symlink()
+    with (
+        pytest.raises(OutputError, match="/dev/null is no file, and 2 files are written"),
+        atomic_with_companions("/dev/null", ["null.csv"]),
+    ):
+        pytest.fail("the block must not run")
+
+
+def test_who_may_read_a_file_stays_so(tmp_path):
+    (tmp_path / "a").write_text("old")
+    (tmp_path / "a").chmod(0o640)
+    write_bytes(tmp_path / "a", b"new", overwrite=True)
+    assert stat.S_IMODE(os.stat(tmp_path / "a").st_mode) == 0o640
+
+
+def test_a_writer_in_another_container_of_the_same_name_is_left_alone(tmp_path, monkeypatch):
+    """Its process number means nothing here: another process here, or none. The lock is what both see."""
+    script = (
+        "import sys; from volid.io.basics.atomic import atomic_output\n"
+        "with atomic_output(sys.argv[1]) as temporary:\n"
+        "    temporary.write_text('theirs'); print('ready', flush=True); sys.stdin.read()\n"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", script, tmp_path / "out"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as other:
+        assert other.stdout.readline() == "ready\n"
+        monkeypatch.setattr(parts, "_runs", lambda process: False)
+        with pytest.raises(ZeroDivisionError), atomic_output(tmp_path / "out"):
+            raise ZeroDivisionError
+        assert len(names(tmp_path)) == 1
+        other.communicate(timeout=60)
+    assert (tmp_path / "out").read_text() == "theirs"
 
 
 def test_provenance(tmp_path):

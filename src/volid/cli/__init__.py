@@ -2,7 +2,8 @@
 
 Nothing here imports NumPy, SciPy or JAX, and only the module of the verb that was asked for is imported at all, so that
 `volid --help` answers at once. Exit status: 0 good; 1 written, but the result needs attention and is named, or the data do not
-determine what was asked for; 2 bad input, or an output that cannot be written; 130 interrupted.
+determine what was asked for; 2 bad input, or an output that cannot be written; 70 a fault of volid itself; 130 interrupted;
+141 nobody reads standard output any more.
 """
 
 from __future__ import annotations
@@ -10,16 +11,18 @@ from __future__ import annotations
 import argparse
 import gc
 import importlib
-import os
 import re
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 
 from volid.backend.consent import accept_unusual
 from volid.cli.common import in_options
 from volid.cli.environment import prepare, version
+from volid.cli.faults import report
 from volid.cli.interrupts import INTERRUPTS
-from volid.exceptions import NotDeterminedError, VolidError
+from volid.cli.streams import is_of_a_stream, output_on_standard_output, silence, streams
+from volid.exceptions import NotDeterminedError, VolidError, shown
 
 # verb: (module, one line of help, the same as the module's HELP)
 VERBS = {
@@ -60,7 +63,10 @@ example:
   volid fit campaign.toml -o solution.h5
   volid grid solution.h5 --type L-VOL --step 50 -o grid.csv
 
-'volid VERB --help' explains a verb. Exit status: 0 good; 1 the result needs attention, which is named; 2 bad input.
+'volid VERB --help' explains a verb. -o - writes to standard output; standard error then has all words.
+
+exit status: 0 good; 1 written, but the result needs attention, which is named; 2 bad input, or an
+output that cannot be written; 70 a fault of volid itself, with a file to send; 130 interrupted
 """
 _OPTION_AND_NEGATIVE = re.compile(r"-\d|-\.\d")
 
@@ -77,17 +83,55 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = list(sys.argv[1:] if argv is None else argv)
     verb = next((a for a in arguments if not a.startswith("-")), "")
     try:
-        args, strange = _parser(verb).parse_known_args(_join_negative(arguments))
-        if strange:
-            args.usage.error(f"unrecognized arguments: {' '.join(strange)}")
-        if not args.verb:
-            _parser("").print_help(sys.stderr)
-            return 2
+        with streams():
+            status = _answer(verb, arguments)
+            sys.stdout.flush()
+        return status
+    except OSError as error:
+        silence()
+        if isinstance(error, BrokenPipeError):  # the reader, such as head, has seen enough
+            return 141
+        with suppress(OSError):
+            print(f"volid: standard output or a file cannot be written: {error.strerror}", file=sys.stderr)
+        return 2
+
+
+def _answer(verb: str, arguments: list[str]) -> int:
+    """Run one command; what goes wrong, foreseen or not, is said on standard error and becomes the exit status."""
+    args = argparse.Namespace()
+    try:
+        args = _parsed(verb, arguments)
+        unusual = accept_unusual(getattr(args, "accept_unusual", False))
+        with INTERRUPTS, unusual, output_on_standard_output(args):
+            status: int = importlib.import_module(f"volid.cli.{VERBS[verb][0]}").run(args)
+            sys.stdout.flush()
+        return status
     except SystemExit as stop:  # argparse has printed help or what is wrong
         return stop.code if isinstance(stop.code, int) else 0
+    except VolidError as error:
+        message = in_options(str(error).removeprefix(f"{verb}: "), args)
+        print(f"volid {verb}: {message}", file=sys.stderr)
+        return 1 if isinstance(error, NotDeterminedError) else 2
+    except KeyboardInterrupt:
+        print(f"\nvolid {verb}: interrupted", file=sys.stderr)
+        return 130
+    except Exception as error:
+        if is_of_a_stream(error):
+            raise
+        return report(verb, error, arguments)
+
+
+def _parsed(verb: str, arguments: list[str]) -> argparse.Namespace:
+    """The arguments of the verb; raises `SystemExit` where argparse has said what is wrong."""
+    args, strange = _parser(verb).parse_known_args(_join_negative(arguments))
+    if strange:
+        args.usage.error(f"unrecognized arguments: {' '.join(strange)}")
+    if not args.verb:
+        _parser("").print_help(sys.stderr)
+        raise SystemExit(2)
     prepare()
-    args.command_line = ("volid", *arguments)
-    return _run(verb, args)
+    args.command_line = ("volid", *map(shown, arguments))
+    return args
 
 
 def _parser(verb: str) -> argparse.ArgumentParser:
@@ -120,21 +164,3 @@ def _join_negative(arguments: Sequence[str]) -> list[str]:
         else:
             result.append(word)
     return result
-
-
-def _run(verb: str, args: argparse.Namespace) -> int:
-    try:
-        with INTERRUPTS, accept_unusual(getattr(args, "accept_unusual", False)):
-            status: int = importlib.import_module(f"volid.cli.{VERBS[verb][0]}").run(args)
-            sys.stdout.flush()
-        return status
-    except VolidError as error:
-        message = in_options(str(error).removeprefix(f"{verb}: "), args)
-        print(f"volid {verb}: {message}", file=sys.stderr)
-        return 1 if isinstance(error, NotDeterminedError) else 2
-    except KeyboardInterrupt:
-        print(f"\nvolid {verb}: interrupted", file=sys.stderr)
-        return 130
-    except BrokenPipeError:  # the reader, such as head, has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 141

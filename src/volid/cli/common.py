@@ -12,6 +12,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from volid.exceptions import shown
+
 if TYPE_CHECKING:
     from volid.fitting.solution import Solution
     from volid.io.functions_csv import Sheet
@@ -41,6 +43,15 @@ def add_output(parser: argparse.ArgumentParser, metavar: str, text: str, require
     parser.add_argument("-o", "--output", metavar=metavar, required=required, help=text)
     parser.add_argument("--json", action="store_true", help="the result as JSON on standard output")
     parser.add_argument("--force", action="store_true", help="overwrite an existing file")
+
+
+def add_allow_outside(parser: argparse.ArgumentParser) -> None:
+    """--allow-outside, of verbs that read manifests."""
+    parser.add_argument(
+        "--allow-outside",
+        action="store_true",
+        help="manifests may name files outside their own folder, if you trust them",
+    )
 
 
 def add_solution(parser: argparse.ArgumentParser) -> None:
@@ -92,15 +103,23 @@ class _Stop(Exception):
     pass
 
 
-def check_output(path: str | Path | None, overwrite: bool, inputs: Iterable[str | Path] = ()) -> None:
+def check_output(
+    path: str | Path | None, overwrite: bool, inputs: Iterable[str | Path] = (), alone: bool = True
+) -> None:
     """Refuse now what could not be written after the work: an existing file, a folder that is missing or closed.
 
-    Raises `OutputError`, also when `path` is one of the `inputs`, even with `overwrite`.
+    Raises `OutputError`, also when `path` is one of the `inputs`, even with `overwrite`, and for a stream such as standard
+    output where other files will stand beside it (not `alone`).
     """
     from volid.exceptions import OutputError
     from volid.io.basics.atomic import atomic_output
+    from volid.io.basics.targets import find_target
 
     if path is None:
+        return
+    if find_target(path, overwrite).file is None:
+        if not alone:
+            raise OutputError(f"{path} is no file, and other files are written beside it; name a file")
         return
     for name in inputs:
         if os.path.exists(name) and os.path.exists(path) and os.path.samefile(name, path):
@@ -116,13 +135,13 @@ def check_output(path: str | Path | None, overwrite: bool, inputs: Iterable[str 
 def input_files(paths: Sequence[str]) -> list[Path]:
     """Every file that campaigns are made of: HDF5 files as they are, manifests with their machine and CSV files."""
     from volid.io.basics.hdf5_values import is_hdf5
-    from volid.io.basics.toml_table import parse_toml, read_text
+    from volid.io.basics.toml_table import read_toml
 
     found: list[Path] = []
     for path in map(Path, paths):
         found.append(path)
         if not is_hdf5(path):
-            manifest = parse_toml(read_text(path), str(path))
+            manifest = read_toml(path)
             found += [path.parent / name for name in (manifest["machine"], *(s["file"] for s in manifest["set"]))]
     return list(dict.fromkeys(found))
 
@@ -151,7 +170,7 @@ def print_json(data: Any) -> None:
     """JSON on standard output, with null for NaN, which JSON does not have."""
     from volid.report.summary import plain
 
-    print(json.dumps(plain(data), ensure_ascii=False, indent=1, allow_nan=False))
+    print(shown(json.dumps(plain(data), ensure_ascii=False, indent=1, allow_nan=False), as_json=True))
 
 
 def attention(solution: Solution, named: bool = False) -> list[str]:

@@ -1,11 +1,9 @@
-"""What the command line sets up before a verb runs: UTF-8 output, quiet logs, a cache of compiled programs."""
+"""What the command line sets up before a verb runs: quiet logs, a cache of compiled programs."""
 
 from __future__ import annotations
 
-import io
 import logging
 import os
-import sys
 from contextlib import suppress
 from pathlib import Path
 
@@ -22,13 +20,7 @@ def version() -> str:
 
 
 def prepare() -> None:
-    """Set up the streams, the logs and the cache; to be called before JAX is imported."""
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            if stream.isatty():
-                stream.reconfigure(errors="replace")
-            else:  # every text file is UTF-8, also one that the shell makes of the output
-                stream.reconfigure(encoding="utf-8")
+    """Set up the logs and the cache; to be called before JAX is imported."""
     logging.getLogger("jax._src.xla_bridge").setLevel(logging.ERROR)
     with suppress(RuntimeError):  # no home folder: compile every time
         cache_programs(cache_folder())

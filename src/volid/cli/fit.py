@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from volid.cli.common import (
+    add_allow_outside,
     add_output,
     attention,
     check_output,
@@ -78,6 +79,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="take errors of any size without asking whether readings are in another unit (in a [[set]]: large_errors = true)",
     )
     add_unusual(parser)
+    add_allow_outside(parser)
     add_output(parser, "SOLUTION.h5", "solution, with its campaign and machine", required=True)
 
 
@@ -117,7 +119,7 @@ def _in_memory(args: argparse.Namespace, prior: Solution | None, progress: Progr
     from volid.fitting.fit import fit
     from volid.io import load_campaign
 
-    campaign = load_campaign(*args.campaign)
+    campaign = load_campaign(*args.campaign, allow_outside=args.allow_outside)
     _ask_tool(campaign, args)
     large = args.accept_large_errors
     record = _record(args, {"robust": args.robust, "solver": args.solver, "accept_large_errors": large})

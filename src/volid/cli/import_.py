@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 
-from volid.cli.common import add_output, check_output, explain, input_files, print_json
+from volid.cli.common import add_allow_outside, add_output, check_output, explain, input_files, print_json
 
 HELP = "a campaign from text (a manifest and CSV files) to one HDF5 file"
 
@@ -25,6 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
     explain(parser, _EPILOG)
     parser.add_argument("manifest", metavar="MANIFEST.toml", nargs="+", help="campaign as text")
+    add_allow_outside(parser)
     add_output(parser, "CAMPAIGN.h5", "campaign as one HDF5 file", required=True)
 
 
@@ -34,7 +35,7 @@ def run(args: argparse.Namespace) -> int:
     from volid.plausibility.checks import check_campaign
 
     check_output(args.output, args.force, args.manifest)
-    campaign = load_campaign(*args.manifest)
+    campaign = load_campaign(*args.manifest, allow_outside=args.allow_outside)
     check_output(args.output, args.force, input_files(args.manifest))
     warnings = [*campaign.warnings, *check_campaign(campaign)]
     write_campaign(campaign, args.output, overwrite=args.force)

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from volid.cli.common import HDF5, add_output, check_output, conclude, explain, print_json
+from volid.cli.common import HDF5, add_allow_outside, add_output, check_output, conclude, explain, print_json
 from volid.cli.numbers import add_unusual, seed
 from volid.cli.progress import Progress
 
@@ -47,6 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--truth", metavar="TRUTH.h5", help="true errors, a truth or a solution; default: random")
     parser.add_argument("--seed", type=seed, default=0, metavar="N", help="of everything random; default 0")
     add_unusual(parser)
+    add_allow_outside(parser)
     add_output(parser, "CAMPAIGN", "campaign: a file ending in .h5, or a folder for text", required=True)
 
 
@@ -61,7 +62,10 @@ def run(args: argparse.Namespace) -> int:
     _check_places(paths, args)
     with Progress() as progress:
         progress("reading the plan")
-        machine, plan = read_machine(args.machine), load_campaign(args.plan, plan=True)
+        machine, plan = (
+            read_machine(args.machine),
+            load_campaign(args.plan, plan=True, allow_outside=args.allow_outside),
+        )
         truth = _truth(args, machine)
         progress(f"simulating {plan.n_readings} readings")
         campaign, truth = simulate(plan, truth, seed=args.seed)

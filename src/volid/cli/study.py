@@ -60,7 +60,7 @@ def run(args: argparse.Namespace) -> int:
 
     output = places(args.output)
     for path in output[:3]:
-        check_output(path, args.force, [args.study])
+        check_output(path, args.force, [args.study], alone=False)
     with Progress() as progress:
         records, found = _carry_out(args, output, progress)
     shutil.rmtree(output.folder, ignore_errors=True)

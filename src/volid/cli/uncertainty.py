@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
 
     if args.resume and not args.output:
         raise InputError("--resume goes on with the run that writes -o; name it")
-    check_output(args.output, args.force, [args.solution])
+    check_output(args.output, args.force, [args.solution], alone=False)
     with Progress() as progress:
         solution = _sampled(args, progress)
         progress("evaluating the samples")

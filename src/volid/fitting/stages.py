@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -22,7 +23,7 @@ from volid.fitting.open_frame import in_open_frame
 from volid.fitting.prior import check_prior, prior_notes, prior_of, stated_segments
 from volid.fitting.questions import asked
 from volid.fitting.remarks import remarks
-from volid.fitting.segments import segments_of
+from volid.fitting.segments import Segments, segments_of
 from volid.fitting.shape_notes import shape_notes
 from volid.fitting.smooth_fit import SmoothFit
 from volid.fitting.smoothness.geometry import measured_machine, range_notes
@@ -36,6 +37,7 @@ from volid.plausibility.checks import check_campaign
 
 Progress = Callable[[str], None]
 PESSIMISTIC, FREE = 0.5, 30  # unit weight below which, and degrees of freedom above which, u is estimated anew
+FEW_SEGMENTS, MOST_SEGMENTS = 2000, 6000  # of all functions: no trouble to try, and what fits into memory and patience
 LARGER, SAME = 6, 0.02  # times that a larger u is tried, and relative change of it that is none
 
 NOT_FINITE = "infs or NaNs"  # SciPy's and NumPy's words for a matrix that has overflown
@@ -72,10 +74,22 @@ def _check_counts(campaign: Campaign, problem: Problem, n_smooth: int) -> None:
         )
 
 
+def _check_stated(task: _Task, segments: Segments) -> None:
+    """Raises `InputError` for stated segments that no fit could determine or hold, before anything of that size is built."""
+    stated = sum(math.prod(n) for name, n in segments.numbers.items() if name not in segments.smooth)
+    most = min(MOST_SEGMENTS, max(FEW_SEGMENTS, task.campaign.n_readings))
+    if stated > most:
+        raise InputError(
+            f"{task.campaign.source or 'campaign'}: the machine's functions have {stated} segments, and there are "
+            f'{task.campaign.n_readings} readings; expected at most {most}, lower [model] segments or take "auto"'
+        )
+
+
 def _prepared(task: _Task) -> SmoothFit:
     """The problem, what of it is determined, and whose smoothness is to be estimated."""
     given = {} if task.prior is None else stated_segments(task.prior, task.machine)
     segments = segments_of(task.machine, given)
+    _check_stated(task, segments)
     model = build_model(task.machine, segments.numbers)
     known = nothing_known(model) if task.prior is None else prior_of(task.prior, model)
     problem = build_problem(task.campaign, model, task.starts, known, engine=task.engine)

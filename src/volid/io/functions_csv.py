@@ -9,7 +9,6 @@ the numbers are and where they come from; a cell is empty where the data do not 
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -20,10 +19,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
 import numpy as np
 
 from volid.backend.even_points import DIGITS, round_position
-from volid.exceptions import InputError
+from volid.exceptions import InputError, shown
 from volid.fitting.results import Deviations, FunctionValue
 from volid.fitting.solution import Solution
 from volid.io.basics.atomic import atomic_output
+from volid.io.basics.cells import CellWriter, header_line
 from volid.io.basics.csv_table import CsvTable, read_csv
 from volid.io.basics.hdf5_values import to_json
 from volid.io.basics.provenance import sha256
@@ -132,7 +132,7 @@ def source_lines(solution: Solution, source: str | Path | None = None) -> dict[s
         ),
     }
     if source is not None:
-        lines |= {"source": str(source), "source sha256": sha256(source)}
+        lines |= {"source": shown(str(source)), "source sha256": sha256(source)}
     lines["lack of fit"] = str(lack_of_fit(solution))
     if solution.unseen:
         lines["attention"] = " ".join(f"{text}." for text in solution.unseen)
@@ -147,8 +147,8 @@ def source_lines(solution: Solution, source: str | Path | None = None) -> dict[s
 def write_csv(stream: TextIO, sheet: Sheet) -> None:
     """Lines "# key: value" (line breaks inside a value become blanks), a row of column names, and the rows."""
     for key, value in sheet.header.items():
-        stream.write(f"# {key}: {' '.join(value.split())}".rstrip() + "\n")
-    writer = csv.writer(stream, lineterminator="\n")
+        stream.write(header_line(key, value) + "\n")
+    writer = CellWriter(stream)
     writer.writerow(sheet.columns)
     digits = [sheet.digits.get(name) for name in sheet.columns]
     write = _short_cell if sheet.short else _cell

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from fnmatch import fnmatchcase
 from itertools import pairwise
 from pathlib import Path
@@ -10,7 +11,15 @@ from typing import Any
 import numpy as np
 
 from volid.exceptions import InputError
-from volid.io.basics.toml_table import Table, check_format, format_lines, nearest, parse_toml, read_text
+from volid.io.basics.toml_table import (
+    LARGEST_TOML,
+    Table,
+    check_format,
+    format_lines,
+    nearest,
+    parse_toml,
+    read_text,
+)
 from volid.model.iso230 import DIRECTIONS, LINEAR_AXES, ROTARY_AXES, SPINDLE
 from volid.model.machine import Axis, Datum, FunctionSettings, Machine, ModelSettings, parse_structure
 
@@ -22,6 +31,7 @@ _WAVE_KEYS = ("pitch",)  # of linear axes
 _ROTARY_KEYS = (*_LINEAR_KEYS, "point", "direction", "axis_frame")
 _FUNCTION_KEYS = ("segments", "degree", "reversal", "over")
 _LARGEST_DEGREE = 5
+MOST_SEGMENTS = 1000  # of one function: 10 mm of 10 m; shorter waves are what `pitch` is for
 SHORTEST_PITCH = 0.1  # mm
 PITCHES = 0.1  # of the travel: longer waves are what the functions themselves are for
 _ORIGIN = (0.0, 0.0, 0.0)
@@ -42,7 +52,7 @@ def read_machine(path: str | Path) -> Machine:
     >>> machine.letters, machine.axis("A").travel
     (('C', 'A', 'Y', 'X', 'Z'), (-120.0, 30.0))
     """
-    return parse_machine(read_text(Path(path)), str(path))
+    return parse_machine(read_text(path, LARGEST_TOML), str(path))
 
 
 def parse_machine(text: str, source: str) -> Machine:
@@ -234,10 +244,14 @@ def _degree(table: Table, default: Any) -> Any:
 
 def _segments(table: Table, default: Any, over: tuple[str, str] | None) -> Any:
     value = table.get("segments", default)
-    if "segments" not in table.data or value == "auto" or (type(value) is int and value >= 1):
+    if "segments" not in table.data or value == "auto":
         return value
-    if over and isinstance(value, list) and len(value) == len(over) and all(type(v) is int and v >= 1 for v in value):
-        return tuple(value)
+    several = over and isinstance(value, list) and len(value) == len(over)
+    numbers = value if several else [value]
+    if all(type(v) is int and v >= 1 for v in numbers):
+        if math.prod(numbers) > MOST_SEGMENTS:
+            raise table.wrong("segments", f"at most {MOST_SEGMENTS} of one function, each of which is an unknown")
+        return tuple(value) if several else value
     extra = " or one such number per axis of `over`" if over else ""
     raise table.wrong("segments", f'"auto" or a whole number >= 1{extra}')
 

@@ -7,7 +7,6 @@ found from the data.
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +17,7 @@ from jaxtyping import Float, Int
 
 from volid.exceptions import InputError
 from volid.io.basics.atomic import atomic_output
+from volid.io.basics.cells import CellWriter
 from volid.io.basics.csv_table import CsvTable, read_csv
 from volid.multilateration import NetworkSolution, adjust_network, starting_coordinates
 
@@ -187,6 +187,6 @@ def _numbers(values: Iterable[float], digits: int) -> list[str]:
 
 
 def _write(stream: TextIO, header: list[str], rows: Iterable[list]) -> None:
-    writer = csv.writer(stream, lineterminator="\n")
+    writer = CellWriter(stream)
     writer.writerow(header)
     writer.writerows(rows)

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from volid.exceptions import InputError
 from volid.fitting.solution import Solution
+from volid.io.basics.cells import original_header
 from volid.io.basics.encodings import decode, read_bytes
 from volid.io.functions_csv import REJECTED, source_lines
 
@@ -47,7 +48,7 @@ def read_header(path: str | Path) -> dict[str, str]:
     """The lines "# key: value" of a CSV file."""
     text, _ = decode(read_bytes(Path(path)), Path(path))
     comments = [_unpadded(line)[1:].strip() for line in text.split("\n") if line.startswith(("#", '"#'))]
-    return dict(line.split(": ", 1) for line in comments if ": " in line)
+    return {k: original_header(v) for k, v in (line.split(": ", 1) for line in comments if ": " in line)}
 
 
 def _unpadded(line: str) -> str:

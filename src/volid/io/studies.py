@@ -29,15 +29,15 @@ from pathlib import Path
 from typing import Any
 
 from volid.exceptions import InputError
-from volid.io.basics.toml_table import REQUIRED, Table, check_format, is_number, parse_toml, read_text
+from volid.io.basics.toml_table import REQUIRED, Table, check_format, is_number, read_toml
 from volid.io.campaign.files import load_campaign
-from volid.io.machines import read_machine
+from volid.io.machines import MOST_SEGMENTS, read_machine
 from volid.model.machine import Machine
 from volid.study.campaigns import Design, Study, Truths
 
 FORMAT = "volid-study/1"
-MOST_SEEDS = 1_000_000
 _STANDARD = ("n_per_station", "seed")
+_MOST_SEEDS, _MOST_READINGS = 100_000, 1_000_000
 
 
 def read_study(path: str | Path) -> Study:
@@ -46,7 +46,7 @@ def read_study(path: str | Path) -> Study:
     Raises `InputError` naming file and key for what it does not understand, and for a plan whose axes a machine has not.
     """
     path = Path(path)
-    top = Table(parse_toml(read_text(path), str(path)), str(path))
+    top = Table(read_toml(path), str(path))
     check_format(top, FORMAT)
     top.only(("format", "machines", "design", "noise", "seeds", "robust", "segments", "truth"))
     machines = _machines(top, path.parent)
@@ -56,7 +56,7 @@ def read_study(path: str | Path) -> Study:
         noise=_noise(top),
         seeds=_seeds(top),
         robust=top.flag("robust", False),
-        segments="auto" if top.data.get("segments") == "auto" else _integer(top, "segments", None, 1),
+        segments="auto" if top.data.get("segments") == "auto" else _integer(top, "segments", None, 1, MOST_SEGMENTS),
         truths=_truths(top.table("truth", {})),
         source=str(path),
     )
@@ -65,7 +65,7 @@ def read_study(path: str | Path) -> Study:
 def study_files(path: str | Path) -> tuple[list[Path], list[Path]]:
     """Study and machine files, and the plans, for provenance; of a study that can be read."""
     path = Path(path)
-    data = parse_toml(read_text(path), str(path))
+    data = read_toml(path)
     plans = dict.fromkeys(d["plan"] for d in data["design"] if "plan" in d)
     return [path, *(path.parent / name for name in data["machines"])], [path.parent / name for name in plans]
 
@@ -108,7 +108,9 @@ def _design(table: Table, folder: Path) -> Design:
     table.only(("name", "plan", *_STANDARD))
     name = table.text("name")
     if "plan" not in table.data:
-        return Design(name, None, _integer(table, "n_per_station", 400, 1), _integer(table, "seed", 0, 0))
+        return Design(
+            name, None, _integer(table, "n_per_station", 400, 1, _MOST_READINGS), _integer(table, "seed", 0, 0)
+        )
     for key in _STANDARD:
         if key in table.data:
             raise InputError(f"{table.where}: {key} belongs to the standard plan; with a plan of its own, leave it out")
@@ -129,9 +131,9 @@ def _noise(top: Table) -> tuple[float, ...]:
 
 def _seeds(top: Table) -> tuple[int, ...]:
     found = top.get("seeds", 20)
-    values = list(range(min(found, MOST_SEEDS + 1))) if _is_integer(found) else found
-    if isinstance(values, list) and len(values) > MOST_SEEDS:
-        raise top.wrong("seeds", f"at most {MOST_SEEDS:,} seeds; a study is summarised from far fewer")
+    if _is_integer(found) and found > _MOST_SEEDS:
+        raise top.wrong("seeds", f"at most {_MOST_SEEDS}, each of which is a campaign to be fitted")
+    values = list(range(found)) if _is_integer(found) else found
     good = isinstance(values, list) and values and all(_is_integer(v) and v >= 0 for v in values)
     if not good or len(set(values)) < len(values):
         raise top.wrong("seeds", "how many (a whole number >= 1), or a list of different whole numbers >= 0")
@@ -147,11 +149,12 @@ def _truths(table: Table) -> Truths:
     )
 
 
-def _integer(table: Table, key: str, default: Any = REQUIRED, least: int = 0) -> Any:
-    """An integer, not less than `least`."""
+def _integer(table: Table, key: str, default: Any = REQUIRED, least: int = 0, most: float = float("inf")) -> Any:
+    """An integer, not less than `least` and not more than `most`."""
     value = table.get(key, default)
-    if key in table.data and not (_is_integer(value) and value >= least):
-        raise table.wrong(key, f"a whole number >= {least}" + (' or "auto"' if key == "segments" else ""))
+    if key in table.data and not (_is_integer(value) and least <= value <= most):
+        limit = f">= {least}" if most == float("inf") else f"from {least} to {most}"
+        raise table.wrong(key, f"a whole number {limit}" + (' or "auto"' if key == "segments" else ""))
     return value
 
 

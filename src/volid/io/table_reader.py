@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -47,7 +48,7 @@ def read_table(path: str | Path) -> ErrorTable:
     _expect(path, header, "rows", (ABSOLUTE, INCREMENTAL))
     _expect(path, header, "applied", (MODEL, ITSELF))
     name = header["function"]
-    axis = parse(name).axis
+    axis = _axis_of(name, path)
     positions = table.numbers(*_required(table, axis), "mm or degrees", "every row has a position")  # type: ignore[arg-type]
     if np.any(np.diff(positions) <= 0):
         i = int(np.argmax(np.diff(positions) <= 0)) + 1
@@ -55,7 +56,7 @@ def read_table(path: str | Path) -> ErrorTable:
     forward, reverse = _values(table, name, header, str(path))
     u = _uncertainties(table, name)
     basis: dict[str, str] = {k: header[k] for k in ("line", "tool vector", "elevation") if k in header}
-    off = re.search(r"points ([\d.e+-]+)", header.get("interpolation", ""))
+    off = re.search(r"points (\S+) ", header.get("interpolation", "") + " ")
     return ErrorTable(
         type=header["type"],
         function=name,
@@ -65,11 +66,11 @@ def read_table(path: str | Path) -> ErrorTable:
         u=u,
         outside=read_flags(table, OUTSIDE) if OUTSIDE in table else np.zeros(len(positions), dtype=bool),
         applied=header["applied"],
-        interpolation=float(off[1]) if off else float("nan"),
+        interpolation=_number(off[1], "interpolation", header, path) if off and off[1] != "nan" else math.nan,
         basis=basis,
         zero=header["zero"],
         datum=header["datum"],
-        period=0.0 if header["period"] == "none" else float(header["period"].split()[0]),
+        period=0.0 if header["period"] == "none" else _number(header["period"], "period", header, path),
         notes=notes_of(header),
     )
 
@@ -77,6 +78,24 @@ def read_table(path: str | Path) -> ErrorTable:
 def _expect(path: str | Path, header: Mapping[str, str], key: str, values: Sequence[str]) -> None:
     if header[key] not in values:
         raise InputError(f"{path}: {key} is '{header[key]}'; expected {' or '.join(values)}")
+
+
+def _axis_of(name: str, path: str | Path) -> str:
+    try:
+        return parse(name).axis
+    except InputError as error:
+        raise InputError(f"{path}: function: {error}") from None
+
+
+def _number(text: str, key: str, header: Mapping[str, str], path: str | Path) -> float:
+    """The number with which `text`, the value of a header line or a part of it, begins. Raises `InputError` for another one."""
+    try:
+        value = float(text.split()[0])
+    except (ValueError, IndexError):
+        value = math.nan
+    if not math.isfinite(value):
+        raise InputError(f"{path}: {key} is '{header[key]}'; expected a number, as volid writes it")
+    return value
 
 
 def _required(table: CsvTable, axis: str) -> tuple[str]:
@@ -104,12 +123,7 @@ def _values(table: CsvTable, name: str, header: Mapping[str, str], path: str) ->
     table.require((name,), f"expected {name}, or {name}(+) with {name}(-) or {added_in_minus(name)}")
     mean, half = column(name), 0.0
     if "reversal value" in header:
-        try:
-            half = 0.5 * sign * float(header["reversal value"].split()[0])
-        except ValueError:
-            raise InputError(
-                f"{path}: reversal value is '{header['reversal value']}'; expected a number in {unit}"
-            ) from None
+        half = 0.5 * sign * _number(header["reversal value"], "reversal value", header, path)
     return mean + half, mean - half
 
 

@@ -23,7 +23,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from volid.exceptions import InputError
+from volid.exceptions import InputError, shown
 from volid.io.basics.atomic import atomic_output
 from volid.io.basics.hdf5_values import is_hdf5, read_text, reading, write_array, write_text
 from volid.io.machines import format_machine, parse_machine
@@ -87,7 +87,7 @@ def read_truth(path: str | Path) -> Truth:
             stations={name: (p[0], p[1], p[2]) for name, p in _read_values(file["stations"], "position")},
             instruments={name: float(value) for name, value in _read_values(file["instruments"], "value")},
             seed=None if seed < 0 else seed,
-            source=str(path),
+            source=shown(str(path)),
         )
 
 
@@ -116,7 +116,7 @@ def load_truth(path: str | Path) -> Truth:
     except OSError as error:
         raise InputError(f"{path}: the HDF5 file is truncated or damaged ({error}); copy or write it again") from None
     if found.startswith("volid-solution/"):
-        return replace(truth_of_solution(read_solution(path)), source=str(path))
+        return replace(truth_of_solution(read_solution(path)), source=shown(str(path)))
     if found and not found.startswith("volid-truth/"):
         raise InputError(
             f"{path}: format is '{found}'; expected a truth, '{FORMAT}', or a solution, 'volid-solution/1'"

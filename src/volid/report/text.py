@@ -5,6 +5,8 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Sequence
 
+from volid.exceptions import cut, shown
+
 WIDTH = 100
 _MICRO = {"mm": (1e3, "µm"), "rad": (1e6, "µrad")}
 
@@ -31,8 +33,11 @@ def vector(values: Sequence[float]) -> str:
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1, right: int = 0) -> list[str]:
-    """Lines of a table, columns two blanks apart; the first `left` and last `right` columns left justified."""
-    cells = [list(header), *(list(row) for row in rows)]
+    """Lines of a table, columns two blanks apart; the first `left` and last `right` columns left justified.
+
+    What names in cells hold is shown escaped, and cut to 80 characters.
+    """
+    cells = [[cut(shown(cell)) for cell in row] for row in (header, *rows)]
     widths = [max(len(row[i]) for row in cells) for i in range(len(header))]
     flush = [i < left or i >= len(header) - right for i in range(len(header))]
     return [
@@ -61,5 +66,10 @@ def bullets(title: str, texts: Sequence[str]) -> list[str]:
 
 def _wrap(text: str, first: str, others: str) -> list[str]:
     return textwrap.wrap(
-        text, WIDTH, initial_indent=first, subsequent_indent=others, break_long_words=False, break_on_hyphens=False
+        shown(text),
+        WIDTH,
+        initial_indent=first,
+        subsequent_indent=others,
+        break_long_words=False,
+        break_on_hyphens=False,
     )

@@ -1,24 +1,34 @@
-"""Outputs appear completely or not at all: they are written under a temporary name in the same folder, then renamed."""
+"""Outputs appear completely or not at all: they are written under another name in the same folder, then renamed.
+
+What is no regular file (standard output, a pipe, the null device) is written through when the work is done, and symbolic links
+are followed (`volid.io.basics.targets`).
+"""
 
 from __future__ import annotations
 
-import glob
 import os
-import platform
-import shutil
-import uuid
+import tempfile
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
 from volid.exceptions import OutputError
+from volid.io.basics.parts import part_folder
+from volid.io.basics.targets import Target, find_target
 
-HOST = platform.node()[:40] or "machine"
+
+def write_bytes(path: str | Path, data: bytes | memoryview, overwrite: bool = False) -> None:
+    """Write `data` to `path` in one step. Raises `OutputError` as `atomic_output` does.
+
+    >>> write_bytes(getfixture("tmp_path") / "out.bin", b"whole")
+    """
+    with atomic_output(path, overwrite) as temporary:
+        temporary.write_bytes(data)
 
 
 @contextmanager
 def atomic_output(path: str | Path, overwrite: bool = False) -> Iterator[Path]:
-    """A temporary path in the folder of `path`, to be written by the caller; renamed to `path` when the block succeeds.
+    """A temporary path, to be written by the caller, which becomes `path` when the block succeeds.
 
     When the block fails, the temporary file is removed and an existing `path` is left as it was. Raises `OutputError`
     when `path` exists (unless `overwrite`), is a folder, or cannot be written.
@@ -26,110 +36,84 @@ def atomic_output(path: str | Path, overwrite: bool = False) -> Iterator[Path]:
     >>> with atomic_output(getfixture("tmp_path") / "out.csv") as temporary:
     ...     _ = temporary.write_text("X,u")
     """
-    path = Path(path)
-    _refuse_existing(path, overwrite)
-    temporary = _temporary(path)
-    try:
+    target = find_target(path, overwrite)
+    with _reported(target.path), part_folder(_beside(target)) as folder:
+        temporary = folder / target.path.name
         yield temporary
-        _refuse_existing(path, overwrite)
-        os.replace(temporary, path)
-    except OSError as error:
-        raise _cannot_write(path, error) from error
-    finally:
-        with suppress(OSError):
-            temporary.unlink()
+        target.receive(temporary, overwrite)
 
 
 @contextmanager
 def atomic_folder(path: str | Path, overwrite: bool = False) -> Iterator[Path]:
-    """A temporary folder beside `path`, to be filled by the caller; it becomes `path` when the block succeeds.
+    """A temporary folder, to be filled by the caller with files; it becomes `path` when the block succeeds.
 
     With `overwrite`, files of the same name in an existing folder are replaced one by one and the others stay. Raises
     `OutputError` when `path` holds something (unless `overwrite`), is a file, or cannot be written.
     """
     path = Path(path)
-    if path.is_dir():
-        _refuse_existing(path, overwrite or not any(path.iterdir()), folder=True)
+    if os.path.isdir(path):  # False for a name too long, which Path.is_dir raises for
+        if any(path.iterdir()) and not overwrite:
+            raise OutputError(f"{path} exists; choose another name or pass `overwrite=True`")
     elif os.path.lexists(path):
         raise OutputError(f"{path} is a file; name a folder")
-    temporary = _temporary(path)
-    try:
+    real = Path(os.path.realpath(path))
+    with _reported(path), part_folder(real) as folder:
+        temporary = folder / "filled"
         temporary.mkdir()
         yield temporary
-        _move(temporary, path)
-    except OSError as error:
-        raise _cannot_write(path, error) from error
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
+        _move(temporary, path, real)
 
 
 @contextmanager
 def atomic_with_companions(path: str | Path, companions: Sequence[str], overwrite: bool = False) -> Iterator[Path]:
     """A temporary folder for a file named as `path` and its `companions`; all are moved to the folder of `path`, that file last.
 
-    Raises `OutputError` when one of them exists (unless `overwrite`), is a folder, or cannot be written.
+    Raises `OutputError` when one of them exists (unless `overwrite`), is no file, or cannot be written.
     """
     path = Path(path)
-    targets = [*(path.with_name(name) for name in companions), path]
+    targets = [find_target(name, overwrite) for name in (*(path.with_name(n) for n in companions), path)]
     for target in targets:
-        _refuse_existing(target, overwrite)
-    temporary = _temporary(path)
-    try:
-        temporary.mkdir()
-        yield temporary
+        if target.file is None:
+            raise OutputError(
+                f"{target.path} is no file, and {len(targets)} files are written; name a file or a folder"
+            )
+    with _reported(path), part_folder(_beside(targets[-1])) as folder:
+        yield folder
         for target in targets:
-            os.replace(temporary / target.name, target)
+            target.receive(folder / target.path.name, overwrite)
+
+
+def _beside(target: Target) -> Path:
+    """Where the temporary folder stands: beside the file, on the same disk; for a stream among temporary files."""
+    return target.file or Path(tempfile.gettempdir()) / "stream"
+
+
+def _move(temporary: Path, path: Path, real: Path) -> None:
+    if not real.is_dir():
+        os.rename(temporary, real)
+        return
+    targets = [(item, find_target(path / item.name, overwrite=True)) for item in temporary.iterdir()]
+    for item, target in targets:
+        target.receive(item, overwrite=True)
+
+
+@contextmanager
+def _reported(path: Path) -> Iterator[None]:
+    """Raises `OutputError` for an `OSError`. A reader who has seen enough of a stream is no failure: `BrokenPipeError` stays."""
+    try:
+        yield
+    except BrokenPipeError:
+        raise
     except OSError as error:
         raise _cannot_write(path, error) from error
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
-
-
-def _move(temporary: Path, path: Path) -> None:
-    if not path.is_dir():
-        os.rename(temporary, path)
-        return
-    for item in temporary.iterdir():
-        os.replace(item, path / item.name)
-
-
-def _temporary(path: Path) -> Path:
-    """A temporary name beside `path` for this process; files that killed processes of this machine left there are removed."""
-    path = path.absolute()
-    for leftover in path.parent.glob(f".{glob.escape(path.name)}.*.part"):
-        host, _, process = leftover.name[len(path.name) + 2 : -len(".part")].rpartition(".")[0].rpartition(".")
-        if host == HOST and process.isdigit() and not _runs(int(process)):
-            if leftover.is_dir():
-                shutil.rmtree(leftover, ignore_errors=True)
-            else:
-                with suppress(OSError):
-                    leftover.unlink()
-    return path.with_name(f".{path.name}.{HOST}.{os.getpid()}.{uuid.uuid4().hex[:8]}.part")
-
-
-def _runs(process: int) -> bool:
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except OSError:
-        return True
-    return True
-
-
-def _refuse_existing(path: Path, overwrite: bool, folder: bool = False) -> None:
-    if os.path.isdir(path) and not folder:  # False for a name too long, which Path.is_dir raises for
-        raise OutputError(f"{path} is a folder; name a file")
-    if os.path.lexists(path) and not overwrite:
-        raise OutputError(f"{path} exists; choose another name or pass `overwrite=True`")
 
 
 def _cannot_write(path: Path, error: OSError) -> OutputError:
     """What is wrong with the place, in words; the errors of HDF5 and of the operating system state it differently."""
-    folder = path.parent
-    if not folder.exists():
+    folder = Path(os.path.realpath(path)).parent if os.path.islink(path) else path.parent
+    if not os.path.exists(folder):
         reason = f"the folder {folder} does not exist; create it or choose another"
-    elif not folder.is_dir():
+    elif not os.path.isdir(folder):
         reason = f"{folder} is not a folder; choose another place"
     else:
         reason = f"{error.strerror or error}; choose another place"

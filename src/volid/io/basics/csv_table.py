@@ -18,6 +18,7 @@ import numpy as np
 
 from volid.exceptions import InputError
 from volid.io.basics import csv_cells
+from volid.io.basics.cells import original
 from volid.io.basics.csv_form import PLAIN, CsvForm
 from volid.io.basics.csv_names import NO_NAME, check_names, missing_column, unknown_column
 from volid.io.basics.csv_rows import Rows, read_rows, shown
@@ -150,6 +151,8 @@ class CsvTable:
     def labels(self, name: str, purpose: str) -> np.ndarray:
         """Column `name` as text without surrounding blanks, shape (m,). Raises `InputError` for an empty cell."""
         values = np.char.strip(np.array(self.columns[name], dtype=str))
+        if np.char.startswith(values, "'").any():
+            values = np.array([original(cell) for cell in values.tolist()], dtype=str)
         empty = values == ""
         if empty.any():
             raise InputError(f"{self.where(int(np.argmax(empty)))}: {name} is empty; {purpose}")

@@ -11,7 +11,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from volid.exceptions import InputError
+from volid.exceptions import InputError, shown
 from volid.io.basics.toml_table import made_by, wrong_format
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
@@ -67,9 +67,17 @@ def _plain(value: Any) -> Any:
 
 def write_text(group: h5py.Group, name: str, values: Any) -> None:
     """Texts, shape (m,), as UTF-8 of fixed length, which compresses well."""
-    encoded = np.char.encode(np.asarray(values, dtype=str), "utf-8")
+    encoded = _encoded(np.asarray(values, dtype=str))
     dtype = h5py.string_dtype("utf-8", max(encoded.dtype.itemsize, 1))
     group.create_dataset(name, data=encoded.astype(dtype), **_filter(encoded))
+
+
+def _encoded(texts: np.ndarray) -> np.ndarray:
+    """UTF-8; names of files that are no text appear as in messages."""
+    try:
+        return np.char.encode(texts, "utf-8")
+    except UnicodeEncodeError:
+        return np.char.encode(np.vectorize(shown, otypes=[str])(texts), "utf-8")
 
 
 def read_text(dataset: h5py.Dataset, rows: slice = slice(None)) -> np.ndarray:

@@ -11,7 +11,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from volid.exceptions import InputError
+from volid.exceptions import InputError, shown
 
 PACKAGES = ("volid", "numpy", "scipy", "jax", "jaxlib", "equinox", "lineax", "optimistix", "h5py")
 
@@ -20,7 +20,7 @@ def provenance(
     inputs: Iterable[str | Path] = (), command: Sequence[str] = (), options: Mapping[str, Any] | None = None
 ) -> dict[str, str]:
     """Record of a run, all text: "date" (UTC), "python", one entry per package, "command", "options" (JSON), and
-    "sha256 <path>" for each input file.
+    "sha256 <path>" for each input file. A path that is no text appears as in messages.
 
     Raises `InputError` when an input file cannot be read.
     """
@@ -30,7 +30,8 @@ def provenance(
         record["command"] = " ".join(command)
     if options:
         record["options"] = json.dumps(dict(options), ensure_ascii=False, default=str)
-    return record | {f"sha256 {path}": sha256(path) for path in inputs}
+    record |= {f"sha256 {path}": sha256(path) for path in inputs}
+    return {shown(key): shown(text) for key, text in record.items()}
 
 
 def sha256(path: str | Path) -> str:

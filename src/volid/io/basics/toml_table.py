@@ -2,20 +2,33 @@
 
 from __future__ import annotations
 
-import datetime
 import difflib
 import json
 import math
 import re
+import stat
 import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from volid.exceptions import InputError
+from volid.exceptions import InputError, cut
+from volid.io.basics.toml_mistakes import explained
+from volid.io.basics.toml_values import checked, refuse_control, refuse_long_keys, too_deep
 
 REQUIRED: Any = object()
+_NO_TEXT = {
+    b"\x89HDF": "an HDF5 file",
+    b"PK\x03\x04": "a workbook or archive (ZIP)",
+    b"\xd0\xcf\x11\xe0": "a workbook of an old office program",
+    b"%PDF": "a PDF document",
+    b"\x1f\x8b": "a compressed file (gzip)",
+}
+LARGEST_LENGTH = 1e8  # mm or degrees: 100 km, or what controls call an endless axis
+LARGEST_NUMBER = 1e12
+LARGEST_TEXT = 1 << 30  # bytes
+LARGEST_TOML = 1 << 23  # bytes; read in some seconds
 FILE_TYPES = {  # format tag without version: (what it is, where it comes from)
     "volid-machine": ("a machine file", "written by hand (TOML) or copied from models/"),
     "volid-campaign": ("a campaign", "a manifest (TOML) or the HDF5 file that `volid.save_campaign` writes"),
@@ -27,17 +40,15 @@ FILE_TYPES = {  # format tag without version: (what it is, where it comes from)
 }
 
 
-def read_text(path: Path) -> str:
-    """Text of a UTF-8 file, without byte order mark and with plain line ends.
+def read_text(path: str | Path, largest: int = LARGEST_TEXT) -> str:
+    """Text of a UTF-8 file of at most `largest` bytes, without byte order mark and with plain line ends.
 
-    Raises `InputError` when the file is missing, is a folder or is not UTF-8.
+    Raises `InputError` when the file is missing, too large, not UTF-8, or a folder, pipe or device, which may never end.
     """
-    try:
-        data = Path(path).read_bytes()
-    except FileNotFoundError:
-        raise InputError(f"{path}: there is no such file; check the name and the folder") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}; expected a readable file") from None
+    data = _read_bytes(Path(path), largest)
+    for beginning, what in _NO_TEXT.items():
+        if data.startswith(beginning):
+            raise InputError(f"{path}: this is {what}; expected a text file in UTF-8")
     try:
         return data.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
     except UnicodeDecodeError as error:
@@ -46,29 +57,55 @@ def read_text(path: Path) -> str:
         raise InputError(f"{path}, line {line}: {found} is not UTF-8 text; save the file in UTF-8") from None
 
 
-def parse_toml(text: str, source: str) -> dict[str, Any]:
-    """The top table of a TOML text; dates become ISO 8601 text. Raises `InputError` naming the line of a mistake."""
+def _read_bytes(path: Path, largest: int) -> bytes:
     try:
-        return _without_dates(tomllib.loads(text))
+        found = path.stat()
+        if not stat.S_ISREG(found.st_mode):
+            folder = stat.S_ISDIR(found.st_mode)
+            what = (
+                "a folder; name a file in it"
+                if folder
+                else "a pipe or device; expected a file, so save the text as one"
+            )
+            raise InputError(f"{path}: cannot be read: it is {what}")
+        if found.st_size > largest:
+            raise InputError(f"{path}: {found.st_size >> 20} MiB; expected a text file of at most {largest >> 20} MiB")
+        return path.read_bytes()
+    except FileNotFoundError:
+        raise InputError(f"{path}: there is no such file; check the name and the folder") from None
+    except (OSError, ValueError) as error:  # ValueError: a name that no file can have
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise InputError(f"{path}: cannot be read: {reason}; expected a readable file") from None
+
+
+def read_toml(path: str | Path) -> dict[str, Any]:
+    """The top table of a TOML file. Raises `InputError` as `read_text` and `parse_toml` do."""
+    return parse_toml(read_text(path, LARGEST_TOML), str(path))
+
+
+def parse_toml(text: str, source: str) -> dict[str, Any]:
+    """The top table of a TOML text; dates become ISO 8601 text.
+
+    Raises `InputError` naming the line of a mistake, or the key of a value that volid cannot hold (`toml_values`).
+    """
+    refuse_long_keys(text, source)
+    try:
+        found: dict[str, Any] = checked(tomllib.loads(text), source)
+        return found
+    except RecursionError:
+        raise too_deep(source) from None
     except tomllib.TOMLDecodeError as error:
-        place = re.search(r"^(.*) \(at line (\d+), column (\d+)\)$", str(error))
-        line = place[2] if place else str(text.count("\n") + 1)
-        what = f"{place[1]}, column {place[3]}" if place else str(error)
-        raise InputError(f"{source}, line {line}: not valid TOML: {what}; mend the line") from None
-
-
-def _without_dates(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _without_dates(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [_without_dates(item) for item in value]
-    return value.isoformat() if isinstance(value, datetime.date | datetime.time) else value
+        raise InputError(f"{source}, {explained(str(error), text)}") from None
+    except ValueError:  # Python converts no more than 4300 digits
+        long = re.search(r"[\d_]{4300,}", text)
+        where = f", line {text.count(chr(10), 0, long.start()) + 1}" if long else ""
+        raise InputError(f"{source}{where}: a number of thousands of digits; expected less than 19 digits") from None
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
     """ "; did you mean 'travel'?" for a misspelt name, or nothing when none is like it."""
     exact = {item.casefold(): item for item in known}
-    match = difflib.get_close_matches(name.casefold(), list(exact), n=1, cutoff=0.6)
+    match = difflib.get_close_matches(name.casefold(), list(exact), n=1, cutoff=0.65)
     return f"; did you mean '{exact[match[0]]}'?" if match else ""
 
 
@@ -121,13 +158,14 @@ class Table:
 
     def wrong(self, key: str, expected: str) -> InputError:
         """The `InputError` for a value of the wrong kind."""
-        return InputError(f"{self.where}: {key} is {format_value(self.data[key])}; expected {expected}")
+        return InputError(f"{self.where}: {key} is {cut(format_value(self.data[key]))}; expected {expected}")
 
-    def text(self, key: str, default: Any = REQUIRED, choices: Iterable[str] = ()) -> Any:
-        """A text, one of `choices` when there are any."""
+    def text(self, key: str, default: Any = REQUIRED, choices: Iterable[str] = (), one_line: bool = True) -> Any:
+        """A text, one of `choices` when there are any, without control characters and, unless not `one_line`, line ends."""
         value = self.get(key, default)
         choices = tuple(choices)
         if key not in self.data or (isinstance(value, str) and (value in choices if choices else value.strip())):
+            refuse_control(value if key in self.data else "", f"{self.where}: {key}", one_line)
             return value
         if choices:
             hint = nearest(value, choices) if isinstance(value, str) else ""
@@ -140,8 +178,10 @@ class Table:
         if key not in self.data:
             return value
         limit = f" > {above:g}" if above > -math.inf else f" >= {least:g}" if least > -math.inf else ""
-        if not is_number(value) or not math.isfinite(value) or value <= above or value < least:
+        if not is_finite(value) or value <= above or value < least:
             raise self.wrong(key, f"a finite number{limit}")
+        if abs(value) > LARGEST_NUMBER:
+            raise self.wrong(key, f"a number of at most {LARGEST_NUMBER:g}")
         return float(value)
 
     def vector(self, key: str, size: int, default: Any = REQUIRED) -> Any:
@@ -149,9 +189,12 @@ class Table:
         value = self.get(key, default)
         if key not in self.data:
             return value
-        numbers = isinstance(value, list) and all(is_number(v) and math.isfinite(v) for v in value)
+        numbers = isinstance(value, list) and all(map(is_finite, value))
         if not numbers or len(value) != size:
-            raise self.wrong(key, f"a list of {size} finite numbers")
+            commas = isinstance(value, list) and len(value) == 2 * size and size > 1
+            raise self.wrong(key, f"a list of {size} finite numbers" + (", with decimal points" if commas else ""))
+        if max(map(abs, value)) > LARGEST_LENGTH:
+            raise self.wrong(key, f"numbers of at most {LARGEST_LENGTH:g}")
         return tuple(float(v) for v in value)
 
     def flag(self, key: str, default: Any = REQUIRED) -> Any:
@@ -180,6 +223,14 @@ class Table:
 def is_number(value: Any) -> bool:
     """True for int and float, not for bool."""
     return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def is_finite(value: Any) -> bool:
+    """True for a number that a float can hold, but for infinity and NaN."""
+    try:
+        return is_number(value) and math.isfinite(value)
+    except OverflowError:  # a whole number of 400 digits, from a file that is not TOML
+        return False
 
 
 def format_value(value: Any) -> str:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from volid.campaign import Campaign
-from volid.exceptions import InputError
+from volid.exceptions import InputError, shown
 from volid.io.basics.hdf5_values import is_hdf5
 from volid.io.campaign.hdf5 import read_campaign
 from volid.io.campaign.manifest import MANIFEST, read_manifest
@@ -15,13 +17,14 @@ from volid.io.campaign.rules import check_consistent, check_unique
 from volid.model.machine import Machine
 
 
-def load_campaign(*paths: str | Path, plan: bool = False) -> Campaign:
+def load_campaign(*paths: str | Path, plan: bool = False, allow_outside: bool = False) -> Campaign:
     """A campaign from files, as `datasets/README.md` describes them; several are merged.
 
     Args:
         paths: HDF5 files and text manifests (TOML) in any mixture. All have the same machine; stations of one name are
             defined alike, and sets have different names.
         plan: manifests may lack readings, which are NaN then.
+        allow_outside: manifests may name files outside their own folder; for manifests that are trusted.
 
     Raises:
         InputError: naming file and row or key, for anything that is missing, unknown, contradictory or of the wrong type.
@@ -33,20 +36,30 @@ def load_campaign(*paths: str | Path, plan: bool = False) -> Campaign:
     """
     if not paths:
         raise InputError("no campaign was given; name a manifest (TOML) or a campaign file (HDF5)")
-    campaigns = [_load(Path(path), plan) for path in paths]
+    places = [os.path.realpath(path) for path in paths]
+    for i, place in enumerate(places):
+        if place in places[:i]:
+            raise InputError(f"{paths[i]} is given twice; name every campaign once")
+    campaigns = [_load(Path(path), plan, allow_outside) for path in paths]
     return campaigns[0] if len(campaigns) == 1 else _merge(campaigns)
 
 
-def _load(path: Path, plan: bool) -> Campaign:
+def _load(path: Path, plan: bool, allow_outside: bool) -> Campaign:
     if path.is_dir():
         raise InputError(f"{path} is a folder; name the manifest in it, such as {path / MANIFEST}")
     if is_hdf5(path):
-        return read_campaign(path)
+        return _storable(read_campaign(path))
     if path.suffix.lower() in (".h5", ".hdf5"):
         raise InputError(f"{path}: not an HDF5 file, though its name says so; copy or write it again")
     if path.suffix.lower() == ".csv":
         raise InputError(f"{path} is a table of readings; give the manifest (TOML) that names it, such as {MANIFEST}")
-    return read_manifest(path, plan=plan)
+    return _storable(read_manifest(path, plan=plan, allow_outside=allow_outside))
+
+
+def _storable(campaign: Campaign) -> Campaign:
+    """The campaign with its files named as messages show them: a name of bytes that are no text could not be stored."""
+    sets = tuple(replace(s, source=shown(s.source)) for s in campaign.sets)
+    return replace(campaign, source=shown(campaign.source), sets=sets)
 
 
 def _merge(campaigns: list[Campaign]) -> Campaign:

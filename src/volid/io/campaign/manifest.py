@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import re
 from dataclasses import asdict
 from pathlib import Path
@@ -13,12 +12,14 @@ import numpy as np
 from volid.campaign import Alignment, Campaign, End, ObservationSet, Station, standard_uncertainty
 from volid.exceptions import InputError, OutputError
 from volid.io.basics.atomic import atomic_folder, atomic_with_companions
+from volid.io.basics.cells import CellWriter
 from volid.io.basics.csv_form import CsvForm
-from volid.io.basics.toml_table import Table, check_format, format_lines, parse_toml, read_text
+from volid.io.basics.toml_table import Table, check_format, format_lines, read_toml
 from volid.io.campaign.named_stations import with_named
+from volid.io.campaign.reach import read_machine_of, refuse_other_types, refuse_outside
 from volid.io.campaign.rules import FORMAT, STATION_FRAMES, check_consistent
 from volid.io.campaign.sets import TO, TOOL_COLUMNS, read_set, uncertainty_key_of
-from volid.io.machines import format_machine, read_machine
+from volid.io.machines import format_machine
 from volid.model.machine import Machine
 from volid.observations import KINDS
 
@@ -26,17 +27,21 @@ MANIFEST = "campaign.toml"
 MACHINE = "machine.toml"
 
 
-def read_manifest(path: str | Path, *, plan: bool = False) -> Campaign:
+def read_manifest(path: str | Path, *, plan: bool = False, allow_outside: bool = False) -> Campaign:
     """The campaign described by a TOML manifest and the CSV files that it names.
 
     With `plan`, a set whose CSV lacks the columns of the readings is accepted: its readings are NaN (for simulation).
+    Files of readings stand below the manifest's folder unless `allow_outside`.
     Raises `InputError` naming file and row or key for anything that is missing, misspelt or wrong.
     """
     path = Path(path)
-    top = Table(parse_toml(read_text(path), str(path)), str(path))
+    top = Table(read_toml(path), str(path))
     check_format(top, FORMAT)
     top.only(("format", "machine", "title", "warnings", "conditions", "csv", "station", "alignment", "set"))
-    machine = read_machine(path.parent / top.text("machine"))
+    refuse_other_types(top)
+    if not allow_outside:
+        refuse_outside(top, path.parent)
+    machine = read_machine_of(top, path.parent)
     sets = top.tables("set")
     if not sets:
         raise InputError(f"{path}: there is no [[set]]; add one for each file of readings")
@@ -51,7 +56,7 @@ def read_manifest(path: str | Path, *, plan: bool = False) -> Campaign:
             stations=stations,
             alignments=tuple(_alignment(table) for table in top.tables("alignment")),
             sets=readings,
-            title=top.text("title", ""),
+            title=top.text("title", "", one_line=False),
             conditions=dict(top.table("conditions", {}).data),
             warnings=(*_warnings(top), *(note for _, notes in read for note in notes), *remarks),
             source=str(path),
@@ -143,7 +148,7 @@ def _manifest(campaign: Campaign, machine: str, names: list[str]) -> str:
 def _write_csv(readings: ObservationSet, machine: Machine, path: Path) -> None:
     columns = _columns(readings, machine)
     with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
+        writer = CellWriter(file)
         writer.writerow(columns)
         writer.writerows(zip(*columns.values(), strict=True))
 
