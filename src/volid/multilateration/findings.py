@@ -11,9 +11,10 @@ from scipy.sparse.csgraph import connected_components
 
 from volid.multilateration.determination import VISIBLE, determine, movement
 from volid.multilateration.equations import Equations, part
-from volid.multilateration.mirrors import second_solutions
+from volid.multilateration.mirrors import EQUAL, second_solutions
 from volid.multilateration.network_solution import Alternative, NetworkSolution, Offset
 
+AS_FLAT = 0.01  # difference of chi-square (a tenth of a standard deviation) below which a network given as flat is left so
 _CLEARLY = 0.9  # distance of the approximate coordinates from the solution over that from another, below which they decide
 
 
@@ -49,10 +50,16 @@ def alternatives_of(
     solution: NetworkSolution,
     guessed: Collection[str],
 ) -> tuple[Alternative, ...]:
-    """Other solutions that the distances cannot tell from x, in the frame of the given coordinates."""
+    """Other solutions that the distances cannot tell from x, in the frame of the given coordinates.
+
+    Without those of points that move freely anyway, and without the lower minimum of a network that is left flat.
+    """
     found, points = [], solution.points
+    open_points = set(solution.undetermined) - set(solution.second_order)
     for second in second_solutions(equations, x, np.nan_to_num(solution.unit_weight, nan=1.0)):
         moved, names = list(second.points), tuple(points[i] for i in second.points)
+        if open_points & set(names) or -AS_FLAT <= second.worse < -EQUAL * (1 + equations.cost(x)):
+            continue
         here, there = (np.linalg.norm(place[moved] - equations.approximate[moved]) for place in (x, second.coordinates))
         decided = bool(here < _CLEARLY * there) and not set(names) & set(guessed)
         found.append(Alternative(names, second.coordinates[moved] + given.mean(axis=0), second.worse, decided))

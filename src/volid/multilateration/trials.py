@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float
 
 from volid.backend.rms import rms
 from volid.exceptions import InputError
-from volid.multilateration.adjustment import NetworkSolution
+from volid.multilateration.network_solution import NetworkSolution
 
 BATCH = 512  # trials that are adjusted together
 _ITERATIONS = 1000  # only trials at a fold, where the distances do not meet, need more than some ten
