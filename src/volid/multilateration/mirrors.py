@@ -25,7 +25,7 @@ _FLAT = 0.05  # smallest extent over largest, below which points may have two si
 
 
 class Second(NamedTuple):
-    """Another solution: the points that it moves (numbers), all coordinates, and its sum of squares minus that of the first."""
+    """Another solution: the points that it moves by more than u (numbers), all coordinates, and its sum of squares minus that of the first."""
 
     points: tuple[int, ...]
     coordinates: Float[np.ndarray, "p d"]
@@ -84,9 +84,9 @@ def _second(equations: Equations, x: np.ndarray, found: np.ndarray | None, limit
         return None
     worse = 2 * (equations.cost(found) - equations.cost(x))
     moved = np.linalg.norm(found - x, axis=1)
-    if worse > limit or moved.max() < 1e-4 * equations.extent:
+    if worse > limit or moved.max() < max(1e-4 * equations.extent, float(np.median(equations.u))):
         return None
-    return Second(tuple(np.flatnonzero(moved > 0.01 * moved.max()).tolist()), found, worse)
+    return Second(tuple(np.flatnonzero(moved > float(np.median(equations.u))).tolist()), found, worse)
 
 
 def _same(equations: Equations, one: Second, other: Second) -> bool:

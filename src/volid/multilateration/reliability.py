@@ -80,7 +80,7 @@ def ellipsoids(
 def _ellipsoid(block: Float[np.ndarray, "d d"], moved: Float[np.ndarray, "d q"], visible: float):
     """Semi-axes and unit vectors of one point, what is not determined first."""
     base, sizes, _ = np.linalg.svd(np.hstack([moved, np.zeros_like(block)]))
-    variances = np.einsum("da,de,ea->a", base, block, base)
+    variances = np.maximum(np.einsum("da,de,ea->a", base, block, base), 0.0)
     lost = (sizes[: len(block)] > visible * np.sqrt(variances)) & (sizes[: len(block)] > 1e-5 * sizes[0])
     rest = base[:, ~lost]
     values, vectors = np.linalg.eigh(rest.T @ block @ rest)

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from scipy.stats import chi2
 
 from volid.exceptions import InputError
-from volid.multilateration.determination import RANK_TOLERANCE
+from volid.multilateration.determination import RANK_TOLERANCE, determine, first_order_holds
 from volid.multilateration.descent import descend
 from volid.multilateration.equations import ABSOLUTE, Equations
 from volid.multilateration.mirrors import EQUAL, best_sides
@@ -20,6 +20,7 @@ _DOUBTFUL = 0.05  # the same for small networks, where trying costs little,
 _SPARE, _LITTLE = 0.3, 3  # and for those with so few degrees of freedom, which reject little
 _FEW = 60  # unknown coordinates of a small network
 _STARTS = 24  # random starts of a small network
+_BENDS, _ROUNDS = 32, 5  # starts of a small network along directions that the first order does not determine; how often again
 _TRIES = 3  # starts around the given one, of a large network
 
 
@@ -54,7 +55,7 @@ def search(equations: Equations) -> Minima:
         least = found[0][0]
     enough = least + EQUAL * (1 + least)
     equal = [x for cost, x in found if abs(cost - least) <= EQUAL * (1 + least)]
-    equal.sort(key=lambda x: float(np.linalg.norm(x - equations.approximate)))
+    equal.sort(key=lambda x: round(float(np.linalg.norm(x - equations.approximate)) / equations.extent, 6))  # else the first
     others = sorted((one for one in found if abs(one[0] - least) > EQUAL * (1 + least)), key=lambda one: one[0])
     return Minima(equal[:1] + [x for _, x in others], problems[0] is not None or found[0][0] > enough)
 
@@ -75,6 +76,23 @@ def _starts(equations: Equations, found: list):
             if i == _TRIES and not _doubtful(equations, found, small):
                 return
             yield _shaken(equations, i)
+    for i in range(_ROUNDS if small and found else 0):
+        cost, x = min(found, key=lambda one: one[0])
+        if first_order_holds(equations, x):
+            return
+        yield from _bent(equations, x, i)
+        if i > 0 and min(c for c, _ in found) > cost - EQUAL * (1 + cost):
+            return
+
+
+def _bent(equations: Equations, x: Float[np.ndarray, "p d"], seed: int):
+    """Starts along the directions that the second order limits: each has two sides, and together they have many."""
+    found = determine(equations, x)
+    reach = np.concatenate([found.weak_reach, found.reach[np.isfinite(found.reach)]])
+    generator = np.random.default_rng(seed)
+    for _ in range(_BENDS):
+        size = 10 ** generator.uniform(-0.5, 1.0)
+        yield equations.moved(x, size * found.held @ (reach * generator.normal(size=reach.size)))
 
 
 def _doubtful(equations: Equations, found: list, small: bool) -> bool:
