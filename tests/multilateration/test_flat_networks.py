@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from benchmarks.networks import KINDS, verdict
 
+from benchmarks.networks import KINDS, verdict
 from volid.multilateration import adjust_network, network_trials, starting_coordinates
 
 NETWORKS = 120
@@ -79,7 +79,9 @@ def test_height_below_its_own_u_is_not_determined_and_above_twice_it_is():
         np.testing.assert_allclose(solution.position("P"), [0, 0, height], atol=1e-6)
         assert solution.not_determined[4].tolist() == [False, False, lost]
         if not lost:
-            assert solution.standard_uncertainty[4, 2] == pytest.approx(0.02 * np.hypot(1000, height) / height / 2, rel=1e-9)
+            assert solution.standard_uncertainty[4, 2] == pytest.approx(
+                0.02 * np.hypot(1000, height) / height / 2, rel=1e-9
+            )
 
 
 def test_start_off_the_plane_decides_and_the_other_side_is_named():
@@ -113,7 +115,7 @@ def test_without_approximate_coordinates_neither_side_is_refused():
 
 def test_parts_without_a_common_point_are_named():
     x = np.vstack([FLAT[:4, :2], FLAT[:3, :2] + 5000])
-    rows = distances(x, "ABCDEFG", everything(4) + [(4, 5), (5, 6), (4, 6)])
+    rows = distances(x, "ABCDEFG", [*everything(4), (4, 5), (5, 6), (4, 6)])
     assert adjust_network("ABCDEFG", "", rows, 0.01, x, 2).parts == (tuple("ABCD"), tuple("EFG"))
     floating = adjust_network("ABCDEFG", "AB", rows, 0.01, x, 2)
     assert floating.parts == (tuple("ABCD"), tuple("EFG"))

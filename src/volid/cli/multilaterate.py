@@ -62,8 +62,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--residuals", metavar="RES.csv", help="residuals, redundancy numbers, detectable errors, one row per distance"
     )
     parser.add_argument("--ellipsoids", metavar="ELL.csv", help="error ellipsoids, one row per unknown point")
-    parser.add_argument("--offsets", metavar="OFF.csv", help="offsets of relative distances: station,segment,offset,u,readings")
-    parser.add_argument("--relative", action="store_true", help="all distances are relative: an unknown offset per point and segment")
+    parser.add_argument(
+        "--offsets", metavar="OFF.csv", help="offsets of relative distances: station,segment,offset,u,readings"
+    )
+    parser.add_argument(
+        "--relative", action="store_true", help="all distances are relative: an unknown offset per point and segment"
+    )
     parser.add_argument("--robust", action="store_true", help="find blunders, leave them out and name them")
     parser.add_argument("--dimension", type=int, choices=(2, 3), help="needed only without POINTS.csv; default 3")
     parser.add_argument("--trials", type=int, metavar="N", help="Monte Carlo with N adjustments, such as 10000")
@@ -78,7 +82,9 @@ def run(args: argparse.Namespace) -> int:
     solution = network.adjust(robust=args.robust)
     spread, words = _monte_carlo(solution, args) if args.trials is not None else (None, [])
     _write_files(solution, spread, args)
-    warnings, said = ([in_options(text, args) for text in texts] for texts in (attention(network, solution), notes(solution)))
+    warnings, said = (
+        [in_options(text, args) for text in texts] for texts in (attention(network, solution), notes(solution))
+    )
     if args.json:
         print_json(as_objects(solution, warnings, said, spread, args.trials))
     elif not args.output:

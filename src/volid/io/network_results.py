@@ -36,7 +36,9 @@ def write_coordinates(
 def coordinates_csv(stream: TextIO, solution: NetworkSolution, spread: Spread | None = None) -> None:
     """The same to an open text stream, with u a priori; lines that begin with # state what the numbers are based on."""
     axes = "xyz"[: solution.coordinates.shape[1]]
-    stream.write(f"# adjusted coordinates and their standard uncertainty from the stated u ({UNIT}); blank: not determined\n")
+    stream.write(
+        f"# adjusted coordinates and their standard uncertainty from the stated u ({UNIT}); blank: not determined\n"
+    )
     datum = " (inner constraints)" if solution.defect else ""
     stream.write(f"# rank {solution.rank}, defect {solution.defect}{datum}, ")
     stream.write(f"{solution.degrees_of_freedom} degrees of freedom, unit weight {solution.unit_weight:.4g}\n")
@@ -71,7 +73,15 @@ def write_residuals(path: str | Path, solution: NetworkSolution, overwrite: bool
     Columns: `from,to,distance,u,residual,normalised_residual,redundancy,detectable_error,influence,influenced_point,blunder`.
     """
     check = solution.reliability
-    header = [*DISTANCES, "residual", "normalised_residual", "redundancy", "detectable_error", "influence", "influenced_point"]
+    header = [
+        *DISTANCES,
+        "residual",
+        "normalised_residual",
+        "redundancy",
+        "detectable_error",
+        "influence",
+        "influenced_point",
+    ]
     rows = []
     for i, (start, end, distance) in enumerate(solution.observations):
         numbers = (solution.u, solution.residuals, solution.normalised_residuals, check.redundancy, check.detectable)
@@ -85,14 +95,19 @@ def write_residuals(path: str | Path, solution: NetworkSolution, overwrite: bool
 def write_ellipsoids(path: str | Path, solution: NetworkSolution, overwrite: bool = False) -> None:
     """Write the standard error ellipsoid (ellipse) of each unknown point, completely or not at all.
 
-    Columns: `point,a,b,c,scale_95,a_x,a_y,a_z,b_x,…`: semi-axes from the stated u, largest first, blank along directions that are not
-    determined; the factor to the 95 % ellipsoid; the unit vector of each semi-axis.
+    Columns: `point,a,b,c,scale_95,a_x,a_y,a_z,b_x,…`: semi-axes from the stated u, largest first, blank along directions that
+    are not determined; the factor to the 95 % ellipsoid; the unit vector of each semi-axis.
     """
     found, d = solution.ellipsoids, solution.coordinates.shape[1]
     names, axes = "abc"[:d], "xyz"[:d]
     header = ["point", *names, "scale_95", *(f"{name}_{axis}" for name in names for axis in axes)]
     rows = [
-        [point, *_numbers(found.axes[i], 6), *_numbers([found.scale], 6), *_numbers(found.directions[i].ravel() + 0.0, 9)]
+        [
+            point,
+            *_numbers(found.axes[i], 6),
+            *_numbers([found.scale], 6),
+            *_numbers(found.directions[i].ravel() + 0.0, 9),
+        ]
         for i, point in enumerate(solution.points)
         if point in solution.unknown
     ]
@@ -103,7 +118,7 @@ def write_offsets(path: str | Path, solution: NetworkSolution, overwrite: bool =
     """Write the offsets of relative distances as `station,segment,offset,u,readings`, completely or not at all."""
     rows = [
         [station, segment, *_numbers([offset.value], 13), *_numbers([offset.u], 6), offset.readings]
-        for (station, segment), offset in solution.offsets.items()  # type: ignore[misc]
+        for (station, segment), offset in solution.offsets.items()
     ]
     _write_file(path, ["station", "segment", "offset", "u", "readings"], rows, overwrite)
 

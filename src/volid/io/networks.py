@@ -2,8 +2,8 @@
 
 All lengths are in one unit of any kind. Without a column `z` the network is plane. In the coordinates, the column `fixed` is
 optional (1, true or yes: the point keeps its coordinates). Points may be missing or have empty cells; their start values are then
-found from the data. In the distances, the columns `relative` (1, true or yes: the distance has an unknown offset, a dead path) and
-`segment` (a name) are optional: relative distances from one point share one offset in each segment.
+found from the data. In the distances, the columns `relative` (1, true or yes: the distance has an unknown offset, a dead path)
+and `segment` (a name) are optional: relative distances from one point share one offset in each segment.
 """
 
 from __future__ import annotations

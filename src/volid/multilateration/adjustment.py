@@ -47,9 +47,9 @@ def adjust_network(
 
     Minimises Σ ((d_i - |x_to - x_from| - δ_g(i)) / u_i)² by damped Newton steps; δ_g is the unknown offset that the relative
     distances of a group share, absent for absolute ones. Where an unknown point lies in the plane of what it is measured from,
-    J, the Jacobian divided by u, says nothing of its height: the second derivatives decide whether it stays there. Points and groups
-    of points are tried on their other side, and where chi-square is improbable, other starts too; the lowest minimum is taken, and
-    second solutions that the distances cannot tell from it are named.
+    J, the Jacobian divided by u, says nothing of its height: the second derivatives decide whether it stays there. Points and
+    groups of points are tried on their other side, and where chi-square is improbable, other starts too; the lowest minimum is
+    taken, and second solutions that the distances cannot tell from it are named.
 
     Then the rank is decided at 1e-9 of the largest singular value of J. What neither J nor the second derivatives determine is
     chosen by inner constraints: of all solutions the one whose corrections to the approximate coordinates have the least sum of
@@ -71,7 +71,8 @@ def adjust_network(
         dimension: 2 or 3.
         robust: Find blunders and leave them out.
         significance: Probability of calling at least one good reading a blunder.
-        groups: For each observation the name of the group that shares an unknown offset, such as (station, segment); None: absolute.
+        groups: For each observation the name of the group that shares an unknown offset, such as (station, segment); None:
+            absolute.
         guessed: Names of points whose approximate coordinates come from the distances: they do not decide between two sides.
 
     Raises:
@@ -182,7 +183,9 @@ def _numbered(groups: Sequence[Hashable] | None, count: int) -> tuple[Int[np.nda
     if groups is None:
         return np.full(count, ABSOLUTE), []
     if len(groups) != count:
-        raise InputError(f"groups: {len(groups)} names; expected one for each of {count} observations, None where absolute")
+        raise InputError(
+            f"groups: {len(groups)} names; expected one for each of {count} observations, None where absolute"
+        )
     labels = list(dict.fromkeys(name for name in groups if name is not None))
     number = {name: i for i, name in enumerate(labels)}
     return np.array([ABSOLUTE if name is None else number[name] for name in groups]), labels

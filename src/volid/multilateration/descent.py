@@ -116,7 +116,8 @@ def _off_the_saddle(equations: Equations, x: np.ndarray, start: np.ndarray) -> n
     except LinAlgError:
         sizes, axes = eigh(curvature, check_finite=False)
     axes = axes[:, sizes < -_NEGATIVE] / root[:, None]
-    axes *= np.sign(axes[np.argmax(np.abs(axes).round(12), axis=0), np.arange(axes.shape[1])])  # up, where nothing else tells
+    largest = np.argmax(np.abs(axes).round(12), axis=0)
+    axes *= np.sign(axes[largest, np.arange(axes.shape[1])])  # up, where nothing else tells
     side = (start - x)[equations.free].ravel() @ axes
     direction = axes @ np.where(side < -_SMALL * equations.extent * np.linalg.norm(axes, axis=0), -1.0, 1.0)
     cost, length = equations.cost(x), 0.05 * equations.extent / max(float(np.abs(direction).max(initial=0.0)), 1e-300)

@@ -1,9 +1,9 @@
-"""What the distances determine: rank, datum, directions that move nothing, and those that the distances depend on to second order.
+"""What the distances determine: rank, datum, directions that move nothing, and those that count to second order only.
 
 A direction is a motion of the free coordinates. The singular values of the Jacobian tell to first order how the distances follow
-it. Where an unknown point lies in the plane of the points it is measured from, its height moves nothing to first order; the sum of
-squares has a minimum all the same, because the distances depend on the square. Close to that plane the first order is still not
-enough: what it calls one standard uncertainty leads so far that the second order is larger.
+it. Where an unknown point lies in the plane of the points it is measured from, its height moves nothing to first order; the
+sum of squares has a minimum all the same, because the distances depend on the square. Close to that plane the first order is
+still not enough: what it calls one standard uncertainty leads so far that the second order is larger.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from volid.multilateration.equations import Equations, part
 
 RANK_TOLERANCE = 1e-9  # singular values of the Jacobian divided by u, relative to the largest; rounding leaves 1e-15
 _LINEAR = 0.5  # second order over u at one standard uncertainty; a point as high above the plane as its u has this one
-_STRAIGHT = 1e-6  # second derivative that other coordinates do not take up, relative to all of it: below, the direction is free
+_STRAIGHT = 1e-6  # share of the second derivative that other coordinates do not take up: below, the direction is free
 VISIBLE = 0.1  # share of u: what a direction that is not determined adds to a coordinate, below which u may stand
 _ITERATIONS = 100
 
@@ -34,7 +34,8 @@ class Determination:
         weak: Shape (r,), directions of which the first order does not hold over one standard uncertainty.
         rigid: Shape (k, g), rigid motions of all points that leave the fixed ones in place.
         open: Shape (k, q), orthonormal: the other directions that move no distance to first order.
-        reach: Shape (q,), how far the second order allows to go along them: it moves the distances by u. Infinite: it does not limit.
+        reach: Shape (q,), how far the second order allows to go along them: it moves the distances by u. Infinite: it does not
+            limit.
         weak_reach: The same along the weak axes, in their order.
     """
 
@@ -70,7 +71,9 @@ def determine(equations: Equations, x: Float[np.ndarray, "p d"]) -> Determinatio
     """What the observations determine at coordinates x."""
     jacobian = equations.jacobian(x)
     missing = max(jacobian.shape[1] - jacobian.shape[0], 0)  # rows of zeros: then all right singular vectors come
-    vectors, sizes, axes = np.linalg.svd(np.vstack([jacobian, np.zeros((missing, jacobian.shape[1]))]), full_matrices=False)
+    vectors, sizes, axes = np.linalg.svd(
+        np.vstack([jacobian, np.zeros((missing, jacobian.shape[1]))]), full_matrices=False
+    )
     rank = int((sizes > RANK_TOLERANCE * sizes[0]).sum())
     vectors = vectors[: jacobian.shape[0]]
     rigid = rigid_motions(equations, x)
@@ -78,7 +81,14 @@ def determine(equations: Equations, x: Float[np.ndarray, "p d"]) -> Determinatio
     weak, weak_reach = _weak(equations, x, vectors[:, :rank], sizes[:rank], axes[:rank])
     strong = vectors[:, :rank][:, ~weak]
     return Determination(
-        vectors[:, :rank], sizes[:rank], axes[:rank], weak, rigid, opened, _reach(equations, x, opened, strong), weak_reach
+        vectors[:, :rank],
+        sizes[:rank],
+        axes[:rank],
+        weak,
+        rigid,
+        opened,
+        _reach(equations, x, opened, strong),
+        weak_reach,
     )
 
 
@@ -91,7 +101,7 @@ def _apart(null: Float[np.ndarray, "k n"], rigid: Float[np.ndarray, "k g"]) -> F
 
 
 def _reach(equations: Equations, x: np.ndarray, motions: np.ndarray, strong: np.ndarray) -> Float[np.ndarray, " q"]:
-    """Length along each motion at which the second order moves the distances by u; infinite where other coordinates take it up."""
+    """How far along each motion the second order moves the distances by u; infinite where other coordinates take it up."""
     bending = equations.bending(x, motions)
     left = np.linalg.norm(bending - strong @ (strong.T @ bending), axis=0)
     bends = left > _STRAIGHT * np.linalg.norm(bending, axis=0)

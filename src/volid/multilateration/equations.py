@@ -1,10 +1,10 @@
-"""The distance equations in numbers: residuals, Jacobian, gradient and second derivatives; offsets of relative distances eliminated."""
+"""The distance equations in numbers: residuals, Jacobian, gradient, second derivatives; offsets eliminated."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -20,8 +20,8 @@ class Equations:
     """A distance network in numbers: coordinates minus their mean, points as rows; one row per observation.
 
     Readings of one `group` share an unknown offset; those of the group -1 have none. An offset is linear, and therefore always at
-    its best value: the mean, weighted by 1/u², of reading - distance. Taking it off each row leaves equations in the coordinates alone
-    (variable projection).
+    its best value: the mean, weighted by 1/u², of reading - distance. Taking it off each row leaves equations in the
+    coordinates alone (variable projection).
     """
 
     approximate: Float[np.ndarray, "p d"]
@@ -63,7 +63,8 @@ class Equations:
             return values
         if kept is None:
             return values - self.shares.T @ (self.shares @ values)
-        return values - self.shares_by(kept).T @ (self.shares_by(kept)[:, kept] @ values[kept])
+        shares: Any = self.shares_by(kept)
+        return values - shares.T @ (shares[:, kept] @ values[kept])
 
     def beams(self, x: Float[np.ndarray, "p d"]) -> Beams:
         """Lengths and unit vectors of all distances at coordinates x."""
@@ -131,7 +132,7 @@ class Equations:
         """
         lengths, e = self.beams(x)
         count, d = x.shape
-        bend = self.residuals(x) * self.u / np.maximum(lengths, 1e-12 * self.extent) if exact else np.zeros(lengths.size)
+        bend = exact * self.residuals(x) * self.u / np.maximum(lengths, 1e-12 * self.extent)
         outer = (1 + bend)[:, None, None] * e[:, :, None] * e[:, None, :] - bend[:, None, None] * np.eye(d)
         blocks, full = outer / self.u[:, None, None] ** 2, np.zeros((count, count, d, d))
         for a, b, sign in ((0, 0, 1), (1, 1, 1), (0, 1, -1), (1, 0, -1)):
@@ -152,8 +153,9 @@ class Equations:
         return sums.T @ sums
 
     def weights(self) -> Float[np.ndarray, " k"]:
-        """Scale of the curvature for each free coordinate: Σ 1/u² of the observations of its point, the same in all directions."""
-        sums = np.bincount(self.start, self.u**-2.0, len(self.free)) + np.bincount(self.end, self.u**-2.0, len(self.free))
+        """Scale of the curvature for each free coordinate: Σ 1/u² of the observations of its point."""
+        weight, count = self.u**-2.0, len(self.free)
+        sums = np.bincount(self.start, weight, count) + np.bincount(self.end, weight, count)
         return np.repeat(np.maximum(sums, 1e-12 * sums.max())[self.free], self.approximate.shape[1])
 
 

@@ -14,8 +14,10 @@ from volid.multilateration.equations import Equations, part
 from volid.multilateration.mirrors import EQUAL, second_solutions
 from volid.multilateration.network_solution import Alternative, NetworkSolution, Offset
 
-AS_FLAT = 0.01  # difference of chi-square (a tenth of a standard deviation) below which a network given as flat is left so
-_CLEARLY = 0.9  # distance of the approximate coordinates from the solution over that from another, below which they decide
+AS_FLAT = 0.01  # of chi-square, a tenth of a standard deviation: below, a network given as flat is left so
+_CLEARLY = (
+    0.9  # how far the approximate coordinates are from the solution, over how far from another: below, they decide
+)
 
 
 def offsets_of(
@@ -67,7 +69,7 @@ def alternatives_of(
 
 
 def parts_of(equations: Equations, points: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
-    """Points of the parts without a common point, empty when there is but one; fixed points stand in one frame and join theirs."""
+    """Points of the parts without a common point, empty when there is but one; fixed points, in one frame, join theirs."""
     fixed = np.flatnonzero(~equations.free)
     start = np.concatenate([equations.start, fixed[:-1]])
     end = np.concatenate([equations.end, fixed[1:]])

@@ -25,7 +25,7 @@ _FLAT = 0.05  # smallest extent over largest, below which points may have two si
 
 
 class Second(NamedTuple):
-    """Another solution: the points that it moves by more than u (numbers), all coordinates, and its sum of squares minus that of the first."""
+    """Another solution: numbers of the points that it moves by more than u, all coordinates, how much larger chi-square is."""
 
     points: tuple[int, ...]
     coordinates: Float[np.ndarray, "p d"]
@@ -134,7 +134,7 @@ def _ends(equations: Equations, x: Float[np.ndarray, "p d"]) -> _Ends:
 
 
 def one_by_one(equations: Equations, x: Float[np.ndarray, "p d"]) -> tuple[np.ndarray, np.ndarray]:
-    """Each free point's best place on the other side of the points it is measured from, they held, (p, d); what it gains, (p,)."""
+    """Each free point's best place on the other side of its neighbours, they held, (p, d); and what it gains, (p,)."""
     ends, free = _ends(equations, x), equations.free
     centres, normals = _planes(equations, ends, x)
     height = np.einsum("pd,pd->p", x - centres, normals)
@@ -198,7 +198,7 @@ def groups(equations: Equations, x: Float[np.ndarray, "p d"]) -> list[list[int]]
     for label in np.unique(labels[free]):
         members = np.flatnonzero((labels == label) & free)
         around = _fixed_neighbours(equations, members)
-        if members.size > 1 and around.any() and _flatness(x[around]) < _FLAT:
+        if members.size > 1 and around.any() and flatness(x[around]) < _FLAT:
             found.append(members.tolist())
     return found
 
@@ -211,7 +211,7 @@ def _fixed_neighbours(equations: Equations, members: np.ndarray) -> Bool[np.ndar
     return around & ~equations.free
 
 
-def _flatness(places: np.ndarray) -> float:
+def flatness(places: np.ndarray) -> float:
     """Extent across the best plane (line) over the largest extent."""
     sizes = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
     return float(sizes[-1] / max(sizes[0], 1e-300)) if len(places) >= places.shape[1] else 0.0
@@ -238,7 +238,7 @@ def on_the_fold(equations: Equations, x: Float[np.ndarray, "p d"]) -> Float[np.n
     flat = x - height[:, None] * normals
     near = (np.abs(height) > 0) & (np.abs(height) < 0.01 * equations.extent)
     near &= _costs(ends, flat)[0] < _costs(ends, x)[0] + EQUAL / 2
-    for j in np.flatnonzero(near & equations.free):
+    for j in np.flatnonzero(near & equations.free).tolist():
         trial = _with(x, j, flat)
         x = trial if equations.cost(trial) < equations.cost(x) + EQUAL / 2 else x
     return x

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -31,8 +32,7 @@ class Alternative:
 
 @dataclass(frozen=True)
 class Offset:
-    """The offset that relative distances of one group share (dead path), its standard uncertainty (NaN where it is not determined), and
-    how many distances told it."""
+    """The offset (dead path) that relative distances of one group share, and how many they were; u is NaN if not determined."""
 
     value: float
     u: float
@@ -58,8 +58,9 @@ class NetworkSolution:
         datum_defect: How many of those are rigid motions of the entire network.
         undetermined: Names of the points with a coordinate that is not determined otherwise.
         not_determined: Which coordinates these are, shape (p, d).
-        second_order: Those of `undetermined` that depend on the distances by their square alone: points in the plane (line) of what they
-            were measured from, or nearer to it than their u. The coordinates are at the minimum; `network_trials` gives intervals.
+        second_order: Those of `undetermined` that depend on the distances by their square alone: points in the plane (line) of
+            what they were measured from, or nearer to it than their u. The coordinates are at the minimum; `network_trials`
+            gives intervals.
         degrees_of_freedom: Number of observations kept minus `rank`.
         unit_weight: sqrt(Σ (residual/u)² / degrees of freedom): near 1 when the stated u is right, NaN without redundancy.
         residuals: Reading - predicted, shape (m,).
@@ -104,7 +105,7 @@ class NetworkSolution:
     ellipsoids: Ellipsoids
     blunders: tuple[int, ...] = ()
     inseparable: Mapping[int, tuple[int, ...]] = field(default_factory=dict)
-    offsets: Mapping[Hashable, Offset] = field(default_factory=dict)
+    offsets: Mapping[Any, Offset] = field(default_factory=dict)
     groups: tuple[Hashable, ...] = ()
     alternatives: tuple[Alternative, ...] = ()
     parts: tuple[tuple[str, ...], ...] = ()

@@ -26,8 +26,8 @@ class Reliability:
     """What the other readings can tell of each reading.
 
     Attributes:
-        redundancy: r, shape (m,): the share of an error of the reading that its residual shows, 0 to 1; their sum is the number of
-            degrees of freedom. NaN for readings left out.
+        redundancy: r, shape (m,): the share of an error of the reading that its residual shows, 0 to 1; their sum is the
+            number of degrees of freedom. NaN for readings left out.
         detectable: Shape (m,), unit of the distances: the least error √17.07 u/√r that the test of its normalised residual at
             significance 0.1 % finds with probability 80 %. NaN where no other reading checks it.
         influence: Shape (m,), unit of the distances: how far that error, undetected, moves the point that it moves most.
@@ -45,8 +45,8 @@ class Ellipsoids:
     """Standard error ellipsoids of the points, in the plane ellipses.
 
     Attributes:
-        axes: Semi-axes, shape (p, d), unit of the distances, largest first: square roots of the eigenvalues of the covariance of the point,
-            from the stated u. NaN along directions that are not determined, which come first; 0 for fixed points.
+        axes: Semi-axes, shape (p, d), unit of the distances, largest first: square roots of the eigenvalues of the covariance
+            of the point, from the stated u. NaN along directions that are not determined, which come first; 0 for fixed points.
         directions: Shape (p, d, d), the unit vector of each semi-axis as a row.
         scale: Factor for the ellipsoid that holds the point with 95 %: √ of that quantile of chi-square with d degrees of
             freedom, 2.448 in the plane and 2.796 in space.

@@ -9,10 +9,10 @@ from jaxtyping import Float
 from scipy.stats import chi2
 
 from volid.exceptions import InputError
-from volid.multilateration.determination import RANK_TOLERANCE, determine, first_order_holds
 from volid.multilateration.descent import descend
+from volid.multilateration.determination import RANK_TOLERANCE, determine, first_order_holds
 from volid.multilateration.equations import ABSOLUTE, Equations
-from volid.multilateration.mirrors import EQUAL, best_sides
+from volid.multilateration.mirrors import EQUAL, best_sides, flatness
 from volid.multilateration.start import distances_of, placed_from
 
 _REJECTED = 0.001  # probability of chi-square below which other starts are tried
@@ -20,7 +20,9 @@ _DOUBTFUL = 0.05  # the same for small networks, where trying costs little,
 _SPARE, _LITTLE = 0.3, 3  # and for those with so few degrees of freedom, which reject little
 _FEW = 60  # unknown coordinates of a small network
 _STARTS = 24  # random starts of a small network
-_BENDS, _ROUNDS = 32, 5  # starts of a small network along directions that the first order does not determine; how often again
+_BENDS = 12  # starts of a small network for each direction that the first order does not determine,
+_ROUNDS = 5  # and how often again, from what was found
+_FLAT, _FOLDS = 0.02, 24  # smallest extent over largest of a network that is nearly flat; starts with other sides
 _TRIES = 3  # starts around the given one, of a large network
 
 
@@ -34,8 +36,8 @@ class Minima(NamedTuple):
 def search(equations: Equations) -> Minima:
     """Minima from the approximate coordinates and, where that fit is doubtful, from further starts.
 
-    The first is the result: the lowest, and among equal ones that nearest the approximate coordinates. Others are worth a look where
-    readings are wrong. Raises `InputError` when no start leads to a minimum.
+    The first is the result: the lowest, and among equal ones that nearest the approximate coordinates. Others are worth a look
+    where readings are wrong. Raises `InputError` when no start leads to a minimum.
     """
     found: list[tuple[float, np.ndarray]] = []
     problems: list[InputError | None] = []
@@ -55,9 +57,11 @@ def search(equations: Equations) -> Minima:
         least = found[0][0]
     enough = least + EQUAL * (1 + least)
     equal = [x for cost, x in found if abs(cost - least) <= EQUAL * (1 + least)]
-    equal.sort(key=lambda x: round(float(np.linalg.norm(x - equations.approximate)) / equations.extent, 6))  # else the first
+    far = [round(float(np.linalg.norm(x - equations.approximate)) / equations.extent, 6) for x in equal]
     others = sorted((one for one in found if abs(one[0] - least) > EQUAL * (1 + least)), key=lambda one: one[0])
-    return Minima(equal[:1] + [x for _, x in others], problems[0] is not None or found[0][0] > enough)
+    return Minima(
+        [equal[int(np.argmin(far))]] + [x for _, x in others], problems[0] is not None or found[0][0] > enough
+    )
 
 
 def _hopeless(equations: Equations, found: list) -> bool:
@@ -78,10 +82,10 @@ def _starts(equations: Equations, found: list):
             yield _shaken(equations, i)
     for i in range(_ROUNDS if small and found else 0):
         cost, x = min(found, key=lambda one: one[0])
-        if first_order_holds(equations, x):
-            return
-        yield from _bent(equations, x, i)
-        if i > 0 and min(c for c, _ in found) > cost - EQUAL * (1 + cost):
+        more = [] if first_order_holds(equations, x) else list(_bent(equations, x, i))
+        more += list(_folded(equations, x, i)) if flatness(x) < _FLAT else []
+        yield from more
+        if not more or i > 0 and min(c for c, _ in found) > cost - EQUAL * (1 + cost):
             return
 
 
@@ -90,9 +94,20 @@ def _bent(equations: Equations, x: Float[np.ndarray, "p d"], seed: int):
     found = determine(equations, x)
     reach = np.concatenate([found.weak_reach, found.reach[np.isfinite(found.reach)]])
     generator = np.random.default_rng(seed)
-    for _ in range(_BENDS):
+    for _ in range(_BENDS * reach.size):
         size = 10 ** generator.uniform(-0.5, 1.0)
         yield equations.moved(x, size * found.held @ (reach * generator.normal(size=reach.size)))
+
+
+def _folded(equations: Equations, x: Float[np.ndarray, "p d"], seed: int):
+    """Starts of a nearly flat network whose free points lie on other sides of their common plane (line), some farther, some nearer."""
+    centre = x.mean(axis=0)
+    normal = np.linalg.svd(x - centre)[2][-1]
+    generator = np.random.default_rng(seed)
+    for _ in range(_FOLDS):
+        factor = generator.choice([-1.0, 1.0], len(x)) * 10 ** generator.uniform(-0.5, 0.5, len(x))
+        height = np.where(equations.free, ((x - centre) @ normal) * (factor - 1), 0.0)
+        yield x + height[:, None] * normal
 
 
 def _doubtful(equations: Equations, found: list, small: bool) -> bool:
@@ -111,7 +126,7 @@ def _doubtful(equations: Equations, found: list, small: bool) -> bool:
 
 
 def _from_distances(equations: Equations):
-    """The start that the distances and the fixed points give, where there is one, with ambiguous points as near as they are given."""
+    """The start that distances and fixed points give, where there is one; of two places the one nearer the given start."""
     names = list(range(len(equations.free)))
     known = {i: equations.approximate[i] for i in names if not equations.free[i]}
     if known and (equations.group == ABSOLUTE).all():
@@ -137,5 +152,3 @@ def _aligned(equations: Equations, x: Float[np.ndarray, "p d"]) -> Float[np.ndar
     centred = x - x.mean(axis=0)
     left, _, right = np.linalg.svd(centred.T @ wanted)
     return centred @ (left @ right) + equations.approximate.mean(axis=0)
-
-

@@ -41,7 +41,8 @@ def starting_coordinates(
     arbitrary and the result may be a mirror image. Where every station sees every target, s_i·t_j = -(D² doubly centred) / 2
     has rank 3 and gives both up to one linear map, which is found from |t_j|² (linear in its square). Otherwise random
     starts are tried, and at first, with the sums of distances along the network for those that are missing, the coordinates
-    that fit all of them (classical multidimensional scaling). Points all in one plane, and parts without a common point, are no obstacle.
+    that fit all of them (classical multidimensional scaling). Points all in one plane, and parts without a common point, are
+    no obstacle.
 
     Args:
         points: Names, p of them.
@@ -51,8 +52,8 @@ def starting_coordinates(
         dimension: 2 or 3.
         either_side: Take one of two possible positions where the points that a point is measured from lie in one plane;
             otherwise such a point is refused.
-        groups: Name of the group of each observation that shares an unknown offset, None where absolute. From relative distances a
-            position is found where they go from one unknown point to enough known ones.
+        groups: Name of the group of each observation that shares an unknown offset, None where absolute. From relative
+            distances a position is found where they go from one unknown point to enough known ones.
 
     Returns:
         Coordinates, shape (dimension,), by name, in the unit of the distances.
@@ -83,7 +84,9 @@ def starting_coordinates(
             raise InputError(_why_not(missing[0], ambiguous, dimension))
         return found
     if any(label is not None for label in labels):
-        raise InputError("relative distances need some approximate coordinates; give those of the points that stand still")
+        raise InputError(
+            "relative distances need some approximate coordinates; give those of the points that stand still"
+        )
     for unfolded in (_unfolded(distances, dimension), _unfolded(distances, 2), _scaled(distances, dimension)):
         x = None if unfolded is None else _polished(points, observations, u, _as_rows(unfolded, points, dimension))
         if x is not None:
@@ -91,7 +94,9 @@ def starting_coordinates(
     return dict(zip(points, _random(points, observations, u, dimension), strict=True))
 
 
-def distances_of(points: Sequence[Name], observations: Iterable[tuple[Name, Name, float]]) -> dict[Name, dict[Name, float]]:
+def distances_of(
+    points: Sequence[Name], observations: Iterable[tuple[Name, Name, float]]
+) -> dict[Name, dict[Name, float]]:
     """Readings by point and other point."""
     distances: dict[Name, dict[Name, float]] = {name: {} for name in points}
     for start, end, distance in observations:
@@ -241,8 +246,8 @@ def _scaled(distances: Distances, dimension: int) -> dict[str, np.ndarray]:
     names = list(distances)
     number = {name: i for i, name in enumerate(names)}
     rows = [(number[a], number[b], d) for a, others in distances.items() for b, d in others.items()]
-    start, end, sizes = zip(*rows, strict=True)
-    graph = coo_array((sizes, (start, end)), shape=(len(names), len(names))).tocsr()
+    start, end, lengths = zip(*rows, strict=True)
+    graph = coo_array((lengths, (start, end)), shape=(len(names), len(names))).tocsr()
     count, labels = connected_components(graph, directed=False)
     x = np.zeros((len(names), dimension))
     for label in range(count):

@@ -39,8 +39,9 @@ class NetworkTrials(NamedTuple):
 def network_trials(solution: NetworkSolution, trials: int = 10_000, seed: int = 0) -> NetworkTrials:
     """Adjusted coordinates of many networks whose distances are those of the solution plus normal noise of their u.
 
-    Each trial minimises Σ ((d_i - |x_to - x_from| - δ_g(i))/u_i)² by Levenberg-Marquardt from the adjusted coordinates; steps of least
-    norm keep a free network where it is. Along directions that the second order alone limits, trials begin on either side, at
+    Each trial minimises Σ ((d_i - |x_to - x_from| - δ_g(i))/u_i)² by Levenberg-Marquardt from the adjusted coordinates; steps
+    of least norm keep a free network where it is. Along directions that the second order alone limits, trials begin on either
+    side, at
     random: the height of a point in the plane of its stations then has both signs, and is 0 in the trials whose distances do not
     meet. Blunders stay left out. Trial i of a seed is the same whatever the number of trials.
     Errors common to several distances are not drawn.

@@ -8,7 +8,9 @@ from volid.io.network_results import Spread
 from volid.io.networks import Network
 from volid.multilateration import Alternative, NetworkSolution
 
-_REJECTED = 0.001  # probability of the sum of squared residuals, so large or so small, below which model or u are called wrong
+_REJECTED = (
+    0.001  # probability of the sum of squared residuals, so large or so small, below which model or u are called wrong
+)
 _FAR_BELOW, _OTHER_UNIT = 0.5, 0.05  # unit weights below which u is called too large, and thought to be in another unit
 _FEW = 3  # degrees of freedom below which good agreement says nothing
 _MOST = 8  # messages of one kind, and names in one
@@ -37,10 +39,14 @@ def notes(solution: NetworkSolution) -> list[str]:
     said = []
     if solution.left_start:
         said.append(
-            "note: the approximate coordinates alone lead to a worse minimum, or to none; another start (from the distances, or around "
-            "the given one) led to this one."
+            "note: the approximate coordinates alone lead to a worse minimum, or to none; another start (from the "
+            "distances, or around the given one) led to this one."
         )
-    decided = [f"note: {_second(one)}; the approximate coordinates are nearer the solution." for one in solution.alternatives if one.decided]
+    decided = [
+        f"note: {_second(one)}; the approximate coordinates are nearer the solution."
+        for one in solution.alternatives
+        if one.decided
+    ]
     return said + _shortened(decided, "more second solutions")
 
 
@@ -95,13 +101,14 @@ def _not_determined(solution: NetworkSolution) -> list[str]:
             f"{_coordinates(solution, first)}. Measure these points from more places."
         )
     if solution.second_order:
+        shape = "plane" if solution.coordinates.shape[1] == 3 else "line"
         messages.append(
-            f"The distances do not determine {_coordinates(solution, solution.second_order)} to first order, only by its square: in "
-            f"the {'plane' if solution.coordinates.shape[1] == 3 else 'line'} of the points that a point is measured from, or nearer to it "
-            "than u, height moves no distance. The coordinates are at the minimum, u is blank; Monte Carlo (`trials=10000`) gives intervals. Measure from outside."
+            f"The distances do not determine {_coordinates(solution, solution.second_order)} to first order, only by its square: "
+            f"in the {shape} of the points that a point is measured from, or nearer to it than u, height moves no distance. "
+            "The coordinates are at the minimum, u is blank; Monte Carlo (`trials=10000`) gives intervals. Measure from outside."
         )
     if open_offsets := [group for group, offset in solution.offsets.items() if np.isnan(offset.u)]:
-        named = ", ".join(f"{station} segment {segment}" if segment else station for station, segment in open_offsets)  # type: ignore[misc]
+        named = ", ".join(f"{station} segment {segment}" if segment else station for station, segment in open_offsets)
         messages.append(
             f"The distances do not determine the offset of {named}: its u is blank. Measure more points in that segment."
         )
@@ -135,8 +142,8 @@ def _unlikely(solution: NetworkSolution) -> list[str]:
         return []
     unit = " Is u in another unit than the distances, such as mm for m?" if weight < _OTHER_UNIT else ""
     return [
-        f"The distances agree far better than the stated u (unit weight {weight:.3g}, probability {solution.agreement_probability:.1g}): "
-        f"u is too large, and with it the u of the coordinates.{unit}"
+        f"The distances agree far better than the stated u (unit weight {weight:.3g}, "
+        f"probability {solution.agreement_probability:.1g}): u is too large, and with it the u of the coordinates.{unit}"
     ]
 
 
@@ -153,14 +160,22 @@ def _named(network: Network, solution: NetworkSolution, i: int, what: str) -> st
     return text
 
 
-def as_objects(solution: NetworkSolution, warnings: list[str], said: list[str], spread: Spread | None, trials: int | None) -> dict:
+def as_objects(
+    solution: NetworkSolution, warnings: list[str], said: list[str], spread: Spread | None, trials: int | None
+) -> dict:
     """The solution as plain objects; what is not determined is NaN, null in JSON."""
     found = {
         "format": "volid-network/1",
         "points": _points(solution),
         "observations": _observations(solution),
         "offsets": [
-            {"station": group[0], "segment": group[1], "offset": offset.value, "u": offset.u, "readings": offset.readings}  # type: ignore[index]
+            {
+                "station": group[0],
+                "segment": group[1],
+                "offset": offset.value,
+                "u": offset.u,
+                "readings": offset.readings,
+            }
             for group, offset in solution.offsets.items()
         ],
         "rank": solution.rank,
