@@ -77,6 +77,7 @@ class NetworkSolution:
         left_start: The approximate coordinates led to a worse minimum, and another start to this one.
 
     Example:
+        >>> from volid.multilateration import adjust_network
         >>> corners = {"A": (0, 0), "B": (400, 0), "P": (210, 290)}
         >>> readings = [("A", "P", 360.5551), ("B", "P", 360.5551)]
         >>> solution = adjust_network("ABP", "AB", readings, 0.001, corners, 2)
