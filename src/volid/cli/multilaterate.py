@@ -123,16 +123,26 @@ def _monte_carlo(solution: NetworkSolution, args: argparse.Namespace) -> tuple[S
     wrong = names[(u > 0.0) & ~checked.valid & checked.decided].tolist()
     failed = int((~trials.converged).sum())
     spread = Spread(samples.std(axis=0, ddof=1).reshape(shape), *(f.reshape(shape) for f in found[:2]))
-    return spread, _trial_words(len(samples), wrong, failed)
+    blank = names[np.isnan(u)].tolist()
+    return spread, _trial_words(len(samples), wrong, blank, failed)
 
 
-def _trial_words(adjustments: int, wrong: list[str], failed: int) -> list[str]:
-    """What Monte Carlo says of propagation. `wrong`: coordinates for which it misleads; `failed`: trials left out."""
-    verdict = "propagation would have been enough for all coordinates."
+def _trial_words(adjustments: int, wrong: list[str], blank: list[str], failed: int) -> list[str]:
+    """What Monte Carlo says of propagation.
+
+    `wrong`: coordinates for which it misleads; `blank`: those that have no u from it; `failed`: trials left out.
+    """
+    verdict = f"propagation would have been enough for all {'other ' if blank else ''}coordinates."
     if wrong:
-        listed = ", ".join(wrong[:8]) + (", ..." if len(wrong) > 8 else "")
-        verdict = f"propagation misleads (JCGM 101, 8) for {listed}: take u_mc."
+        verdict = f"propagation misleads (JCGM 101, 8) for {_first(wrong)}: take u_mc."
+    if blank:
+        verdict = f"propagation has no u for {_first(blank)}: take u_mc; " + verdict
     words = [f"Monte Carlo: {adjustments} adjustments; {verdict}"]
     if failed:
         words.append(f"{failed} of {adjustments + failed} trials did not converge and are left out.")
     return words
+
+
+def _first(names: list[str]) -> str:
+    """The first names."""
+    return ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")
