@@ -136,7 +136,9 @@ def test_reliability_and_ellipsoids_stand_in_files_and_json(files, tmp_path, cap
     rows = table(out["residuals"])
     # four distances of one length to one point straight above: each is checked equally, by one degree of freedom in all
     np.testing.assert_allclose([float(row["redundancy"]) for row in rows], 0.25, atol=1e-4)
-    np.testing.assert_allclose([float(row["detectable_error"]) for row in rows], np.sqrt(17.07 / 0.25) * 0.01, rtol=1e-3)
+    np.testing.assert_allclose(
+        [float(row["detectable_error"]) for row in rows], np.sqrt(17.07 / 0.25) * 0.01, rtol=1e-3
+    )
     assert {row["influenced_point"] for row in rows} == {"P"}
     assert [row["redundancy"] for row in found["observations"]] == pytest.approx([0.25] * 4, abs=1e-4)
     (ellipsoid,) = table(out["ellipsoids"])
@@ -175,6 +177,14 @@ def test_good_approximate_coordinates_decide_between_two_sides(files, capsys):
     assert "note: The distances fit as well with P at (900.0167, 899.9833, 499.9938); the approximate" in said
 
 
+def test_too_few_fixed_points_are_named(files, capsys):
+    distances, points = files("StrangBorre1997_2D_free")
+    lines = points.read_text().splitlines()
+    points.write_text("\n".join([lines[0], lines[1].rsplit(",", 1)[0] + ",1", *lines[2:]]))
+    assert run(distances, "--approximate", points) == 1
+    assert "The fixed points leave 1 motions of the whole network open" in capsys.readouterr().err
+
+
 def test_existing_output_is_kept_unless_forced(files, tmp_path):
     distances, points = files("Wolf1979_3D_fix")
     out = tmp_path / "out.csv"
@@ -197,6 +207,7 @@ def test_existing_output_is_kept_unless_forced(files, tmp_path):
         ),
         ("from,to,distance,u\nA,B,-1,0.1", "row 2: distance is -1; expected a number above 0"),
         ("from,to,distance,u\nA,B,1,0", "row 2: u is 0; expected a number above 0"),
+        ("from,to,distance,u\nA,B,1e300,0.1", r"row 2: distance is 1e\+300; expected a length"),
         ("from,to,distance,u\nA,A,1,0.1", "row 2: from and to are both 'A'; expected two points"),
         ("from,to,distance,u\nA,,1,0.1", "row 2: to is empty; expected the name of a point"),
     ],

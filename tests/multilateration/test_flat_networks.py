@@ -152,3 +152,21 @@ def test_trials_of_a_point_in_the_plane_have_both_signs_and_half_of_them_zero():
     assert (np.abs(height) < 0.3).mean() == pytest.approx((np.abs(expected) < 0.3).mean(), abs=0.03)
     for p in (0.025, 0.1, 0.9, 0.975):
         assert np.quantile(height, p) == pytest.approx(np.quantile(expected, p), abs=0.3)  # 4 standard deviations
+
+
+def test_coordinates_that_only_the_frame_holds_have_no_u():
+    """Two points and their distance: along it half of its u each, across it nothing."""
+    solution = adjust_network("AB", "", [("A", "B", 3.0)], 0.01, {"A": (0, 0, 0), "B": (2, 0, 0)})
+    np.testing.assert_allclose(solution.coordinates, [[-0.5, 0, 0], [2.5, 0, 0]], atol=1e-12)
+    assert solution.not_determined.tolist() == [[False, True, True]] * 2
+    np.testing.assert_allclose(solution.standard_uncertainty[:, 0], 0.005, rtol=1e-9)
+    assert solution.second_order == () and solution.alternatives == ()
+
+
+def test_all_points_in_one_place_is_a_start_too():
+    corners = {"A": (0, 0), "B": (6, 0), "C": (0, 6), "P": (0, 0)}
+    rows = [("A", "P", 5.0), ("B", "P", 5.0), ("C", "P", float(np.hypot(3, 2)))]
+    solution = adjust_network("ABCP", "ABC", rows, 0.01, corners, 2)
+    np.testing.assert_allclose(solution.position("P"), [3, 4], atol=1e-9)
+    single = adjust_network("AP", "A", [("A", "P", 5.0), ("A", "P", 5.0)], 0.01, {"A": (0, 0), "P": (0, 0)}, 2)
+    assert np.linalg.norm(single.position("P")) == pytest.approx(5.0, abs=1e-9)

@@ -24,6 +24,7 @@ DISTANCES = ("from", "to", "distance", "u")
 _OPTIONAL = ("relative", "segment")
 _COORDINATES = ("point", "x", "y", "z", "fixed")
 _YES_OR_NO = {"1": True, "true": True, "yes": True, "0": False, "false": False, "no": False, "": False}
+_LARGEST = 1e15  # of distances and u: above, it is a slip whatever the unit
 UNIT = "the network's unit of length"
 
 
@@ -130,7 +131,10 @@ def _yes(table: CsvTable, i: int, column: str) -> bool:
 
 
 def _check_positive(table: CsvTable, name: str, values: Float[np.ndarray, " m"], wanted: np.ndarray) -> None:
-    """Raises `InputError` for a value that is not above 0 where that is wanted."""
+    """Raises `InputError` for a value that is not above 0 where that is wanted, or no length at all."""
+    if (absurd := np.abs(values) > _LARGEST).any():
+        i = int(np.argmax(absurd))
+        raise InputError(f"{table.where(i)}: {name} is {values[i]:g}; expected a length in {UNIT}")
     if (wrong := wanted & (values <= 0)).any():
         i = int(np.argmax(wrong))
         hint = "; relative distances are marked by 1 in a column relative" if name == "distance" else ""

@@ -18,7 +18,15 @@ from volid.backend.threads import one_blas_thread
 from volid.exceptions import InputError
 from volid.multilateration.blunders import inseparable, without_blunders
 from volid.multilateration.descent import descend, within_the_plane
-from volid.multilateration.determination import VISIBLE, determine, first_order_holds, movement, nearest, not_determined
+from volid.multilateration.determination import (
+    VISIBLE,
+    determine,
+    first_order_holds,
+    held_by_the_datum,
+    movement,
+    nearest,
+    not_determined,
+)
 from volid.multilateration.equations import ABSOLUTE, Equations, part
 from volid.multilateration.findings import AS_FLAT, alternatives_of, offsets_of, parts_of
 from volid.multilateration.mirrors import best_sides, on_the_fold
@@ -26,6 +34,7 @@ from volid.multilateration.network_solution import NetworkSolution
 from volid.multilateration.reliability import ellipsoids, normalised, reliability
 from volid.multilateration.search import search
 
+_LARGEST = 1e50  # of lengths, and of 1/u; squares of squares still are numbers
 _CANDIDATES = 3  # minima from which blunders are looked for
 
 
@@ -133,8 +142,12 @@ def _solution(
     found, residuals = determine(used, x), equations.residuals(x, kept)
     moved, dof = movement(used, found), int(kept.sum()) - found.sizes.size - used.offsets
     lost = not_determined(used, found.covariance, moved)
+    held = held_by_the_datum(used, found.covariance) & ~lost
     free = ~np.isfinite(np.concatenate([found.reach, found.weak_reach]))
-    limited = lost.any(axis=1) & ~not_determined(used, found.covariance, moved[:, :, free]).any(axis=1)
+    limited = (
+        lost.any(axis=1) & ~held.any(axis=1) & ~not_determined(used, found.covariance, moved[:, :, free]).any(axis=1)
+    )
+    lost |= held
     return NetworkSolution(
         points=points,
         unknown=tuple(name for name, is_free in zip(points, equations.free, strict=True) if is_free),
@@ -197,8 +210,8 @@ def _check_observations(observations, sigma: Float[np.ndarray, " m"], index: Col
         what = f"observation {i + 1} ({start} to {end}, {distance:g})"
         if start not in index or end not in index or start == end:
             raise InputError(f"{what}: expected two different names out of the points {_listed(index)}")
-        least = 0 if groups[i] == ABSOLUTE else -np.inf
-        if not (least < distance < np.inf and 0 < sigma[i] < np.inf):
+        least = 0 if groups[i] == ABSOLUTE else -_LARGEST
+        if not (least < distance < _LARGEST and 1 / _LARGEST < sigma[i] < _LARGEST):
             expected = "both finite and above 0" if least == 0 else "a finite distance and u above 0"
             raise InputError(f"{what}: distance {distance:g}, u {sigma[i]:g}; expected {expected}")
 
@@ -215,7 +228,7 @@ def _coordinates(points, approximate, dimension: int) -> Float[np.ndarray, "p d"
         x = np.array(approximate, float)
     except ValueError:
         x = np.empty(0)
-    if x.shape != (len(points), dimension) or not np.isfinite(x).all():
+    if x.shape != (len(points), dimension) or not (np.abs(x) < _LARGEST).all():
         raise InputError(
             f"approximate coordinates: expected {dimension} finite numbers for each of {len(points)} points"
         )

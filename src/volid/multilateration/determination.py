@@ -203,6 +203,13 @@ def _sparse(motion: Float[np.ndarray, "k q"], rigid: Float[np.ndarray, "k g"], d
     return motion if moved.mean() > 0.5 else apart * np.repeat(moved, d)[:, None]
 
 
+def held_by_the_datum(equations: Equations, covariance: Float[np.ndarray, "k k"]) -> Bool[np.ndarray, "p d"]:
+    """Coordinates of free points that no distance determines: without a variance, because inner constraints alone hold them."""
+    variance = np.full(equations.approximate.shape, np.inf)
+    variance[equations.free] = np.diag(covariance).reshape(-1, equations.approximate.shape[1])
+    return variance < (RANK_TOLERANCE * equations.u.min()) ** 2
+
+
 def not_determined(
     equations: Equations, covariance: Float[np.ndarray, "k k"], moved: Float[np.ndarray, "p d q"]
 ) -> Bool[np.ndarray, "p d"]:

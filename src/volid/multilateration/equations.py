@@ -34,8 +34,8 @@ class Equations:
 
     @cached_property
     def extent(self) -> float:
-        """Root mean square distance of the points from their mean."""
-        return rms(np.linalg.norm(self.approximate, axis=1))
+        """Root mean square distance of the points from their mean; where all are in one place, that of the readings."""
+        return rms(np.linalg.norm(self.approximate, axis=1)) or rms(self.readings) or 1.0
 
     @cached_property
     def shares(self) -> csr_array | None:

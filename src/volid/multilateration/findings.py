@@ -62,10 +62,17 @@ def alternatives_of(
         moved, names = list(second.points), tuple(points[i] for i in second.points)
         if open_points & set(names) or -AS_FLAT <= second.worse < -EQUAL * (1 + equations.cost(x)):
             continue
+        if solution.datum_defect and np.allclose(_gaps(x), _gaps(second.coordinates), rtol=0, atol=np.min(equations.u)):
+            continue  # the whole network in another place, or its mirror image
         here, there = (np.linalg.norm(place[moved] - equations.approximate[moved]) for place in (x, second.coordinates))
         decided = bool(here < _CLEARLY * there) and not set(names) & set(guessed)
         found.append(Alternative(names, second.coordinates[moved] + given.mean(axis=0), second.worse, decided))
     return tuple(found)
+
+
+def _gaps(x: Float[np.ndarray, "p d"]) -> Float[np.ndarray, "p p"]:
+    """Distances of all points from each other."""
+    return np.linalg.norm(x[:, None] - x, axis=2)
 
 
 def parts_of(equations: Equations, points: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:

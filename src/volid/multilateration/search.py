@@ -85,7 +85,7 @@ def _starts(equations: Equations, found: list):
         more = [] if first_order_holds(equations, x) else list(_bent(equations, x, i))
         more += list(_folded(equations, x, i)) if flatness(x) < _FLAT else []
         yield from more
-        if not more or i > 0 and min(c for c, _ in found) > cost - EQUAL * (1 + cost):
+        if not more or (i > 0 and min(c for c, _ in found) > cost - EQUAL * (1 + cost)):
             return
 
 
@@ -100,7 +100,7 @@ def _bent(equations: Equations, x: Float[np.ndarray, "p d"], seed: int):
 
 
 def _folded(equations: Equations, x: Float[np.ndarray, "p d"], seed: int):
-    """Starts of a nearly flat network whose free points lie on other sides of their common plane (line), some farther, some nearer."""
+    """Starts of a nearly flat network with its free points on other sides of their common plane (line)."""
     centre = x.mean(axis=0)
     normal = np.linalg.svd(x - centre)[2][-1]
     generator = np.random.default_rng(seed)

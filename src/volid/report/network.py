@@ -94,8 +94,18 @@ def _not_determined(solution: NetworkSolution) -> list[str]:
     """Coordinates without u, and why; offsets likewise."""
     first = [name for name in solution.undetermined if name not in solution.second_order]
     messages = []
-    if first:
-        extra = solution.defect - solution.datum_defect
+    extra = solution.defect - solution.datum_defect
+    if solution.datum_defect and len(solution.unknown) < len(solution.points):
+        messages.append(
+            f"The fixed points leave {solution.datum_defect} motions of the whole network open; it lies as near to the "
+            "approximate coordinates as the distances allow, and u does not contain these motions. Fix more points."
+        )
+    if first and not extra:
+        messages.append(
+            f"Nothing but the choice of the frame holds {_coordinates(solution, first)}: u is blank. Fix more points, "
+            "or measure more."
+        )
+    elif first:
         messages.append(
             f"The distances do not determine {extra} combinations of the coordinates of {', '.join(first)}: u is blank for "
             f"{_coordinates(solution, first)}. Measure these points from more places."
