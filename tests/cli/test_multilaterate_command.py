@@ -127,6 +127,64 @@ def test_coordinates_are_found_without_approximate_ones(files, capsys):
         assert np.linalg.norm(x[a] - x[b]) == pytest.approx(np.linalg.norm(published[a] - published[b]), abs=1e-5)
 
 
+def test_reliability_and_ellipsoids_stand_in_files_and_json(files, tmp_path, capsys):
+    distances, points = files("Wolf1979_3D_fix")
+    out = {name: tmp_path / f"{name}.csv" for name in ("residuals", "ellipsoids")}
+    options = [cell for name, path in out.items() for cell in (f"--{name}", path)]
+    assert run(distances, "--approximate", points, *options, "--json") == 0
+    found = json.loads(capsys.readouterr().out)
+    rows = table(out["residuals"])
+    # four distances of one length to one point straight above: each is checked equally, by one degree of freedom in all
+    np.testing.assert_allclose([float(row["redundancy"]) for row in rows], 0.25, atol=1e-4)
+    np.testing.assert_allclose(
+        [float(row["detectable_error"]) for row in rows], np.sqrt(17.07 / 0.25) * 0.01, rtol=1e-3
+    )
+    assert {row["influenced_point"] for row in rows} == {"P"}
+    assert [row["redundancy"] for row in found["observations"]] == pytest.approx([0.25] * 4, abs=1e-4)
+    (ellipsoid,) = table(out["ellipsoids"])
+    published = np.array(TEXTBOOK["Wolf1979_3D_fix"]["solution"]["std"]["P"])  # a posteriori, unit weight 1
+    np.testing.assert_allclose([float(ellipsoid[k]) for k in "abc"], np.sort(published)[::-1], rtol=1e-4)
+    np.testing.assert_allclose([float(ellipsoid[f"c_{k}"]) for k in "xyz"], [0, 0, 1], atol=1e-3)
+    assert float(ellipsoid["scale_95"]) == pytest.approx(2.7955, abs=1e-4)
+    point = next(point for point in found["points"] if point["point"] == "P")
+    assert point["ellipsoid"]["semi_axes"] == pytest.approx([float(ellipsoid[k]) for k in "abc"], rel=1e-5)
+
+
+def test_point_without_coordinates_above_coplanar_stations_is_found_on_both_sides(files, capsys):
+    distances, points = files("Wolf1979_3D_fix")
+    points.write_text("\n".join(line for line in points.read_text().splitlines() if not line.startswith("P")))
+    assert run(distances, "--approximate", points, "--json") == 1
+    found = json.loads(capsys.readouterr().out)
+    heights = [next(p for p in found["points"] if p["point"] == "P")["coordinates"][2]]
+    heights.append(found["alternatives"][0]["coordinates"][0][2])
+    assert sorted(heights) == pytest.approx([1800 - 1300.00625, 1300.00625], abs=1e-4)  # stations at height 900
+    assert "Nothing tells which is right" in found["attention"][0]
+
+
+def test_parts_without_a_common_point_are_named_with_their_points(tmp_path, capsys):
+    distances = tmp_path / "distances.csv"
+    sides = ["A,B,3", "B,C,4", "C,A,5", "D,E,6", "E,F,8", "F,D,10"]
+    distances.write_text("from,to,distance,u\n" + "".join(f"{side},0.01\n" for side in sides))
+    assert run(distances, "--dimension", 2) == 1
+    said = capsys.readouterr().err
+    assert "falls into 2 parts without a common point (A, B, C; D, E, F)" in said
+
+
+def test_good_approximate_coordinates_decide_between_two_sides(files, capsys):
+    distances, points = files("Wolf1979_3D_fix")
+    assert run(distances, "--approximate", points) == 0
+    said = capsys.readouterr().err
+    assert "note: The distances fit as well with P at (900.0167, 899.9833, 499.9938); the approximate" in said
+
+
+def test_too_few_fixed_points_are_named(files, capsys):
+    distances, points = files("StrangBorre1997_2D_free")
+    lines = points.read_text().splitlines()
+    points.write_text("\n".join([lines[0], lines[1].rsplit(",", 1)[0] + ",1", *lines[2:]]))
+    assert run(distances, "--approximate", points) == 1
+    assert "The fixed points leave 1 motions of the whole network open" in capsys.readouterr().err
+
+
 def test_existing_output_is_kept_unless_forced(files, tmp_path):
     distances, points = files("Wolf1979_3D_fix")
     out = tmp_path / "out.csv"
@@ -149,6 +207,7 @@ def test_existing_output_is_kept_unless_forced(files, tmp_path):
         ),
         ("from,to,distance,u\nA,B,-1,0.1", "row 2: distance is -1; expected a number above 0"),
         ("from,to,distance,u\nA,B,1,0", "row 2: u is 0; expected a number above 0"),
+        ("from,to,distance,u\nA,B,1e300,0.1", r"row 2: distance is 1e\+300; expected a length"),
         ("from,to,distance,u\nA,A,1,0.1", "row 2: from and to are both 'A'; expected two points"),
         ("from,to,distance,u\nA,,1,0.1", "row 2: to is empty; expected the name of a point"),
     ],

@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 
 import numpy as np
 
+from volid.cli.common import in_options, print_json
 from volid.exceptions import InputError
-from volid.io.networks import (
-    Network,
+from volid.io.network_results import (
     Spread,
     coordinates_csv,
-    network_from_csv,
     write_coordinates,
+    write_ellipsoids,
+    write_offsets,
     write_residuals,
 )
+from volid.io.networks import network_from_csv
 from volid.multilateration import NetworkSolution, network_trials
+from volid.report.network import as_objects, attention, notes, summary
 
 HELP = "coordinates of a distance network, free or with fixed points, without a machine model"
 
@@ -26,16 +28,25 @@ NETWORK.csv has the columns from,to,distance,u; POINTS.csv has point,x,y,z,fixed
 optional). One unit of length throughout. Without fixed points the result lies as near to POINTS.csv as the distances
 allow (inner constraints); without POINTS.csv its frame is arbitrary, mirror image included.
 
---trials N adjusts N networks drawn from the stated u (Monte Carlo): u and 95 % intervals stand beside those of
-propagation, which is too small or one-sided where a point lies near the plane of the stations that see it.
+relative distances (interferometers, wires, belts: unknown dead path): 1 in a column relative of NETWORK.csv, or
+--relative for all. Those from one point share one unknown offset, or one in each segment (column segment, any name:
+a beam that was not interrupted). --offsets writes them.
+
+a point in the plane of the points that it is measured from: its height is determined to second order only, u is blank,
+and a second solution on the other side is named. --trials N adjusts N networks drawn from the stated u (Monte Carlo):
+u and 95 % intervals stand beside those of propagation, which is too small or one-sided there.
+
+--residuals: for each distance its redundancy number r (0: nothing checks it, 1: fully checked), the minimal detectable
+error sqrt(17.07) u/sqrt(r) (significance 0.1 %, power 80 %), and how far that error would move the point that it
+moves most. --ellipsoids: semi-axes a, b, c of the standard error ellipsoids, their directions, and the factor to
+the 95 % ellipsoid. Both are also in --json. What the distances do not determine is blank, in JSON null.
 
 example:
   volid multilaterate distances.csv --approximate points.csv --robust -o adjusted.csv --residuals residuals.csv
 
-exit status: 0 good; 1 written, but blunders, points that are not determined or a rejected model are
-named; 2 bad input
+exit status: 0 good; 1 written, but blunders, points that are not determined, second solutions that nothing decides, or a
+rejected model are named; 2 bad input
 """
-_REJECTED = 0.001  # probability of the sum of squared residuals below which model or u are called wrong
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -47,7 +58,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--approximate", metavar="POINTS.csv", help="approximate or fixed coordinates: point,x,y,z,fixed"
     )
     parser.add_argument("-o", "--output", metavar="OUT.csv", help="adjusted coordinates; default: standard output")
-    parser.add_argument("--residuals", metavar="RES.csv", help="residuals, also normalised, one row per distance")
+    parser.add_argument(
+        "--residuals", metavar="RES.csv", help="residuals, redundancy numbers, detectable errors, one row per distance"
+    )
+    parser.add_argument("--ellipsoids", metavar="ELL.csv", help="error ellipsoids, one row per unknown point")
+    parser.add_argument(
+        "--offsets", metavar="OFF.csv", help="offsets of relative distances: station,segment,offset,u,readings"
+    )
+    parser.add_argument(
+        "--relative", action="store_true", help="all distances are relative: an unknown offset per point and segment"
+    )
     parser.add_argument("--robust", action="store_true", help="find blunders, leave them out and name them")
     parser.add_argument("--dimension", type=int, choices=(2, 3), help="needed only without POINTS.csv; default 3")
     parser.add_argument("--trials", type=int, metavar="N", help="Monte Carlo with N adjustments, such as 10000")
@@ -58,24 +78,33 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Adjust, write, summarise; 1 when something needs attention. Raises `InputError`, `OutputError`."""
-    network = network_from_csv(args.network, args.approximate, args.dimension)
+    network = network_from_csv(args.network, args.approximate, args.dimension, args.relative)
     solution = network.adjust(robust=args.robust)
     spread, words = _monte_carlo(solution, args) if args.trials is not None else (None, [])
-    if args.output:
-        write_coordinates(args.output, solution, args.force, spread)
-    if args.residuals:
-        write_residuals(args.residuals, solution, args.force)
-    warnings = attention(network, solution)
+    _write_files(solution, spread, args)
+    warnings, said = (
+        [in_options(text, args) for text in texts] for texts in (attention(network, solution), notes(solution))
+    )
     if args.json:
-        found = as_json(solution, warnings)
-        if spread is not None:
-            found["monte_carlo"] = {"trials": args.trials, **{k: v.tolist() for k, v in spread._asdict().items()}}
-        print(json.dumps(found, indent=1))
+        print_json(as_objects(solution, warnings, said, spread, args.trials))
     elif not args.output:
         coordinates_csv(sys.stdout, solution, spread)
     if not args.json:
-        print("\n".join(summary(solution) + words + warnings), file=sys.stdout if args.output else sys.stderr)
+        print("\n".join(summary(solution) + words + said + warnings), file=sys.stdout if args.output else sys.stderr)
     return 1 if warnings else 0
+
+
+def _write_files(solution: NetworkSolution, spread: Spread | None, args: argparse.Namespace) -> None:
+    """Every file that was asked for."""
+    if args.output:
+        write_coordinates(args.output, solution, args.force, spread)
+    for path, write in (
+        (args.residuals, write_residuals),
+        (args.ellipsoids, write_ellipsoids),
+        (args.offsets, write_offsets),
+    ):
+        if path:
+            write(path, solution, args.force)
 
 
 def _monte_carlo(solution: NetworkSolution, args: argparse.Namespace) -> tuple[Spread, list[str]]:
@@ -94,99 +123,26 @@ def _monte_carlo(solution: NetworkSolution, args: argparse.Namespace) -> tuple[S
     wrong = names[(u > 0.0) & ~checked.valid & checked.decided].tolist()
     failed = int((~trials.converged).sum())
     spread = Spread(samples.std(axis=0, ddof=1).reshape(shape), *(f.reshape(shape) for f in found[:2]))
-    return spread, _trial_words(len(samples), wrong, failed)
+    blank = names[np.isnan(u)].tolist()
+    return spread, _trial_words(len(samples), wrong, blank, failed)
 
 
-def _trial_words(adjustments: int, wrong: list[str], failed: int) -> list[str]:
-    """What Monte Carlo says of propagation. `wrong`: coordinates for which it misleads; `failed`: trials left out."""
-    verdict = "propagation would have been enough for all coordinates."
+def _trial_words(adjustments: int, wrong: list[str], blank: list[str], failed: int) -> list[str]:
+    """What Monte Carlo says of propagation.
+
+    `wrong`: coordinates for which it misleads; `blank`: those that have no u from it; `failed`: trials left out.
+    """
+    verdict = f"propagation would have been enough for all {'other ' if blank else ''}coordinates."
     if wrong:
-        listed = ", ".join(wrong[:8]) + (", ..." if len(wrong) > 8 else "")
-        verdict = f"propagation misleads (JCGM 101, 8) for {listed}: take u_mc."
+        verdict = f"propagation misleads (JCGM 101, 8) for {_first(wrong)}: take u_mc."
+    if blank:
+        verdict = f"propagation has no u for {_first(blank)}: take u_mc; " + verdict
     words = [f"Monte Carlo: {adjustments} adjustments; {verdict}"]
     if failed:
         words.append(f"{failed} of {adjustments + failed} trials did not converge and are left out.")
     return words
 
 
-def summary(solution: NetworkSolution) -> list[str]:
-    """The result in a few lines."""
-    dimension = solution.coordinates.shape[1]
-    free = len(solution.unknown)
-    lines = [
-        f"{len(solution.points)} points ({len(solution.points) - free} fixed), {len(solution.observations)} distances, "
-        f"{dimension}-D: rank {solution.rank}, defect {solution.defect}, "
-        f"{solution.degrees_of_freedom} degrees of freedom.",
-    ]
-    if solution.degrees_of_freedom > 0:
-        lines.append(f"unit weight {solution.unit_weight:.3g}; 1 when the stated u is right.")
-    else:
-        lines.append("no redundancy: nothing checks the distances.")
-    return lines
-
-
-def attention(network: Network, solution: NetworkSolution) -> list[str]:
-    """What needs attention, one message each; empty when all is well."""
-    messages = [_named(network, solution, i, "left out as a blunder") for i in solution.blunders]
-    messages += [_named(network, solution, i, "suspected blunder") for i in solution.suspects[:10]]
-    if len(solution.suspects) > 10:
-        messages.append(f"... and {len(solution.suspects) - 10} more suspected blunders.")
-    if extra := solution.defect - solution.datum_defect:
-        points = ", ".join(solution.undetermined)
-        messages.append(
-            f"The distances do not determine {extra} combinations of the coordinates of {points}; their u does "
-            "not contain them. Measure these points from more places."
-        )
-    if solution.chi_square_probability < _REJECTED:
-        messages.append(
-            f"The distances contradict each other by more than the stated u (unit weight {solution.unit_weight:.3g}, "
-            f"probability {solution.chi_square_probability:.1g}). Look for blunders (--robust), or state a larger u."
-        )
-    return messages
-
-
-def _named(network: Network, solution: NetworkSolution, i: int, what: str) -> str:
-    """One observation with its row, residual and those that it cannot be distinguished from."""
-    start, end, distance = solution.observations[i]
-    z = solution.normalised_residuals[i]
-    size = "" if np.isnan(z) else f", {abs(z):.1f} of its standard deviations (critical {solution.critical_value:.1f})"
-    where = f"row {network.rows[i]}, {start} to {end}, {distance:.12g}"
-    text = f"{where}: {what}, residual {solution.residuals[i]:.4g}{size}."
-    if others := solution.inseparable.get(i):
-        rows = ", ".join(str(network.rows[j]) for j in others)
-        text += f" A blunder in row {rows} would look the same."
-    return text
-
-
-def as_json(solution: NetworkSolution, warnings: list[str]) -> dict:
-    """The solution as plain objects; NaN becomes null."""
-    u = solution.standard_uncertainty
-    return {
-        "format": "volid-network/1",
-        "points": [
-            {"point": name, "coordinates": x.tolist(), "u": s.tolist(), "fixed": name not in solution.unknown}
-            for name, x, s in zip(solution.points, solution.coordinates, u, strict=True)
-        ],
-        "observations": [
-            {"from": start, "to": end, "distance": distance, "residual": float(r), "normalised_residual": _null(z)}
-            for (start, end, distance), r, z in zip(
-                solution.observations, solution.residuals, solution.normalised_residuals, strict=True
-            )
-        ],
-        "rank": solution.rank,
-        "defect": solution.defect,
-        "datum_defect": solution.datum_defect,
-        "undetermined": list(solution.undetermined),
-        "degrees_of_freedom": solution.degrees_of_freedom,
-        "unit_weight": _null(solution.unit_weight),
-        "probability": _null(solution.chi_square_probability),
-        "blunders": list(solution.blunders),
-        "suspects": list(solution.suspects),
-        "inseparable": {str(i): list(others) for i, others in solution.inseparable.items()},
-        "attention": warnings,
-    }
-
-
-def _null(value: float) -> float | None:
-    """None for NaN, which JSON does not have."""
-    return None if np.isnan(value) else float(value)
+def _first(names: list[str]) -> str:
+    """The first names."""
+    return ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")

@@ -1,4 +1,4 @@
-"""Least-squares adjustment of distance networks and its result.
+"""Least-squares adjustment of distance networks.
 
 Adjusting a free network is model-free multilateration: all stations and targets are unknown, only the distances relate them
 to each other, and inner constraints keep the coordinates as near to the approximate ones as the distances allow.
@@ -6,108 +6,39 @@ to each other, and inner constraints keep the coordinates as near to the approxi
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Collection, Hashable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
-from scipy.special import gammaincc, ndtri
+from scipy.special import ndtri
 
+from volid.backend.threads import one_blas_thread
 from volid.exceptions import InputError
 from volid.multilateration.blunders import inseparable, without_blunders
-from volid.multilateration.equations import Equations, decomposition, descend, nearest, normalised, part, undetermined
+from volid.multilateration.descent import descend, within_the_plane
+from volid.multilateration.determination import (
+    VISIBLE,
+    determine,
+    first_order_holds,
+    held_by_the_datum,
+    movement,
+    nearest,
+    not_determined,
+)
+from volid.multilateration.equations import ABSOLUTE, Equations, part
+from volid.multilateration.findings import AS_FLAT, alternatives_of, offsets_of, parts_of
+from volid.multilateration.mirrors import best_sides, on_the_fold
+from volid.multilateration.network_solution import NetworkSolution
+from volid.multilateration.reliability import ellipsoids, normalised, reliability
+from volid.multilateration.search import search
+
+_LARGEST = 1e50  # of lengths, and of 1/u; squares of squares still are numbers
+_CANDIDATES = 3  # minima from which blunders are looked for
 
 
-@dataclass(frozen=True)
-class NetworkSolution:
-    """Adjusted coordinates of a distance network and what is known about them; `adjust_network` makes it.
-
-    Lengths are in the unit of the distances; p points, m observations, k unknown coordinates, d dimensions (2 or 3).
-
-    Attributes:
-        points: Names; every array with p rows has them in this order.
-        unknown: Names of the points that were adjusted; the others were fixed.
-        observations: (from, to, distance) as given, m of them.
-        u: Standard uncertainty of the distances as stated, shape (m,).
-        coordinates: Adjusted coordinates, shape (p, d).
-        covariance: A priori, from the stated u, shape (k, k): coordinates of `unknown` in that order (x, y, z of the first,
-            then of the second, …), under inner constraints.
-        rank: Number of combinations of coordinates that the distances determine.
-        defect: Number of combinations that they do not determine.
-        datum_defect: How many of those are rigid motions of the entire network.
-        undetermined: Names of the points that the other combinations, which are not determined, move.
-        degrees_of_freedom: Number of observations kept minus `rank`.
-        unit_weight: sqrt(Σ (residual/u)² / degrees of freedom): near 1 when the stated u is right, NaN without redundancy.
-        residuals: Reading - predicted, shape (m,).
-        normalised_residuals: Residuals over their own standard deviation, shape (m,); NaN where no other reading checks one.
-        critical_value: Normalised residual beyond which a reading is suspected.
-        blunders: Indices of the observations that the robust adjustment left out.
-        inseparable: For each blunder and suspect, the observations that would show the same residuals if the blunder were theirs.
-
-    Example:
-        >>> corners = {"A": (0, 0), "B": (400, 0), "P": (210, 290)}
-        >>> readings = [("A", "P", 360.5551), ("B", "P", 360.5551)]
-        >>> solution = adjust_network("ABP", "AB", readings, 0.001, corners, 2)
-        >>> solution.standard_uncertainty[2].round(4), solution.rank, solution.defect
-        (array([0.0013, 0.0008]), 2, 0)
-    """
-
-    points: tuple[str, ...]
-    unknown: tuple[str, ...]
-    observations: tuple[tuple[str, str, float], ...]
-    u: Float[np.ndarray, " m"]
-    coordinates: Float[np.ndarray, "p d"]
-    covariance: Float[np.ndarray, "k k"]
-    rank: int
-    defect: int
-    datum_defect: int
-    undetermined: tuple[str, ...]
-    degrees_of_freedom: int
-    unit_weight: float
-    residuals: Float[np.ndarray, " m"]
-    normalised_residuals: Float[np.ndarray, " m"]
-    critical_value: float
-    blunders: tuple[int, ...] = ()
-    inseparable: Mapping[int, tuple[int, ...]] = field(default_factory=dict)
-
-    def position(self, point: str) -> Float[np.ndarray, " d"]:
-        """Adjusted coordinates of one point by its name, shape (d,), in the unit of the distances."""
-        return self.coordinates[self.points.index(point)]
-
-    @property
-    def standard_uncertainty(self) -> Float[np.ndarray, "p d"]:
-        """A priori standard uncertainty of every coordinate, shape (p, d), 0 for fixed points.
-
-        Multiplied by `unit_weight` it is the a posteriori one.
-        """
-        u = np.zeros_like(self.coordinates)
-        rows = [self.points.index(point) for point in self.unknown]
-        u[rows] = np.sqrt(np.diag(self.covariance)).reshape(len(rows), -1)
-        return u
-
-    @property
-    def suspects(self) -> tuple[int, ...]:
-        """Indices of observations that were kept although their normalised residual exceeds the critical value.
-
-        Where the other readings scatter more than stated, the critical value is multiplied by their unit weight.
-        """
-        if self.degrees_of_freedom < 2:
-            return ()
-        z = np.nan_to_num(self.normalised_residuals)
-        squares = self.degrees_of_freedom * self.unit_weight**2 - z**2
-        others = np.sqrt(np.maximum(squares, 0) / (self.degrees_of_freedom - 1))
-        beyond = np.abs(z) > self.critical_value * np.maximum(others, 1)
-        return tuple(int(i) for i in np.flatnonzero(beyond) if i not in self.blunders)
-
-    @property
-    def chi_square_probability(self) -> float:
-        """Probability of so large a sum of squared residuals, if model and u are right; NaN without redundancy."""
-        if self.degrees_of_freedom < 1:
-            return float("nan")
-        return float(gammaincc(self.degrees_of_freedom / 2, self.degrees_of_freedom * self.unit_weight**2 / 2))
-
-
+@one_blas_thread()
 def adjust_network(
     points: Sequence[str],
     fixed: Collection[str],
@@ -118,13 +49,21 @@ def adjust_network(
     *,
     robust: bool = False,
     significance: float = 0.01,
+    groups: Sequence[Hashable] | None = None,
+    guessed: Collection[str] = (),
 ) -> NetworkSolution:
     """Least-squares coordinates of a distance network, free (inner constraints) or with fixed points.
 
-    Minimises Σ ((d_i - |x_to - x_from|) / u_i)² by Gauss-Newton with the pseudo-inverse of the Jacobian J / u (singular
-    value decomposition, rank decided at 1e-9 of the largest singular value). What J does not determine is chosen by inner
-    constraints: of all solutions the one whose corrections to the approximate coordinates have the least sum of
-    squares, x = x0 + J⁺ (r + J (x - x0)), iterated. The covariance is J⁺ J⁺ᵀ. Fixed coordinates are taken as exact.
+    Minimises Σ ((d_i - |x_to - x_from| - δ_g(i)) / u_i)² by damped Newton steps; δ_g is the unknown offset that the relative
+    distances of a group share, absent for absolute ones. Where an unknown point lies in the plane of what it is measured from,
+    J, the Jacobian divided by u, says nothing of its height: the second derivatives decide whether it stays there. Points and
+    groups of points are tried on their other side, and where chi-square is improbable, other starts too; the lowest minimum is
+    taken, and second solutions that the distances cannot tell from it are named.
+
+    Then the rank is decided at 1e-9 of the largest singular value of J. What neither J nor the second derivatives determine is
+    chosen by inner constraints: of all solutions the one whose corrections to the approximate coordinates have the least sum of
+    squares, x = x0 + J⁺ (r + J (x - x0)), iterated. The covariance is J⁺ J⁺ᵀ. Fixed coordinates are taken as exact. A coordinate
+    that a direction moves which is not determined to first order has no u.
 
     With `robust`, readings are reweighted to least absolute residuals; those whose normalised residual then exceeds the
     critical value are left out one by one (and taken back when they fit), and named in `blunders`. The critical value
@@ -141,6 +80,9 @@ def adjust_network(
         dimension: 2 or 3.
         robust: Find blunders and leave them out.
         significance: Probability of calling at least one good reading a blunder.
+        groups: For each observation the name of the group that shares an unknown offset, such as (station, segment); None:
+            absolute.
+        guessed: Names of points whose approximate coordinates come from the distances: they do not decide between two sides.
 
     Raises:
         InputError: unknown names, impossible numbers, missing coordinates, or coordinates too wrong to converge from.
@@ -156,18 +98,36 @@ def adjust_network(
         >>> solution.position("P").round(3)
         array([200., 300.])
     """
-    equations, given = _equations(points, fixed, observations, u, approximate, dimension)
+    equations, given, labels = _equations(points, fixed, observations, u, approximate, dimension, groups)
     critical = float(ndtri(1 - significance / (2 * len(observations))))
-    kept = without_blunders(equations, critical) if robust else np.ones(equations.u.size, bool)
+    minima, left_start = search(equations)
+    kept, x = np.ones(equations.u.size, bool), minima[0]
+    if robust:
+        kept, x = without_blunders(equations, critical, minima[:_CANDIDATES])
+        x = best_sides(part(equations, kept), x)
     used = part(equations, kept)
-    x = nearest(used, descend(used, used.approximate))
+    x = _settled(used, x)
     solution = _solution(equations, x, kept, tuple(points), critical)
     return replace(
         solution,
         coordinates=np.where(equations.free[:, None], x + given.mean(axis=0), given),
         observations=tuple((str(start), str(end), float(distance)) for start, end, distance in observations),
         inseparable=inseparable(equations, x, solution.blunders + solution.suspects),
+        groups=tuple(groups or ()),
+        offsets=offsets_of(equations, x, kept, labels),
+        alternatives=alternatives_of(used, x, given, solution, guessed),
+        parts=parts_of(equations, tuple(points)),
+        left_start=left_start,
     )
+
+
+def _settled(equations: Equations, x: Float[np.ndarray, "p d"]) -> Float[np.ndarray, "p d"]:
+    """A minimum refined, as near to the approximate coordinates as the distances allow, and in a plane where it lies at one."""
+    if first_order_holds(equations, x):
+        return nearest(equations, x)
+    x = on_the_fold(equations, descend(equations, nearest(equations, on_the_fold(equations, x))))
+    flat = within_the_plane(equations)
+    return x if flat is None or equations.cost(flat) > equations.cost(x) + AS_FLAT / 2 else flat
 
 
 def _solution(
@@ -178,31 +138,42 @@ def _solution(
     critical: float,
 ) -> NetworkSolution:
     """Everything that follows from the adjusted coordinates and the observations kept."""
-    _, sizes, axes = decomposed = decomposition(equations, x, kept)
-    residuals, dof = equations.residuals(x), int(kept.sum()) - sizes.size
-    datum_defect, open_points = undetermined(equations, x, axes)
+    used = part(equations, kept)
+    found, residuals = determine(used, x), equations.residuals(x, kept)
+    moved, dof = movement(used, found), int(kept.sum()) - found.sizes.size - used.offsets
+    lost = not_determined(used, found.covariance, moved)
+    held = held_by_the_datum(used, found.covariance) & ~lost
+    free = ~np.isfinite(np.concatenate([found.reach, found.weak_reach]))
+    limited = (
+        lost.any(axis=1) & ~held.any(axis=1) & ~not_determined(used, found.covariance, moved[:, :, free]).any(axis=1)
+    )
+    lost |= held
     return NetworkSolution(
         points=points,
         unknown=tuple(name for name, is_free in zip(points, equations.free, strict=True) if is_free),
         observations=(),
         u=equations.u,
         coordinates=x,
-        covariance=(axes.T / sizes**2) @ axes,
-        rank=sizes.size,
-        defect=axes.shape[1] - sizes.size,
-        datum_defect=datum_defect,
-        undetermined=tuple(points[i] for i in open_points),
+        covariance=found.covariance,
+        rank=found.sizes.size,
+        defect=found.axes.shape[1] - found.sizes.size,
+        datum_defect=found.rigid.shape[1],
+        undetermined=tuple(points[i] for i in np.flatnonzero(lost.any(axis=1))),
+        not_determined=lost,
+        second_order=tuple(points[i] for i in np.flatnonzero(limited)),
         degrees_of_freedom=dof,
         unit_weight=float(np.sqrt((residuals[kept] ** 2).sum() / dof)) if dof > 0 else float("nan"),
         residuals=residuals * equations.u,
-        normalised_residuals=normalised(equations, x, kept, decomposed),
+        normalised_residuals=normalised(equations, x, kept, (found.vectors, found.sizes, found.axes)),
         critical_value=critical,
         blunders=tuple(int(i) for i in np.flatnonzero(~kept)),
+        reliability=reliability(equations, kept, found),
+        ellipsoids=ellipsoids(used, found.covariance, moved, VISIBLE),
     )
 
 
-def _equations(points, fixed, observations, u, approximate, dimension) -> tuple[Equations, Float[np.ndarray, "p d"]]:
-    """The network in numbers, checked, its coordinates minus their mean; and the coordinates as given."""
+def _equations(points, fixed, observations, u, approximate, dimension, groups):
+    """The network in numbers, checked, its coordinates minus their mean; the coordinates as given; names of the groups."""
     index = {name: i for i, name in enumerate(points)}
     if len(index) != len(points) or not observations or dimension not in (2, 3):
         raise InputError("expected different point names, at least one observation, and dimension 2 or 3")
@@ -214,19 +185,35 @@ def _equations(points, fixed, observations, u, approximate, dimension) -> tuple[
     x = _coordinates(points, approximate, dimension)
     readings = np.array([float(distance) for _, _, distance in observations])
     sigma = np.broadcast_to(np.asarray(u, float), readings.shape).copy()
-    _check_observations(observations, sigma, index)
+    numbers, labels = _numbered(groups, readings.size)
+    _check_observations(observations, sigma, index, numbers)
     start, end = (np.array([index[row[k]] for row in observations]) for k in (0, 1))
-    return Equations(x - x.mean(axis=0), free, start, end, readings, sigma), x
+    return Equations(x - x.mean(axis=0), free, start, end, readings, sigma, numbers), x, labels
 
 
-def _check_observations(observations, sigma: Float[np.ndarray, " m"], index: Collection[str]) -> None:
-    """Known names, possible numbers, or InputError."""
+def _numbered(groups: Sequence[Hashable] | None, count: int) -> tuple[Int[np.ndarray, " m"], list[Hashable]]:
+    """Number of the group of each observation, and the groups' names."""
+    if groups is None:
+        return np.full(count, ABSOLUTE), []
+    if len(groups) != count:
+        raise InputError(
+            f"groups: {len(groups)} names; expected one for each of {count} observations, None where absolute"
+        )
+    labels = list(dict.fromkeys(name for name in groups if name is not None))
+    number = {name: i for i, name in enumerate(labels)}
+    return np.array([ABSOLUTE if name is None else number[name] for name in groups]), labels
+
+
+def _check_observations(observations, sigma: Float[np.ndarray, " m"], index: Collection[str], groups) -> None:
+    """Known names, possible numbers, or InputError; relative distances may have any sign."""
     for i, (start, end, distance) in enumerate(observations):
         what = f"observation {i + 1} ({start} to {end}, {distance:g})"
         if start not in index or end not in index or start == end:
             raise InputError(f"{what}: expected two different names out of the points {_listed(index)}")
-        if not (0 < distance < np.inf and 0 < sigma[i] < np.inf):
-            raise InputError(f"{what}: distance {distance:g}, u {sigma[i]:g}; expected both finite and above 0")
+        least = 0 if groups[i] == ABSOLUTE else -_LARGEST
+        if not (least < distance < _LARGEST and 1 / _LARGEST < sigma[i] < _LARGEST):
+            expected = "both finite and above 0" if least == 0 else "a finite distance and u above 0"
+            raise InputError(f"{what}: distance {distance:g}, u {sigma[i]:g}; expected {expected}")
 
 
 def _coordinates(points, approximate, dimension: int) -> Float[np.ndarray, "p d"]:
@@ -241,7 +228,7 @@ def _coordinates(points, approximate, dimension: int) -> Float[np.ndarray, "p d"
         x = np.array(approximate, float)
     except ValueError:
         x = np.empty(0)
-    if x.shape != (len(points), dimension) or not np.isfinite(x).all():
+    if x.shape != (len(points), dimension) or not (np.abs(x) < _LARGEST).all():
         raise InputError(
             f"approximate coordinates: expected {dimension} finite numbers for each of {len(points)} points"
         )
