@@ -284,10 +284,10 @@ def _kelvin(c: Campaign) -> Campaign:
     return _each(lambda s: replace(s, temperature=np.full(len(s), 293.15)))(c)
 
 
-LENGTHS, COORDINATES = ("distance",), ("point", "displacement")
+U_IS_OFF = "stated u .* times as large|all u are too small|u is .* nm|worse than stated|u is at most|far below"
 MISTAKES = (
     Mistake("readings in metres", "metres", _kinds("distance", "point")(_readings(1e-3))),
-    Mistake("readings in metres, u too", "metres|u is|u \\(", _kinds("distance", "point")(_both(1e-3))),
+    Mistake("readings in metres, u too", "metres", _kinds("distance", "point")(_both(1e-3))),
     Mistake("readings in micrometres", "micrometres|µm|µrad", _kinds("distance", "point", "component")(_readings(1e3))),
     Mistake(
         "readings in micrometres, u too", "micrometres|µm|µrad", _kinds("distance", "point", "component")(_both(1e3))
@@ -314,10 +314,10 @@ MISTAKES = (
     Mistake("dead paths taken for absolute lengths", "dead path|relative", _kinds("distance")(_absolute)),
     Mistake("stations in metres", "metres|station", _kinds("distance")(_stations(1e-3))),
     Mistake("approximate stations stated as known", "known", _kinds("distance")(_known)),
-    Mistake("u in micrometres", "u ", _u(1e3)),
-    Mistake("u in metres", "u ", _u(1e-3)),
-    Mistake("u ten times too large", "u ", _u(15.0)),
-    Mistake("u ten times too small", "u ", _u(1 / 15.0)),
+    Mistake("u in micrometres", U_IS_OFF, _u(1e3)),
+    Mistake("u in metres", U_IS_OFF, _u(1e-3)),
+    Mistake("u ten times too large", U_IS_OFF, _u(15.0)),
+    Mistake("u ten times too small", U_IS_OFF, _u(1 / 15.0)),
     Mistake("temperatures in kelvin", "kelvin", _kelvin),
 )
 
