@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 import h5py
 
 from volid.exceptions import InputError, OutputError
-from volid.io.basics.atomic import atomic_output
 from volid.io.basics.hdf5_values import write_array, write_text
+from volid.io.basics.hdf5_writing import hdf5_output
 from volid.io.functions_csv import Sheet, text_output, write_csv
 from volid.study.campaigns import COLUMNS, Record, Study, Task
 from volid.study.summary import SUMMARY
@@ -110,7 +110,7 @@ def write_results(
     overwrite: bool = False,
 ) -> None:
     """Both tables, as HDF5 and as CSV. Raises `OutputError` when one exists (unless `overwrite`) or cannot be written."""
-    with atomic_output(output.hdf5, overwrite) as temporary, h5py.File(temporary, "w") as file:
+    with hdf5_output(output.hdf5, overwrite) as file:
         file.attrs["format"] = FORMAT
         file.create_group("provenance").attrs.update(dict(provenance))
         _write_table(file.create_group("campaigns"), records, COLUMNS)
