@@ -6,6 +6,7 @@ design, noise and quantity; attribute `unit` of a dataset is its unit. RESULTS.c
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import uuid
@@ -23,6 +24,7 @@ from volid.study.campaigns import COLUMNS, Record, Study, Task
 from volid.study.summary import SUMMARY
 
 FORMAT = "volid-study-results/1"
+_CHECKSUM = "sha256"  # of the other entries of a campaign's file
 ENDINGS = (".h5", ".hdf5", ".csv")
 _UNITS = {
     "values": "rms, largest: 3-D difference of the deviation fields from the truth, gauge removed; u: RMS of its stated u, mm",
@@ -81,7 +83,7 @@ class CampaignFolder:
         temporary = self.path / f".{uuid.uuid4().hex[:12]}.part"
         try:
             with temporary.open("w", encoding="utf-8") as file:
-                json.dump(record, file, ensure_ascii=False)
+                json.dump({**record, _CHECKSUM: _checksum(record)}, file, ensure_ascii=False)
                 file.flush()
                 os.fsync(file.fileno())
             os.replace(temporary, self.place(task))
@@ -91,15 +93,29 @@ class CampaignFolder:
             ) from None
 
     def done(self) -> dict[Task, Record]:
-        """Campaigns of this study that are there; failed ones are done again."""
-        found = {}
-        for task in self.study.tasks:
-            place = self.place(task)
-            if place.exists():
-                record = json.loads(place.read_text(encoding="utf-8"))
-                if not record["error"]:
-                    found[task] = record
-        return found
+        """Campaigns of this study that are there; failed ones are done again, and so are those whose file is damaged."""
+        records = {task: _read_record(self.place(task)) for task in self.study.tasks}
+        return {task: record for task, record in records.items() if record is not None and not record["error"]}
+
+
+def _checksum(record: Record) -> str:
+    return hashlib.sha256(json.dumps(record, sort_keys=True).encode()).hexdigest()
+
+
+def _read_record(place: Path) -> Record | None:
+    """The record of a campaign; None when there is none or it is damaged. Earlier versions wrote no checksum."""
+    try:
+        record = json.loads(place.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return None
+    if not isinstance(record, dict) or record.pop(_CHECKSUM, _checksum(record)) != _checksum(record):
+        return None
+    whole = record.keys() == COLUMNS.keys()
+    return record if whole and all(_fits(record[name], kind) for name, (kind, _) in COLUMNS.items()) else None
+
+
+def _fits(value: Any, kind: type) -> bool:
+    return type(value) is kind or (kind is float and type(value) is int)
 
 
 def write_results(
