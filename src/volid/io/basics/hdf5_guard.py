@@ -11,6 +11,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 from volid.exceptions import InputError
@@ -22,6 +23,7 @@ _RIGHT: dict[
     tuple[int, ...], bool
 ] = {}  # files that this process has found right, by what tells them from their changed selves
 _REMEMBERED = 64
+_SETTLED = 2.0  # s: a file that changed only now may change again within one tick of the clock of its times
 
 
 def check_file(path: str | Path) -> bool:
@@ -36,9 +38,10 @@ def check_file(path: str | Path) -> bool:
     sealed = check_seal(path)
     if not sealed:
         _read_in_process(path, state.st_size)
-    if len(_RIGHT) >= _REMEMBERED:
-        _RIGHT.clear()
-    _RIGHT[key] = sealed
+    if time.time() - max(state.st_mtime, state.st_ctime) > _SETTLED:
+        if len(_RIGHT) >= _REMEMBERED:
+            _RIGHT.clear()
+        _RIGHT[key] = sealed
     return sealed
 
 
