@@ -90,10 +90,7 @@ def virtual(file: h5py.File) -> None:
 def chunk_bomb(file: h5py.File) -> None:
     shape = file["sets/1/u"].shape
     del file["sets/1/u"]
-    big = file.create_dataset(
-        "sets/1/u", (shape[0], 1), "f8", chunks=(2**28, 1), maxshape=(None, 1), compression="gzip"
-    )
-    big[...] = 1.0
+    file.create_dataset("sets/1/u", shape, "f8", chunks=(2**28, 1), maxshape=(None, 1), compression="gzip")
 
 
 def deep(file: h5py.File) -> None:
@@ -124,8 +121,8 @@ def replace_by(name: str, link):
         (deep, r"is deeper than 12 groups"),
         (lambda f: f.create_dataset("extra", (10**7,), "f8"), r"/extra: its values would take 80000000 bytes"),
         (
-            lambda f: f.create_dataset("extra", (10**5,), "f8", chunks=(10,))[:10].sum(),
-            r"/extra: its values would take",
+            lambda f: f.create_dataset("extra", (10**5,), "f8", chunks=(10,)),
+            r"/extra: 0 chunks are stored; expected 10000",
         ),
         (lambda f: f.create_dataset("extra", data=np.ones(9, np.longdouble)), r"/extra: holds numbers of 16 bytes"),
         (lambda f: f.attrs.create("extra", f.ref, dtype=h5py.ref_dtype), r"/, attribute extra: holds references"),
