@@ -18,7 +18,9 @@ from volid.exceptions import InputError
 from volid.io.basics import hdf5_structure
 from volid.io.basics.hdf5_seal import check_seal, damaged
 
-SECONDS, BYTES_PER_SECOND = 6.0, 2e7  # allowed for any file, and for its size; reading takes a tenth of that
+# Processor time allowed for any file [s], and for its size; reading takes a tenth of that
+SECONDS, BYTES_PER_SECOND = 5, 20_000_000
+PATIENCE = 20  # times as long by the clock, on a busy machine or one that limits no processor time
 _RIGHT: dict[
     tuple[int, ...], bool
 ] = {}  # files that this process has found right, by what tells them from their changed selves
@@ -47,23 +49,28 @@ def check_file(path: str | Path) -> bool:
 
 def _read_in_process(path: str | Path, size: int) -> None:
     """Let a process of its own read the whole file. Raises `InputError` when it does not end well and in time."""
-    seconds = SECONDS + size / BYTES_PER_SECOND
+    seconds = SECONDS + size // BYTES_PER_SECOND
     one_thread = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
     environment = os.environ | one_thread | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    command = [sys.executable, "-P", hdf5_structure.__file__, os.fspath(path)]
+    command = [sys.executable, "-P", hdf5_structure.__file__, os.fspath(path), str(seconds)]
     try:
         done = subprocess.run(
-            command, stdin=subprocess.DEVNULL, capture_output=True, timeout=seconds, env=environment, check=False
+            command,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            timeout=PATIENCE * seconds,
+            env=environment,
+            check=False,
         )
     except subprocess.TimeoutExpired:
-        raise damaged(path, f"it cannot be read within {seconds:.0f} s") from None
+        raise damaged(path, f"it cannot be read within {PATIENCE * seconds} s") from None
     except OSError:  # no process can be started here: the file is read without this care
         return
     verdict, _, what = done.stdout.decode("utf-8", "replace").strip().partition(" ")
     if verdict == "unfit":
         raise unfit(path, what)
     if verdict == "damaged" or done.returncode < 0:
-        raise damaged(path, what or "the HDF5 library fails on it")
+        raise damaged(path, what or f"the HDF5 library fails on it, or works for more than {seconds} s")
 
 
 def unfit(path: str | Path, what: str) -> InputError:

@@ -4,7 +4,7 @@ A file says itself how much memory its contents take and where they lie, other f
 are links that lead elsewhere (soft, external), cycles, virtual datasets and external storage, types other than numbers, texts and
 truth values, foreign filters, and more values than the file can hold. Nothing outside the file is opened.
 
-As a program of its own, `python hdf5_structure.py FILE`, it also reads every value and prints what is wrong; it needs h5py and
+As a program of its own, `python hdf5_structure.py FILE SECONDS`, it also reads every value and prints what is wrong; it needs h5py and
 NumPy alone, so that it starts fast (`volid.io.basics.hdf5_guard`).
 """
 
@@ -202,20 +202,21 @@ def _parts(dataset: h5py.Dataset) -> Iterator[slice | tuple[()]]:
     yield from (slice(start, start + rows) for start in range(0, dataset.shape[0], rows))
 
 
-def limit_memory(size: int) -> None:
-    """No more than `size` bytes of memory for this process, where the system can set a limit."""
+def limit(memory: int, seconds: int) -> None:
+    """No more than so many bytes of memory and seconds of processor time for this process, where the system can set a limit."""
     try:
         import resource
     except ImportError:  # Windows
         return
-    resource.setrlimit(resource.RLIMIT_AS, (size, size))
+    resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
+    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 
 
-def main(path: str) -> int:
-    """Print what is wrong with a file; 0 when nothing is."""
+def main(path: str, seconds: str) -> int:
+    """Print what is wrong with a file that can be read in so many seconds of processor time; 0 when nothing is."""
     try:
-        limit_memory(2**30 + 2 * CHUNK)
+        limit(2**30 + 2 * CHUNK, int(seconds))
         read_everything(path)
     except Unfit as error:
         print(f"unfit {error}")
@@ -228,4 +229,4 @@ def main(path: str) -> int:
 
 if __name__ == "__main__":
     np.seterr(all="ignore")
-    sys.exit(main(sys.argv[1]))
+    sys.exit(main(*sys.argv[1:3]))
