@@ -25,6 +25,7 @@ from volid.study.summary import SUMMARY
 
 FORMAT = "volid-study-results/1"
 _CHECKSUM = "sha256"  # of the other entries of a campaign's file
+_BY_QUANTITY = ("differences", "u_of")  # of a campaign beside its columns: lists of numbers
 ENDINGS = (".h5", ".hdf5", ".csv")
 _UNITS = {
     "values": "rms, largest: 3-D difference of the deviation fields from the truth, gauge removed; u: RMS of its stated u, mm",
@@ -110,8 +111,21 @@ def _read_record(place: Path) -> Record | None:
         return None
     if not isinstance(record, dict) or record.pop(_CHECKSUM, _checksum(record)) != _checksum(record):
         return None
-    whole = record.keys() == COLUMNS.keys()
-    return record if whole and all(_fits(record[name], kind) for name, (kind, _) in COLUMNS.items()) else None
+    if record.keys() != {*COLUMNS, *_BY_QUANTITY} or not all(
+        _fits(record[n], kind) for n, (kind, _) in COLUMNS.items()
+    ):
+        return None
+    differences, u_of = (record[name] for name in _BY_QUANTITY)
+    return record if _lengths(differences) == _lengths(u_of) is not None else None
+
+
+def _lengths(by_quantity: Any) -> dict[str, int] | None:
+    """How many numbers there are by quantity; None for anything but lists of numbers."""
+    if not isinstance(by_quantity, dict):
+        return None
+    if not all(isinstance(v, list) and all(_fits(x, float) for x in v) for v in by_quantity.values()):
+        return None
+    return {name: len(values) for name, values in by_quantity.items()}
 
 
 def _fits(value: Any, kind: type) -> bool:

@@ -4,8 +4,8 @@ A file says itself how much memory its contents take and where they lie, other f
 are links that lead elsewhere (soft, external), cycles, virtual datasets and external storage, types other than numbers, texts and
 truth values, foreign filters, and more values than the file can hold. Nothing outside the file is opened.
 
-As a program of its own, `python hdf5_structure.py FILE SECONDS`, it also reads every value and prints what is wrong; it needs h5py and
-NumPy alone, so that it starts fast (`volid.io.basics.hdf5_guard`).
+As a program of its own, `python hdf5_structure.py FILE SECONDS`, it also reads every value and prints what is wrong. It needs
+h5py and NumPy alone, so that it starts fast (`volid.io.basics.hdf5_guard`).
 """
 
 from __future__ import annotations

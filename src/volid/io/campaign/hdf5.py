@@ -1,5 +1,7 @@
 """Campaigns in one self-contained HDF5 file, `volid-campaign/1`, readable with plain h5py.
 
+The first 512 bytes, which HDF5 skips, hold a checksum of the others (`volid.io.basics.hdf5_seal`); a file without is read too.
+
 Root attributes: `format`; `title`; `conditions` and `warnings` (JSON texts); `axes` (axis letters, the column order).
 - `machine`: the text of the machine file, scalar.
 - `stations/`: `name`, `body`, `frame`, `known`, each (n,); `position` (n, 3) [mm], NaN where nothing is known.
