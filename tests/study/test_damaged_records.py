@@ -13,10 +13,6 @@ STUDY = Study({"m": volid.load_machine(MODELS / "wYXbZt_vertical.toml")}, (Desig
 (TASK,) = STUDY.tasks
 RECORD = {n: {str: "ä", int: 7, float: 0.25, bool: True}[kind] for n, (kind, _) in COLUMNS.items()}
 RECORD |= {"error": "", "differences": {"field": [1.0, 2]}, "u_of": {"field": [0.5, float("nan")]}}
-    "error": "",
-    "differences": {"field": [1.0, 2]},
-    "u_of": {"field": [0.5, float("nan")]},
-}
 
 
 @pytest.fixture

@@ -89,10 +89,6 @@ def make_sources(folder: Path) -> None:
     study, task = _study()
     record = {n: {str: "a", int: 7, float: 0.25, bool: True}[k] for n, (k, _) in COLUMNS.items()}
     record |= {"error": "", "differences": {"field": [1.0, 2.0]}, "u_of": {"field": [0.5, 0.5]}}
-        "error": "",
-        "differences": {"field": [1.0, 2]},
-        "u_of": {"field": [0.5, float("nan")]},
-    }
     store = CampaignFolder(folder / "study", study, resume=True)
     store.save(task, record)
     shutil.copy(store.place(task), folder / "record.json")
