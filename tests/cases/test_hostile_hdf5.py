@@ -16,6 +16,7 @@ from support.places import DATASETS, SOURCE
 
 import volid
 from volid.exceptions import InputError
+from volid.io.basics import hdf5_guard
 from volid.io.basics.hdf5_seal import BLOCK, seal
 
 HOSTILE = Path(__file__).parent / "hostile"
@@ -201,3 +202,23 @@ def test_three_hundred_damaged_files(tmp_path):
     assert all("\n" not in o.text for o in outcomes)
     assert max(o for o in found if not isinstance(o, Outcome)) < MEMORY
     assert sum(o.result == "refused" for o in outcomes) > 150  # what was done to them does damage
+
+
+@pytest.mark.parametrize(
+    ("program", "message"),
+    [
+        ("while True: pass", r"cannot be read within 1 s"),
+        ("import resource; resource.setrlimit(resource.RLIMIT_CPU, (1, 1))\nwhile True: pass", r"works for more than"),
+        ("import os; os.abort()", r"the HDF5 library fails on it"),
+    ],
+)
+def test_a_library_that_hangs_or_dies_is_one_message(campaign_file, tmp_path, monkeypatch, program, message):
+    """In the place of the program that reads first stands one that does what the HDF5 library does to damaged files."""
+    path, reader = tmp_path / "older.h5", tmp_path / "reader.py"
+    path.write_bytes(campaign_file.read_bytes())
+    reader.write_text(program)
+    monkeypatch.setattr(hdf5_guard, "READER", reader)
+    monkeypatch.setattr(hdf5_guard, "SECONDS", 1)
+    monkeypatch.setattr(hdf5_guard, "PATIENCE", 1 if "within" in message else 20)
+    with pytest.raises(InputError, match=rf"older\.h5: the HDF5 file is truncated or damaged \(.*{message}"):
+        volid.load_campaign(without_checksum(path))

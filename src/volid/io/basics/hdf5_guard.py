@@ -20,6 +20,7 @@ from volid.io.basics.hdf5_seal import check_seal, damaged
 
 # Processor time allowed for any file [s], and for its size; reading takes a tenth of that
 SECONDS, BYTES_PER_SECOND = 5, 20_000_000
+READER = Path(hdf5_structure.__file__)
 PATIENCE = 20  # times as long by the clock, on a busy machine or one that limits no processor time
 _RIGHT: dict[
     tuple[int, ...], bool
@@ -52,7 +53,7 @@ def _read_in_process(path: str | Path, size: int) -> None:
     seconds = SECONDS + size // BYTES_PER_SECOND
     one_thread = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
     environment = os.environ | one_thread | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    command = [sys.executable, "-P", hdf5_structure.__file__, os.fspath(path), str(seconds)]
+    command = [sys.executable, "-P", os.fspath(READER), os.fspath(path), str(seconds)]
     try:
         done = subprocess.run(
             command,
