@@ -133,7 +133,7 @@ def read_outline(group: Group) -> Campaign:
     if not all(isinstance(text, str) for text in warnings):
         raise InputError(f"{group.where}, attribute warnings: expected a list of texts")
     return Campaign(
-        machine=parse_machine(group.text("machine"), group.place("machine").replace("/machine", "machine")),
+        machine=parse_machine(group.text("machine"), f"{group.where}, machine"),
         stations=_read_stations(group.group("stations")),
         title=attributes.text("title"),
         conditions=attributes.json("conditions", dict),
