@@ -73,4 +73,5 @@ def test_no_space_is_an_output_error(folder, monkeypatch):
     )  # a folder stands where the batch should
     with pytest.raises(OutputError, match=r"trials cannot be kept: .*make room and go on with `resume=True`"):
         store.save(1, ARRAYS)
+    assert not list(folder.glob(".*")), "what found no room must not fill it"
     assert json.loads((folder / RECORD).read_text()) == RUN

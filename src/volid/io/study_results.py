@@ -92,6 +92,8 @@ class CampaignFolder:
             raise OutputError(
                 f"{self.path}: a campaign cannot be kept: {error.strerror}; go on with `resume=True`"
             ) from None
+        finally:
+            temporary.unlink(missing_ok=True)
 
     def done(self) -> dict[Task, Record]:
         """Campaigns of this study that are there; failed ones are done again, and so are those whose file is damaged."""

@@ -134,8 +134,11 @@ class TrialFolder:
 
     def _write(self, place: Path, write: Callable[[Path], Any]) -> None:
         temporary = self.path / f".{uuid.uuid4().hex[:12]}.part"
-        write(temporary)
-        os.replace(temporary, place)
+        try:
+            write(temporary)
+            os.replace(temporary, place)
+        finally:
+            temporary.unlink(missing_ok=True)
 
     def place(self, batch: int) -> Path:
         """File of a batch."""
