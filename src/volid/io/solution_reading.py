@@ -220,8 +220,18 @@ def read_adequacy(group: Group, campaign: Campaign) -> Adequacy:
         verdict=attributes.text("verdict"),
         grade=grade,
         factor=attributes.number("factor", 1.0),
-        causes=read_rows(group.group("causes"), Cause) if "causes" in group else (),
+        causes=_read_causes(group.group("causes")) if "causes" in group else (),
     )
+
+
+def _read_causes(group: Group) -> tuple[Cause, ...]:
+    """What explains a misfit; only the change of the result may be infinite."""
+    n = group.length("cause")
+    for name in ("drop", "gain", "log10_probability"):
+        group.array(name, (n,), finite=True)
+    if np.isnan(group.array("change", (n,))).any():
+        raise InputError(f"{group.place('change')}: a value is NaN; expected numbers, or infinity")
+    return read_rows(group, Cause)
 
 
 def read_statistics(file: Group, campaign: Campaign) -> Statistics:
