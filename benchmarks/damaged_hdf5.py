@@ -1,6 +1,6 @@
 """What becomes of damaged HDF5 files, and of damaged files in the folders of interrupted runs: `tests/support/damaged_hdf5.py`.
 
-python -m benchmarks.damaged_hdf5 6000              # a quarter of an hour on one core
+python -m benchmarks.damaged_hdf5 6000              # ten minutes on one core
 python -m benchmarks.damaged_hdf5 6000 --seed 7     # others
 
 Exit status 1 when a file ends in a traceback, takes longer than 10 s or more than 1 GB, or when other contents come out of a file
