@@ -16,6 +16,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from support.hdf5_files import changed
 from support.places import DATASETS, SOURCE
 from support.small_campaign import SINGLE_TOOL, make_campaign
 
@@ -310,7 +311,7 @@ def test_wrong_solutions_are_named(verb, damage, solution, solution_file, run, t
         path.write_bytes(solution_file.read_bytes()[:20000])
     elif damage == "version":
         path.write_bytes(solution_file.read_bytes())
-        with h5py.File(path, "r+") as file:
+        with changed(path) as file:
             file.attrs["format"] = "volid-solution/9"
     elif damage == "campaign":
         volid.save_campaign(solution.campaign, path)

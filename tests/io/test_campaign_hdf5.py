@@ -6,6 +6,7 @@ import h5py
 import numpy as np
 import pytest
 from support.campaign_files import MACHINE, MANIFEST, csv_text, level_rows, volume_rows, write_files
+from support.hdf5_files import changed
 from support.sets import assert_same_set
 
 from volid.campaign import Campaign, Effect, Station
@@ -108,7 +109,7 @@ def test_not_hdf5_missing_or_empty(tmp_path):
     ],
 )
 def test_another_version_or_type(path, tag, message):
-    with h5py.File(path, "a") as file:
+    with changed(path) as file:
         file.attrs["format"] = tag
     with pytest.raises(InputError, match=rf"campaign\.h5: {message}"):
         load_campaign(path)
@@ -136,14 +137,14 @@ def test_hdf5_of_another_program(tmp_path):
     ],
 )
 def test_inconsistent_file(path, spoil, message):
-    with h5py.File(path, "a") as file:
+    with changed(path) as file:
         spoil(file)
     with pytest.raises(InputError, match=message):
         read_campaign(path)
 
 
 def test_wrong_shape(path):
-    with h5py.File(path, "a") as file:
+    with changed(path) as file:
         del file["sets/1/tool"]
         file["sets/1/tool"] = np.zeros((54, 2))
     with pytest.raises(InputError, match=r"sets/1/tool: shape is \(54, 2\); expected \(54, 3\)"):

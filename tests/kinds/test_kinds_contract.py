@@ -7,6 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from support.hdf5_files import changed
 from support.kinds import (
     EXAMPLES,
     THREE,
@@ -187,11 +188,10 @@ def test_key_and_response_stand_in_the_file_of_a_solution(name, tmp_path):
 
 @EACH_KIND
 def test_files_of_earlier_versions_get_key_and_response_from_their_campaign(name, tmp_path):
-    import h5py
 
     solution = fitted(name)
     write_solution(solution, tmp_path / "s.h5")
-    with h5py.File(tmp_path / "s.h5", "r+") as file:
+    with changed(tmp_path / "s.h5") as file:
         for column in ("key", "response", "recorded"):
             del file["nuisance"][column]
         for group in ("outliers", "adequacy/suspects"):

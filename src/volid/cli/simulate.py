@@ -53,8 +53,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Simulate, write, summarise; 1 when the plan needs attention. Raises `InputError`, `OutputError`."""
-    from volid.io import load_campaign, read_machine, write_campaign, write_manifest
-    from volid.io.truths import write_truth
+    from volid.io import load_campaign, read_machine
+    from volid.io.simulations import write_simulation
     from volid.plausibility.checks import check_campaign
     from volid.virtual.simulate import simulate
 
@@ -70,11 +70,7 @@ def run(args: argparse.Namespace) -> int:
         progress(f"simulating {plan.n_readings} readings")
         campaign, truth = simulate(plan, truth, seed=args.seed)
         warnings = check_campaign(campaign)
-    if paths[0].name == MANIFEST:
-        write_manifest(campaign, paths[0].parent, overwrite=args.force)
-    else:
-        write_campaign(campaign, paths[0], overwrite=args.force)
-    write_truth(truth, paths[1], overwrite=args.force)
+    write_simulation(campaign, truth, *paths, overwrite=args.force)
     if args.json:
         print_json(_as_json(campaign, truth, args.seed, paths, warnings))
     else:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import isfinite, prod
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,8 @@ from volid.compensation.grids.interpolation import grid_positions
 from volid.compensation.grids.sides import HEAD, TABLE
 from volid.exceptions import InputError
 from volid.io.basics.csv_table import CsvTable, read_csv
+from volid.io.basics.hdf5_group import Group
+from volid.io.basics.hdf5_structure import shown
 from volid.io.basics.hdf5_values import is_hdf5, reading
 from volid.io.functions_csv import OUTSIDE, read_flags
 from volid.io.grids import COLUMNS, FORMAT, INTERVAL_COLUMNS, U_COLUMNS
@@ -49,10 +52,28 @@ def read_grid(path: str | Path) -> AnyGrid:
 
 def _read_hdf5(path: str | Path) -> AnyGrid:
     with reading(path, "grid", FORMAT) as file:
-        header = {key.replace("_", " "): str(value) for key, value in file.attrs.items()}
-        axes = tuple(str(a) for a in file["positions"].attrs["columns"])
-        arrays = [np.asarray(file[name][()]) for name in ("positions", "values", "u", OUTSIDE)]
-    return _assemble(str(path), header, axes, *arrays)
+        header = {key.replace("_", " "): text for key, text in file.attributes.all_texts().items()}
+        n = file.length("positions", 2)
+        axes = _columns(file, header)
+        positions = file.array("positions", (n, len(axes)), finite=True)
+        values, u = (file.array(name, (n, len(COLUMNS))) for name in ("values", "u"))
+        outside = file.array(OUTSIDE, (n,), bool)
+    if np.isinf(values).any() or np.isinf(u).any() or (u < 0.0).any():
+        raise InputError(
+            f"{path}: values or u are infinite or u is negative; expected numbers, NaN where not determined"
+        )
+    return _assemble(str(path), header, axes, positions, values, u, outside)
+
+
+def _columns(file: Group, header: Mapping[str, str]) -> tuple[str, ...]:
+    """The axes of a grid, in the order of the columns of its positions."""
+    found = file.attributes_of("positions").texts("columns")
+    letters = ROTARY_AXES if "side" in header else LINEAR_AXES
+    if not found or len(set(found)) < len(found) or not set(found) <= set(letters):
+        raise InputError(
+            f"{file.place('positions')}, attribute columns: is {', '.join(map(shown, found))}; expected axes out of {letters}"
+        )
+    return found
 
 
 def _read_csv(path: str | Path) -> AnyGrid:
@@ -102,7 +123,8 @@ def _assemble(
     if header["values"] not in SIGN:
         raise InputError(f"{path}: values are '{header['values']}'; expected {' or '.join(SIGN)}")
     nodes = tuple(np.unique(column) for column in positions.T)
-    if not np.array_equal(grid_positions(nodes), positions):
+    whole = prod(map(len, nodes)) == len(positions)  # of scattered positions the regular grid would not fit into memory
+    if not whole or not np.array_equal(grid_positions(nodes), positions):
         raise InputError(f"{path}: the nodes are no regular grid; expected every combination of positions once")
     common: dict[str, Any] = {
         "type": header["type"],
@@ -131,7 +153,7 @@ def _assemble(
 
 def _vector(header: Mapping[str, str], key: str, path: str) -> tuple[float, float, float]:
     try:
-        x, y, z = (float(part) for part in header[key].split(" mm")[0].split(","))
+        x, y, z = (_finite(part) for part in header[key].split(" mm")[0].split(","))
     except ValueError:
         raise InputError(
             f"{path}: {key} is '{header[key]}'; expected three numbers in mm, such as 0, 0, -150 mm"
@@ -139,10 +161,17 @@ def _vector(header: Mapping[str, str], key: str, path: str) -> tuple[float, floa
     return x, y, z
 
 
+def _finite(text: str) -> float:
+    value = float(text)
+    if not isfinite(value):
+        raise ValueError
+    return value
+
+
 def _period(text: str, axes: tuple[str, ...], path: str) -> tuple[float, ...]:
     try:
         found = dict(part.split() for part in text.removesuffix(" degrees").split(","))
-        return tuple(float(found[axis]) for axis in axes)
+        return tuple(_finite(found[axis]) for axis in axes)
     except (ValueError, KeyError):
         expected = ", ".join(f"{axis} 360" for axis in axes)
         raise InputError(

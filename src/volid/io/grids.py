@@ -17,15 +17,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import h5py
 import numpy as np
 
 from volid.backend.even_points import round_position
 from volid.compensation.grids.grid import IN_DEGREES, AnyGrid, Grid, RotaryGrid
 from volid.compensation.reversal import reversal_text
 from volid.fitting.solution import Solution
-from volid.io.basics.atomic import atomic_output
 from volid.io.basics.hdf5_values import write_array
+from volid.io.basics.hdf5_writing import hdf5_output
 from volid.io.functions_csv import (
     INTERVAL,
     INTERVAL_MEANING,
@@ -164,7 +163,7 @@ def _interval_columns(grid: AnyGrid, values: str) -> np.ndarray:
 
 def write_grid_hdf5(grid: AnyGrid, header: Mapping[str, str], path: str | Path, overwrite: bool = False) -> None:
     """Write a grid to an HDF5 file, completely or not at all. Raises `OutputError` when `path` cannot be written."""
-    with atomic_output(path, overwrite) as temporary, h5py.File(temporary, "w") as file:
+    with hdf5_output(path, overwrite) as file:
         for key, text in header.items():
             file.attrs[key.replace(" ", "_")] = text
         unit = "degrees" if isinstance(grid, RotaryGrid) else "mm"

@@ -2,78 +2,129 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from dataclasses import MISSING, fields, replace
+from math import prod
 from typing import NamedTuple
 
-import h5py
 import numpy as np
 
 from volid.campaign import Campaign
 from volid.exceptions import InputError
-from volid.fitting.diagnosis.adequacy import Adequacy, Cause, GroupTest, Question, SuspectReading, reading_label
+from volid.fitting.diagnosis.adequacy import GRADES, Adequacy, Cause, GroupTest, Question, SuspectReading, reading_label
 from volid.fitting.results import Residuals, SmoothPrior, Statistics, read_only
-from volid.io.basics.hdf5_values import read_text, reading
+from volid.io.basics.hdf5_group import Group
+from volid.io.basics.hdf5_structure import shown
+from volid.io.basics.hdf5_values import reading
+from volid.io.basics.toml_table import Table
+from volid.io.machines import LINES
 from volid.io.solution_writing import Row
 from volid.model.error_model import ErrorModel, build_model
-from volid.model.machine import Datum
+from volid.model.machine import Datum, Machine
 from volid.observations import KINDS
 from volid.uncertainty.trials.samples import Samples
 
 FORMAT = "volid-solution/1"
 _SAME_SPACE = 1e-9
+AT_ONCE = 1024  # trials
 
 
-def read_samples(file: h5py.File, path: str) -> Samples | None:
-    """Samples that stay in the file until they are asked for."""
+def read_samples(file: Group, width: int) -> Samples | None:
+    """Samples that stay in the file until they are asked for, batch by batch (b, `width`)."""
     if "monte_carlo" not in file:
         return None
-    group = file["monte_carlo"]
-    columns = {name: group[name][()] for name in ("chi_square", "error", "solved", "outliers")}
-    trials = int(group.attrs["trials"])
+    group, path = file.group("monte_carlo"), file.source
+    trials, attributes = group.length("samples", 2), group.attributes
+    if attributes.integer("trials") != trials:
+        raise InputError(
+            f"{group.place('samples')}: {trials} rows; expected attribute trials, {attributes.integer('trials')}"
+        )
+    group.dataset("samples", (trials, width))
 
     def batches() -> Iterator[np.ndarray]:
         with reading(path, "solution", FORMAT) as again:
-            for start in range(0, trials, 1024):
-                yield again["monte_carlo/samples"][start : start + 1024]
+            for start in range(0, trials, AT_ONCE):
+                part = slice(start, start + AT_ONCE)
+                yield again.group("monte_carlo").array("samples", (trials, width), rows=part)
 
     return Samples(
         trials=trials,
         batches=batches,
-        seed=int(group.attrs["seed"]),
-        tolerance=float(group.attrs["tolerance"]),
-        **columns,
+        chi_square=group.array("chi_square", (trials,)),
+        error=group.array("error", (trials,)),
+        solved=group.array("solved", (trials,), bool),
+        outliers=group.array("outliers", (trials,), int),
+        seed=attributes.integer("seed"),
+        tolerance=attributes.number("tolerance", finite=False),
     )
 
 
-def read_rows(group: h5py.Group, row: type[Row]) -> tuple[Row, ...]:
+def read_rows(group: Group, row: type[Row]) -> tuple[Row, ...]:
     """Records of one type from one dataset per field; a field with a default may be absent from files of earlier versions."""
     stored = [f for f in fields(row) if f.name in group or f.default is MISSING]
-    columns = [(read_text(group[f.name]) if f.type == "str" else group[f.name][()]).tolist() for f in stored]
+    n = group.length(stored[0].name)
+    columns = [_column(group, f.name, str(f.type), n).tolist() for f in stored]
     named = (dict(zip([f.name for f in stored], values, strict=True)) for values in zip(*columns, strict=True))
     return tuple(row(**values) for values in named)
 
 
-def read_model(file: h5py.File, campaign: Campaign, path: str) -> ErrorModel:
+def _column(group: Group, name: str, stored: str, n: int) -> np.ndarray:
+    return group.texts(name, (n,)) if stored == "str" else group.array(name, (n,), int if stored == "int" else float)
+
+
+def read_model(file: Group, campaign: Campaign) -> ErrorModel:
     """The error model, with the file's own P: a basis of the datum's constraints is unique up to a rotation only."""
-    attributes = file["datum"].attrs
-    reference = tuple(json.loads(attributes["reference"]).items())
-    datum = Datum(attributes["primary"], attributes["secondary"], attributes["line"], reference)
-    segments, carrier = (
-        {name: tuple(numbers) for name, numbers in json.loads(file["model"].attrs[key]).items()}
-        for key in ("segments", "carrier")
-    )
-    ranges = json.loads(file["model"].attrs.get("ranges", "{}"))
-    machine = campaign.machine.over({letter: (float(low), float(high)) for letter, (low, high) in ranges.items()})
-    model = build_model(machine, segments, carrier=carrier, datum=datum)
-    stored = file["model/parametrisation"][()]
+    group = file.group("model")
+    stored = group.array("parametrisation", (None, None), finite=True)
+    segments, carrier = (_intervals(group, key, len(stored)) for key in ("segments", "carrier"))
+    machine = campaign.machine.over(_ranges(group, campaign.machine))
+    model = build_model(machine, segments, carrier=carrier, datum=_datum(file.group("datum"), campaign.machine))
     if stored.shape != model.parametrisation.shape or not _same_space(model, stored):
         raise InputError(
-            f"{path}: this volid builds another error model from the machine, segments and datum in the file than the one "
+            f"{file.source}: this volid builds another error model from the machine, segments and datum in the file than the one "
             "that was fitted; fit the campaign again"
         )
     return model if np.array_equal(stored, model.parametrisation) else replace(model, parametrisation=stored)
+
+
+def _intervals(group: Group, key: str, most: int) -> dict[str, tuple[int, ...]]:
+    """Intervals of every error motion; a spline has more coefficients than intervals, all together are `most`."""
+    found = group.attributes.json(key, dict)
+    for name, numbers in found.items():
+        whole = isinstance(numbers, list) and all(type(n) is int and 1 <= n <= most for n in numbers)
+        if not whole or prod(numbers) > most:
+            raise InputError(
+                f"{group.where}, attribute {key}: '{shown(name)}' has {shown(str(numbers))}; expected whole numbers >= 1, for "
+                f"{most} coefficients in all"
+            )
+    return {name: tuple(numbers) for name, numbers in found.items()}
+
+
+def _ranges(group: Group, machine: Machine) -> dict[str, tuple[float, float]]:
+    """Measured range of every axis."""
+    table = Table(group.attributes.json("ranges", dict, "{}"), f"{group.where}, attribute ranges")
+    table.only(machine.letters)
+    found = {letter: table.vector(letter, 2) for letter in table.data}
+    for letter, (low, high) in found.items():
+        if not low < high:
+            raise table.wrong(letter, "two increasing positions")
+    return found
+
+
+def _datum(group: Group, machine: Machine) -> Datum:
+    """The datum that parameters and covariance refer to."""
+    attributes = group.attributes
+    table = Table(attributes.json("reference", dict), f"{group.where}, attribute reference")
+    table.only(machine.letters)
+    reference = tuple((letter, table.number(letter)) for letter in table.data)
+    letters = {name: attributes.text(name) for name in ("primary", "secondary")}
+    for name, letter in letters.items():
+        if letter and letter not in machine.letters:
+            raise InputError(f"{group.where}, attribute {name} is '{shown(letter)}'; expected an axis of the machine")
+    line = attributes.text("line")
+    if line not in LINES:
+        raise InputError(f"{group.where}, attribute line is '{shown(line)}'; expected {' or '.join(LINES)}")
+    return Datum(**letters, line=line, reference=reference)
 
 
 def _same_space(model: ErrorModel, stored: np.ndarray) -> bool:
@@ -96,50 +147,48 @@ class Numbers(NamedTuple):
     held_directions: np.ndarray
 
 
-def read_numbers(file: h5py.File, model: ErrorModel, path: str) -> Numbers:
-    """The arrays of a solution. Raises `InputError` for one of another shape than the model has."""
-    n, k = model.n_parameters, len(file["nuisance/name"])
-    places = {
-        "parameters": ("parameters/value", (n,)),
-        "nuisance": ("nuisance/value", (k,)),
-        "covariance": ("covariance", (n + k, n + k)),
-        "null_space": ("identifiability/null_space", (n, None)),
-        "held_directions": ("identifiability/held_directions", (None, None)),
-    }
-    return Numbers(**{name: read_only(read_array(file, where, shape, path)) for name, (where, shape) in places.items()})
+def read_numbers(file: Group, model: ErrorModel) -> Numbers:
+    """The arrays of a solution. Raises `InputError` for another shape than the model has, or an impossible value."""
+    n, nuisance, identifiability = model.n_parameters, file.group("nuisance"), file.group("identifiability")
+    k = nuisance.length("name")
+    numbers = Numbers(
+        parameters=file.group("parameters").array("value", (n,), finite=True),
+        nuisance=nuisance.array("value", (k,), finite=True),
+        covariance=file.array("covariance", (n + k, n + k), finite=True),
+        null_space=identifiability.array("null_space", (n, None), finite=True),
+        held_directions=identifiability.array("held_directions", (None, None), finite=True),
+    )
+    if (np.diagonal(numbers.covariance) < 0.0).any():
+        raise InputError(f"{file.place('covariance')}: a variance is negative; expected variances >= 0")
+    return Numbers(*map(read_only, numbers))
 
 
-def read_array(file: h5py.File, where: str, shape: tuple[int | None, ...], path: str) -> np.ndarray:
-    """A dataset. Raises `InputError` when its shape is not `shape`; None stands for any length."""
-    values = file[where][()]
-    if values.ndim != len(shape) or any(e not in (None, f) for e, f in zip(shape, values.shape, strict=True)):
-        expected = tuple("any" if e is None else e for e in shape)
-        raise InputError(f"{path}, {where}: shape is {values.shape}; expected {expected}")
-    return np.asarray(values)
+def read_prior(file: Group, model: ErrorModel) -> np.ndarray | None:
+    """Pseudo-readings of an earlier solution, (r, n); None without."""
+    if "prior_root" not in file:
+        return None
+    return read_only(file.array("prior_root", (None, model.n_parameters), finite=True))
 
 
-def read_smoothness(file: h5py.File, numbers: Numbers, path: str) -> SmoothPrior | None:
+def read_smoothness(file: Group, numbers: Numbers) -> SmoothPrior | None:
     """What was assumed of the smoothness of the functions. Raises `InputError` for a wrong shape."""
     if "smoothness" not in file:
         return None
+    group = file.group("smoothness")
     n, p = len(numbers.parameters), len(numbers.covariance)
-    r, h = file["smoothness/noise"].shape
-    count = len(file["smoothness/name"])
+    r, h = group.dataset("noise", (None, None)).shape
+    count = group.length("name")
     shapes = {"value": (count,), "u": (count,), "root": (r, n), "noise": (r, h), "spread": (p, h)}
-    arrays = [read_only(read_array(file, f"smoothness/{name}", shape, path)) for name, shape in shapes.items()]
-    scatter = {name: float(u) for name, u in json.loads(file["smoothness"].attrs.get("scatter", "{}")).items()}
-    value, u, root, noise, spread = arrays
-    return SmoothPrior(tuple(read_text(file["smoothness/name"]).tolist()), value, u, root, noise, spread, scatter)
+    value, u, root, noise, spread = (read_only(group.array(name, s, finite=True)) for name, s in shapes.items())
+    table = Table(group.attributes.json("scatter", dict, "{}"), f"{group.where}, attribute scatter")
+    scatter = {name: table.number(name, least=0.0) for name in table.data}
+    return SmoothPrior(tuple(group.texts("name", (count,)).tolist()), value, u, root, noise, spread, scatter)
 
 
-def read_suspects(group: h5py.Group, campaign: Campaign) -> tuple[SuspectReading, ...]:
+def read_suspects(group: Group, campaign: Campaign) -> tuple[SuspectReading, ...]:
     """Named readings; the unit that files of earlier versions do not hold is that of the reading in the campaign."""
-    if "unit" in group:
-        return read_rows(group, SuspectReading)
-    names = [f.name for f in fields(SuspectReading) if f.name != "unit"]
-    columns = [(read_text(group[n]) if n in ("where", "label") else group[n][()]).tolist() for n in names]
-    rows = [SuspectReading(*values) for values in zip(*columns, strict=True)]
-    return tuple(replace(row, unit=_unit_of(row, campaign)) for row in rows)
+    rows = read_rows(group, SuspectReading)
+    return rows if "unit" in group else tuple(replace(row, unit=_unit_of(row, campaign)) for row in rows)
 
 
 def _unit_of(row: SuspectReading, campaign: Campaign) -> str:
@@ -154,56 +203,75 @@ def _unit_of(row: SuspectReading, campaign: Campaign) -> str:
     return "mm"
 
 
-def read_adequacy(group: h5py.Group, campaign: Campaign) -> Adequacy:
+def read_adequacy(group: Group, campaign: Campaign) -> Adequacy:
     """The verdict with its tests by group."""
-    attributes = group.attrs
+    attributes = group.attributes
+    grade = attributes.text("grade", "")
+    if grade and grade not in GRADES:
+        raise InputError(f"{group.where}, attribute grade is '{shown(grade)}'; expected one of {', '.join(GRADES)}")
     return Adequacy(
-        chi_square=float(attributes["chi_square"]),
-        degrees_of_freedom=int(attributes["degrees_of_freedom"]),
-        unit_weight=float(attributes["unit_weight"]),
-        probability=float(attributes["probability"]),
-        groups=read_rows(group["groups"], GroupTest),
-        suspects=read_suspects(group["suspects"], campaign),
-        rejected=bool(attributes["rejected"]),
-        verdict=attributes["verdict"],
-        grade=attributes.get("grade", ""),
-        factor=float(attributes.get("factor", 1.0)),
-        causes=read_rows(group["causes"], Cause) if "causes" in group else (),
-        questions=_read_questions(group["questions"]) if "questions" in group else (),
+        chi_square=attributes.number("chi_square", finite=False),
+        degrees_of_freedom=attributes.integer("degrees_of_freedom"),
+        unit_weight=attributes.number("unit_weight", finite=False),
+        probability=attributes.number("probability", finite=False),
+        groups=read_rows(group.group("groups"), GroupTest),
+        suspects=read_suspects(group.group("suspects"), campaign),
+        rejected=attributes.flag("rejected"),
+        verdict=attributes.text("verdict"),
+        grade=grade,
+        factor=attributes.number("factor", 1.0),
+        causes=_read_causes(group.group("causes")) if "causes" in group else (),
+        questions=_read_questions(group.group("questions")) if "questions" in group else (),
     )
 
 
-def _read_questions(group: h5py.Group) -> tuple[Question, ...]:
-    about = group["about_values"][()].astype(bool).tolist()
-    return tuple(Question(*pair) for pair in zip(read_text(group["text"]).tolist(), about, strict=True))
+def _read_questions(group: Group) -> tuple[Question, ...]:
+    n = group.length("text")
+    about = group.array("about_values", (n,), bool).tolist()
+    return tuple(Question(*pair) for pair in zip(group.texts("text", (n,)).tolist(), about, strict=True))
 
 
-def read_statistics(file: h5py.File) -> Statistics:
+def _read_causes(group: Group) -> tuple[Cause, ...]:
+    """What explains a misfit; only the change of the result may be infinite."""
+    n = group.length("cause")
+    for name in ("drop", "gain", "log10_probability"):
+        group.array(name, (n,), finite=True)
+    if np.isnan(group.array("change", (n,))).any():
+        raise InputError(f"{group.place('change')}: a value is NaN; expected numbers, or infinity")
+    return read_rows(group, Cause)
+
+
+def read_statistics(file: Group, campaign: Campaign) -> Statistics:
     """Numbers about the fit."""
-    attributes, parts = file["statistics"].attrs, file["residuals"]
+    attributes, parts = file.group("statistics").attributes, file.group("residuals").numbered()
+    rms = {part.attributes.text("set"): part.attributes.number("rms", finite=False) for part in parts}
+    if list(rms) != [s.name for s in campaign.sets]:
+        raise InputError(
+            f"{file.place('residuals')}: of sets {shown(', '.join(rms))}; expected those of the campaign in order"
+        )
     return Statistics(
-        n_readings=int(attributes["n_readings"]),
-        n_parameters=int(attributes["n_parameters"]),
-        residual_rms={parts[i].attrs["set"]: float(parts[i].attrs["rms"]) for i in sorted(parts, key=int)},
-        iterations=int(attributes["iterations"]),
-        converged=bool(attributes["converged"]),
+        n_readings=attributes.integer("n_readings"),
+        n_parameters=attributes.integer("n_parameters"),
+        residual_rms=rms,
+        iterations=attributes.integer("iterations"),
+        converged=attributes.flag("converged"),
     )
 
 
-def read_residuals(file: h5py.File, campaign: Campaign, path: str) -> Residuals:
+def read_residuals(file: Group, campaign: Campaign) -> Residuals:
     """Residuals of every reading of the campaign. Raises `InputError` for a wrong shape."""
+    parts = file.group("residuals").numbered()
 
-    def column(name: str) -> tuple[np.ndarray, ...]:
-        return tuple(
-            read_array(file, f"residuals/{i}/{name}", s.readings.shape, path)
-            for i, s in enumerate(campaign.sets, start=1)
-        )
+    def column(name: str, kind: type = float) -> tuple[np.ndarray, ...]:
+        return tuple(g.array(name, s.readings.shape, kind) for g, s in zip(parts, campaign.sets, strict=True))
 
-    outliers = read_suspects(file["outliers"], campaign)
-    held_out = column("held_out") if "residuals/1/held_out" in file else ()
-    return Residuals(column("residual"), column("normalised"), column("outlier"), outliers, held_out)
+    outliers = read_suspects(file.group("outliers"), campaign)
+    held_out = column("held_out") if parts and "held_out" in parts[0] else ()
+    return Residuals(column("residual"), column("normalised"), column("outlier", bool), outliers, held_out)
 
 
-def read_undetermined(group: h5py.Group) -> dict[str, float]:
+def read_undetermined(group: Group) -> dict[str, float]:
     """By function, in how many directions it is not determined."""
-    return dict(zip(read_text(group["function"]).tolist(), group["directions"][()].tolist(), strict=True))
+    n = group.length("function")
+    values = group.array("directions", (n,), finite=True)
+    return dict(zip(group.texts("function", (n,)).tolist(), values.tolist(), strict=True))

@@ -50,27 +50,24 @@ Root attributes: `format`; `machine_name`; `axes` (letters, machine axis order);
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
-import h5py
 import numpy as np
 
 from volid.exceptions import OutputError
 from volid.fitting.change_of_datum import EXTRAPOLATED
 from volid.fitting.diagnosis.adequacy import SuspectReading
-from volid.fitting.results import read_only
 from volid.fitting.solution import Solution
-from volid.io.basics.atomic import atomic_output
-from volid.io.basics.hdf5_values import read_text, reading, to_json, write_array, write_text
+from volid.io.basics.hdf5_values import reading, to_json, write_array, write_text
+from volid.io.basics.hdf5_writing import hdf5_output
 from volid.io.campaign.hdf5 import read_campaign_group, write_campaign_group
 from volid.io.nuisance import read_nuisance
 from volid.io.solution_reading import (
     FORMAT,
     read_adequacy,
-    read_array,
     read_model,
     read_numbers,
+    read_prior,
     read_residuals,
     read_samples,
     read_smoothness,
@@ -112,7 +109,7 @@ def write_solution(solution: Solution, path: str | Path, overwrite: bool = False
     """
     if EXTRAPOLATED in solution.options:
         raise OutputError(f"{path}: an extrapolated solution is not saved; save the solution that it was made from")
-    with atomic_output(path, overwrite) as temporary, h5py.File(temporary, "w") as file:
+    with hdf5_output(path, overwrite) as file:
         file.attrs["format"] = FORMAT
         file.attrs["machine_name"] = solution.machine.name
         file.attrs["axes"] = list(solution.machine.letters)
@@ -156,25 +153,24 @@ def read_solution(path: str | Path) -> Solution:
     True
     """
     with reading(path, "solution", FORMAT) as file:
-        campaign = read_campaign_group(file["campaign"], str(path))
-        model = read_model(file, campaign, str(path))
-        numbers = read_numbers(file, model, str(path))
+        campaign = read_campaign_group(file.group("campaign"))
+        model = read_model(file, campaign)
+        numbers = read_numbers(file, model)
+        identifiability = file.group("identifiability")
         return Solution(
             **numbers._asdict(),
             model=model,
             campaign=campaign,
-            nuisance_table=read_nuisance(file["nuisance"], campaign),
-            adequacy=read_adequacy(file["adequacy"], campaign),
-            statistics=read_statistics(file),
-            readings=read_residuals(file, campaign, str(path)),
-            statements=tuple(read_text(file["identifiability/statements"]).tolist()),
-            undetermined=read_undetermined(file["identifiability/undetermined"]),
-            notes=tuple(read_text(file["notes"]).tolist()),
-            options=json.loads(file.attrs["options"]),
-            samples=read_samples(file, str(path)),
-            prior_root=read_only(read_array(file, "prior_root", (None, model.n_parameters), str(path)))
-            if "prior_root" in file
-            else None,
-            smooth=read_smoothness(file, numbers, str(path)),
-            provenance={key: str(value) for key, value in file["provenance"].attrs.items()},
+            nuisance_table=read_nuisance(file.group("nuisance"), campaign),
+            adequacy=read_adequacy(file.group("adequacy"), campaign),
+            statistics=read_statistics(file, campaign),
+            readings=read_residuals(file, campaign),
+            statements=tuple(identifiability.texts("statements").tolist()),
+            undetermined=read_undetermined(identifiability.group("undetermined")),
+            notes=tuple(file.texts("notes").tolist()),
+            options=file.attributes.json("options", dict),
+            samples=read_samples(file, len(numbers.covariance)),
+            prior_root=read_prior(file, model),
+            smooth=read_smoothness(file, numbers),
+            provenance=file.group("provenance").attributes.all_texts(),
         )

@@ -6,6 +6,7 @@ design, noise and quantity; attribute `unit` of a dataset is its unit. RESULTS.c
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import uuid
@@ -16,13 +17,15 @@ from typing import Any, NamedTuple
 import h5py
 
 from volid.exceptions import InputError, OutputError
-from volid.io.basics.atomic import atomic_output
 from volid.io.basics.hdf5_values import write_array, write_text
+from volid.io.basics.hdf5_writing import hdf5_output
 from volid.io.functions_csv import Sheet, text_output, write_csv
 from volid.study.campaigns import COLUMNS, Record, Study, Task
 from volid.study.summary import SUMMARY
 
 FORMAT = "volid-study-results/1"
+_CHECKSUM = "sha256"  # of the other entries of a campaign's file
+_BY_QUANTITY = ("differences", "u_of")  # of a campaign beside its columns: lists of numbers
 ENDINGS = (".h5", ".hdf5", ".csv")
 _UNITS = {
     "values": "rms, largest: 3-D difference of the deviation fields from the truth, gauge removed; u: RMS of its stated u, mm",
@@ -81,7 +84,7 @@ class CampaignFolder:
         temporary = self.path / f".{uuid.uuid4().hex[:12]}.part"
         try:
             with temporary.open("w", encoding="utf-8") as file:
-                json.dump(record, file, ensure_ascii=False)
+                json.dump({**record, _CHECKSUM: _checksum(record)}, file, ensure_ascii=False)
                 file.flush()
                 os.fsync(file.fileno())
             os.replace(temporary, self.place(task))
@@ -89,17 +92,46 @@ class CampaignFolder:
             raise OutputError(
                 f"{self.path}: a campaign cannot be kept: {error.strerror}; go on with `resume=True`"
             ) from None
+        finally:
+            temporary.unlink(missing_ok=True)
 
     def done(self) -> dict[Task, Record]:
-        """Campaigns of this study that are there; failed ones are done again."""
-        found = {}
-        for task in self.study.tasks:
-            place = self.place(task)
-            if place.exists():
-                record = json.loads(place.read_text(encoding="utf-8"))
-                if not record["error"]:
-                    found[task] = record
-        return found
+        """Campaigns of this study that are there; failed ones are done again, and so are those whose file is damaged."""
+        records = {task: _read_record(self.place(task)) for task in self.study.tasks}
+        return {task: record for task, record in records.items() if record is not None and not record["error"]}
+
+
+def _checksum(record: Record) -> str:
+    return hashlib.sha256(json.dumps(record, sort_keys=True).encode()).hexdigest()
+
+
+def _read_record(place: Path) -> Record | None:
+    """The record of a campaign; None when there is none or it is damaged. Earlier versions wrote no checksum."""
+    try:
+        record = json.loads(place.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return None
+    if not isinstance(record, dict) or record.pop(_CHECKSUM, _checksum(record)) != _checksum(record):
+        return None
+    if record.keys() != {*COLUMNS, *_BY_QUANTITY} or not all(
+        _fits(record[n], kind) for n, (kind, _) in COLUMNS.items()
+    ):
+        return None
+    differences, u_of = (record[name] for name in _BY_QUANTITY)
+    return record if _lengths(differences) == _lengths(u_of) is not None else None
+
+
+def _lengths(by_quantity: Any) -> dict[str, int] | None:
+    """How many numbers there are by quantity; None for anything but lists of numbers."""
+    if not isinstance(by_quantity, dict):
+        return None
+    if not all(isinstance(v, list) and all(_fits(x, float) for x in v) for v in by_quantity.values()):
+        return None
+    return {name: len(values) for name, values in by_quantity.items()}
+
+
+def _fits(value: Any, kind: type) -> bool:
+    return type(value) is kind or (kind is float and type(value) is int)
 
 
 def write_results(
@@ -110,7 +142,7 @@ def write_results(
     overwrite: bool = False,
 ) -> None:
     """Both tables, as HDF5 and as CSV. Raises `OutputError` when one exists (unless `overwrite`) or cannot be written."""
-    with atomic_output(output.hdf5, overwrite) as temporary, h5py.File(temporary, "w") as file:
+    with hdf5_output(output.hdf5, overwrite) as file:
         file.attrs["format"] = FORMAT
         file.create_group("provenance").attrs.update(dict(provenance))
         _write_table(file.create_group("campaigns"), records, COLUMNS)

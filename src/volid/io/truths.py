@@ -23,12 +23,15 @@ from typing import Any
 import h5py
 import numpy as np
 
-from volid.exceptions import InputError, shown
-from volid.io.basics.atomic import atomic_output
-from volid.io.basics.hdf5_values import is_hdf5, read_text, reading, write_array, write_text
+from volid.exceptions import InputError
+from volid.io.basics.hdf5_group import Group
+from volid.io.basics.hdf5_structure import shown
+from volid.io.basics.hdf5_values import is_hdf5, opened, reading, write_array, write_text
+from volid.io.basics.hdf5_writing import hdf5_output
 from volid.io.machines import format_machine, parse_machine
 from volid.io.solutions import read_solution
 from volid.model.axis_lines import PARAMETER
+from volid.model.machine import Machine
 from volid.virtual.truth import CrossTable, Table, Truth, truth_of_solution
 
 FORMAT = "volid-truth/1"
@@ -40,7 +43,7 @@ def write_truth(truth: Truth, path: str | Path, *, overwrite: bool = False) -> N
     Raises `OutputError` when `path` exists (unless `overwrite`) or cannot be written; then nothing is written.
     """
     truth = truth.tabulated()
-    with atomic_output(path, overwrite) as temporary, h5py.File(temporary, "w") as file:
+    with hdf5_output(path, overwrite) as file:
         file.attrs["format"] = FORMAT
         file.attrs["seed"] = -1 if truth.seed is None else truth.seed
         file.attrs["source"] = truth.source
@@ -70,37 +73,74 @@ def _write_table(group: h5py.Group, table: Any) -> None:
 
 def _write_values(group: h5py.Group, name: str, values: Mapping[str, Any]) -> None:
     write_text(group, "name", list(values))
-    write_array(group, name, np.array(list(values.values())))
+    rows = np.array(list(values.values()), dtype=float)
+    write_array(group, name, rows.reshape(-1, 3) if name == "position" else rows)
 
 
 def read_truth(path: str | Path) -> Truth:
     """The truth in a `volid-truth` file. Raises `InputError` when the file is missing, damaged or another one."""
     with reading(path, "truth", FORMAT) as file:
-        machine = parse_machine(file["machine"].asstr()[()], f"{path}, machine")
-        seed = int(file.attrs["seed"])
+        machine = parse_machine(file.text("machine"), f"{path}, machine")
+        seed = file.attributes.integer("seed")
+        cross = file.group("cross").groups()
         return Truth(
             machine,
-            functions={name: _read_table(group) for name, group in file["functions"].items()},
-            cross={name: (group.attrs["axis"], _read_cross(group)) for name, group in file["cross"].items()},
-            reversal={name: _read_table(group) for name, group in file["reversal"].items()},
-            constants={name: float(value) for name, value in _read_values(file["constants"], "value")},
-            stations={name: (p[0], p[1], p[2]) for name, p in _read_values(file["stations"], "position")},
-            instruments={name: float(value) for name, value in _read_values(file["instruments"], "value")},
+            functions=_read_tables(file.group("functions")),
+            cross={name: (_second_axis(group, machine), _read_cross(group)) for name, group in cross.items()},
+            reversal=_read_tables(file.group("reversal")),
+            constants={name: float(value) for name, value in _read_values(file.group("constants"), "value")},
+            stations={name: (p[0], p[1], p[2]) for name, p in _read_values(file.group("stations"), "position")},
+            instruments={name: float(value) for name, value in _read_values(file.group("instruments"), "value")},
             seed=None if seed < 0 else seed,
             source=shown(str(path)),
         )
 
 
-def _read_table(group: h5py.Group) -> Table:
-    return Table(group["positions"][()], group["values"][()], int(group.attrs["degree"]))
+def _read_tables(group: Group) -> dict[str, Table]:
+    return {name: _read_table(table) for name, table in group.groups().items()}
 
 
-def _read_cross(group: h5py.Group) -> CrossTable:
-    return CrossTable(group["positions"][()], group["across"][()], group["values"][()], int(group.attrs["degree"]))
+def _read_table(group: Group) -> Table:
+    positions = _increasing(group, "positions")
+    values = group.array("values", (len(positions),), finite=True)
+    return Table(positions, values, _degree(group, len(positions)))
 
 
-def _read_values(group: h5py.Group, name: str) -> list[tuple[str, Any]]:
-    return list(zip(read_text(group["name"]).tolist(), group[name][()].tolist(), strict=True))
+def _read_cross(group: Group) -> CrossTable:
+    positions, across = _increasing(group, "positions"), _increasing(group, "across")
+    values = group.array("values", (len(positions), len(across)), finite=True)
+    return CrossTable(positions, across, values, _degree(group, min(len(positions), len(across))))
+
+
+def _increasing(group: Group, name: str) -> np.ndarray:
+    found = group.array(name, (None,), finite=True)
+    if not (np.diff(found) > 0.0).all():
+        raise InputError(f"{group.place(name)}: expected increasing positions")
+    return found
+
+
+def _degree(group: Group, points: int) -> int:
+    degree = group.attributes.integer("degree")
+    if degree not in (1, 3) or points <= degree:
+        raise InputError(
+            f"{group.where}: degree {degree} with {points} points; expected 1, or 3 with at least 4 points"
+        )
+    return degree
+
+
+def _second_axis(group: Group, machine: Machine) -> str:
+    letter = group.attributes.text("axis")
+    if letter not in machine.letters:
+        raise InputError(f"{group.where}, attribute axis is '{shown(letter)}'; expected an axis of the machine")
+    return letter
+
+
+def _read_values(group: Group, name: str) -> list[tuple[str, Any]]:
+    n = group.length("name")
+    if n == 0:  # an earlier version wrote positions of no station with another shape
+        return []
+    shape = (n, 3) if name == "position" else (n,)
+    return list(zip(group.texts("name", (n,)).tolist(), group.array(name, shape, finite=True).tolist(), strict=True))
 
 
 def load_truth(path: str | Path) -> Truth:
@@ -110,15 +150,12 @@ def load_truth(path: str | Path) -> Truth:
     """
     if not is_hdf5(path):
         raise InputError(f"{path}: not an HDF5 file; expected a truth, '{FORMAT}', or a solution, 'volid-solution/1'")
-    try:
-        with h5py.File(path, "r") as file:
-            found = str(file.attrs.get("format", ""))
-    except OSError as error:
-        raise InputError(f"{path}: the HDF5 file is truncated or damaged ({error}); copy or write it again") from None
+    with opened(path, "truth") as file:
+        found = file.attributes.text("format", "")
     if found.startswith("volid-solution/"):
         return replace(truth_of_solution(read_solution(path)), source=shown(str(path)))
     if found and not found.startswith("volid-truth/"):
         raise InputError(
-            f"{path}: format is '{found}'; expected a truth, '{FORMAT}', or a solution, 'volid-solution/1'"
+            f"{path}: format is '{shown(found)}'; expected a truth, '{FORMAT}', or a solution, 'volid-solution/1'"
         )
     return read_truth(path)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import stat
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,18 +13,29 @@ from typing import Any
 import h5py
 import numpy as np
 
-from volid.exceptions import InputError, shown
+from volid.exceptions import InputError
+from volid.exceptions import shown as named
+from volid.io.basics.hdf5_group import Group
+from volid.io.basics.hdf5_guard import check_file, unfit
+from volid.io.basics.hdf5_seal import BLOCK, SIGNATURE, begins_like_hdf5, damaged
+from volid.io.basics.hdf5_structure import Unfit, check_structure, shown
 from volid.io.basics.toml_table import made_by, wrong_format
 
-_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _COMPRESSION = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
+# What h5py and NumPy make of contents that are wrong in a way that no check foresees
+_UNFORESEEN = (OSError, RuntimeError, ValueError, TypeError, LookupError, ArithmeticError, AttributeError, MemoryError)
 
 
 def is_hdf5(path: str | Path) -> bool:
-    """True when the file begins like an HDF5 file, even if it is incomplete. Raises `InputError` when it cannot be read."""
+    """True when the file begins like an HDF5 file, even if it is incomplete. Raises `InputError` when it cannot be read.
+
+    What is no regular file is not HDF5, and nothing is read from it.
+    """
     try:
+        if not stat.S_ISREG(os.stat(path).st_mode):
+            return False
         with open(path, "rb") as file:
-            return file.read(len(_SIGNATURE)) == _SIGNATURE
+            return begins_like_hdf5(file.read(BLOCK + len(SIGNATURE)))
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such file; check the name and the folder") from None
     except OSError as error:
@@ -30,30 +43,43 @@ def is_hdf5(path: str | Path) -> bool:
 
 
 @contextmanager
-def reading(path: str | Path, what: str, tag: str) -> Iterator[h5py.File]:
-    """The open file, its format checked; `what` ("campaign") and `tag` ("volid-campaign/1") are what is expected.
+def opened(path: str | Path, what: str) -> Iterator[Group]:
+    """The root of a `what` ("campaign"), after a check of the whole file: its checksum, its links, types and sizes.
+
+    Raises `InputError` when the file is damaged or holds what cannot be read safely, also for what goes wrong as it is read.
+    """
+    try:
+        unchecked = check_file(path)
+        with h5py.File(path, "r") as file:
+            if unchecked:
+                check_structure(file, os.path.getsize(path))
+            yield Group(file, str(path), what)
+    except Unfit as error:
+        raise unfit(path, str(error)) from None
+    except _UNFORESEEN as error:
+        raise damaged(path, shown(str(error))) from error
+
+
+@contextmanager
+def reading(path: str | Path, what: str, tag: str) -> Iterator[Group]:
+    """The root of an open file, its format checked; `what` ("campaign") and `tag` ("volid-campaign/1") are what is expected.
 
     Raises `InputError` when the file is missing, truncated, not HDF5, of another type or version, or incomplete.
     """
     if not is_hdf5(path):
         raise InputError(f"{path}: not an HDF5 file; expected a {what} written by volid, '{tag}', {made_by(tag)}")
-    try:
-        with h5py.File(path, "r") as file:
-            check_format(file, str(path), tag)
-            yield file
-    except KeyError as error:
-        raise InputError(f"{path}: incomplete {what}: {error.args[0]}; write it again") from None
-    except (OSError, json.JSONDecodeError) as error:
-        raise InputError(f"{path}: the HDF5 file is truncated or damaged ({error}); copy or write it again") from None
+    with opened(path, what) as root:
+        check_format(root, tag)
+        yield root
 
 
-def check_format(group: h5py.Group, where: str, tag: str) -> None:
+def check_format(group: Group, tag: str) -> None:
     """The attribute `format` must be `tag`. Raises `InputError` for another file type or version."""
-    found = group.attrs.get("format")
-    if found is None:
-        raise InputError(f"{where}: HDF5, but no volid file: attribute 'format' is missing; expected '{tag}'")
+    if "format" not in group.attributes:
+        raise InputError(f"{group.where}: HDF5, but no volid file: attribute 'format' is missing; expected '{tag}'")
+    found = group.attributes.text("format")
     if found != tag:
-        raise wrong_format(where, str(found), tag)
+        raise wrong_format(group.where, shown(found), tag)
 
 
 def to_json(value: Any) -> str:
@@ -77,12 +103,7 @@ def _encoded(texts: np.ndarray) -> np.ndarray:
     try:
         return np.char.encode(texts, "utf-8")
     except UnicodeEncodeError:
-        return np.char.encode(np.vectorize(shown, otypes=[str])(texts), "utf-8")
-
-
-def read_text(dataset: h5py.Dataset, rows: slice = slice(None)) -> np.ndarray:
-    """Texts written by `write_text`, shape (m,), or some `rows` of them."""
-    return np.char.decode(dataset[rows].astype(bytes), "utf-8")
+        return np.char.encode(np.vectorize(named, otypes=[str])(texts), "utf-8")
 
 
 def write_array(group: h5py.Group, name: str, values: Any, dtype: Any = float, unit: str = "") -> h5py.Dataset:

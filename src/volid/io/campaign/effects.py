@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from volid.campaign import Effect
 from volid.effects import TYPES, EffectType
 from volid.effects.base import COMPONENTS, POINT, Choice, FileKey, Letters, Number, PerAxis, labelled_scopes
 from volid.effects.distributions import DISTRIBUTIONS, HALF_WIDTH, NORMAL, SAMPLES
+from volid.exceptions import InputError
 from volid.io.basics.csv_table import read_csv
 from volid.io.basics.toml_table import REQUIRED, Table, is_number
 from volid.model.machine import Machine
@@ -31,6 +33,19 @@ def read_effect(table: Table, folder: Path, machine: Machine) -> Effect:
         per=table.text("per", POINT if kind.always_random else REQUIRED, choices=scopes),
         options=options | _own_options(table, kind, machine),
     )
+
+
+def check_effect(entry: Mapping[str, Any], machine: Machine, where: str) -> None:
+    """Holds an effect from another file than a manifest, its fields by name, against what a manifest may say of one.
+
+    Raises `InputError` naming the key.
+    """
+    options = dict(entry["options"])
+    for name in ("file", "half_width", *(key for key in _COMMON[:4] if key in options)):
+        if name in options:
+            raise InputError(f"{where}: options hold '{name}'; expected it to be resolved, leave it out")
+    kept = {key: value for key, value in entry.items() if key != "options"}
+    read_effect(Table({**options, **kept}, where), Path(), machine)
 
 
 def _distribution(table: Table, folder: Path) -> tuple[dict[str, Any], float]:

@@ -1,5 +1,7 @@
 """Campaigns in one self-contained HDF5 file, `volid-campaign/1`, readable with plain h5py.
 
+The first 512 bytes, which HDF5 skips, hold a checksum of the others (`volid.io.basics.hdf5_seal`); a file without is read too.
+
 Root attributes: `format`; `title`; `conditions` and `warnings` (JSON texts); `axes` (axis letters, the column order).
 - `machine`: the text of the machine file, scalar.
 - `stations/`: `name`, `body`, `frame`, `known`, each (n,); `position` (n, 3) [mm], NaN where nothing is known.
@@ -15,21 +17,28 @@ Root attribute `alignments` (JSON text), where there are any: placements that li
 
 from __future__ import annotations
 
-import json
-from dataclasses import asdict, replace
+from dataclasses import asdict, fields, replace
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
 
 from volid.campaign import Campaign, Effect, End, ObservationSet, Station
 from volid.exceptions import InputError
-from volid.io.basics.atomic import atomic_output
-from volid.io.basics.hdf5_values import check_format, read_text, reading, to_json, write_array, write_text
+from volid.io.basics.hdf5_group import ALL, Group
+from volid.io.basics.hdf5_structure import shown
+from volid.io.basics.hdf5_values import check_format, reading, to_json, write_array, write_text
+from volid.io.basics.hdf5_writing import hdf5_output
+from volid.io.basics.toml_table import Table
+from volid.io.campaign.effects import check_effect
 from volid.io.campaign.rules import FORMAT, alignments_of, check_consistent, find_kind
+from volid.io.campaign.sets import check_option
 from volid.io.machines import format_machine, parse_machine
 from volid.model.machine import Machine
-from volid.observations import KINDS
+from volid.observations import KINDS, Kind
+
+_EFFECT_KEYS = {field.name for field in fields(Effect)}
 
 TO = "to_"
 SECOND = tuple(f"{TO}{name}" for name in End._fields)  # datasets of second functional points
@@ -54,7 +63,7 @@ def write_campaign(campaign: Campaign, path: str | Path, *, overwrite: bool = Fa
     >>> volid.load_campaign(path).n_readings
     70
     """
-    with atomic_output(path, overwrite) as temporary, h5py.File(temporary, "w") as file:
+    with hdf5_output(path, overwrite) as file:
         write_campaign_group(campaign, file)
 
 
@@ -114,67 +123,114 @@ def read_campaign(path: str | Path) -> Campaign:
     Raises `InputError` when the file is missing, truncated, not HDF5, of another type or version, or incomplete.
     """
     with reading(path, "campaign", FORMAT) as file:
-        return read_campaign_group(file, str(path))
+        return read_campaign_group(file)
 
 
-def read_campaign_group(group: h5py.Group, source: str) -> Campaign:
-    """The campaign in an open group; `source` names the file in messages. Raises `InputError` when it is wrong."""
-    check_format(group, source, FORMAT)
-    return check_consistent(_read(group, source))
-
-
-def _read(file: h5py.Group, path: str) -> Campaign:
-    bare = read_outline(file, path)
-    return replace(bare, sets=tuple(read_set(g, bare.machine, f"{path}, {g.name}") for g in set_groups(file)))
-
-
-def set_groups(file: h5py.Group) -> list[h5py.Group]:
-    """The groups of the sets, in their order."""
-    return [file["sets"][name] for name in sorted(file["sets"], key=int)]
-
-
-def read_outline(file: h5py.Group, path: str) -> Campaign:
-    """The campaign in an open group without its sets."""
-    return Campaign(
-        machine=parse_machine(file["machine"].asstr()[()], f"{path}, machine"),
-        stations=_read_stations(file["stations"]),
-        title=file.attrs["title"],
-        conditions=json.loads(file.attrs["conditions"]),
-        warnings=tuple(json.loads(file.attrs["warnings"])),
-        source=path,
-        alignments=alignments_of(json.loads(file.attrs.get("alignments", "[]")), f"{path}, attribute alignments"),
+def read_campaign_group(group: Group) -> Campaign:
+    """The campaign in an open group. Raises `InputError` when it is wrong."""
+    check_format(group, FORMAT)
+    bare = read_outline(group)
+    return check_consistent(
+        replace(bare, sets=tuple(read_set(g, bare.machine) for g in group.group("sets").numbered()))
     )
 
 
-def _read_stations(group: h5py.Group) -> tuple[Station, ...]:
-    names, bodies, frames = (read_text(group[name]).tolist() for name in ("name", "body", "frame"))
-    known, positions = group["known"][()].tolist(), group["position"][()]
+def read_outline(group: Group) -> Campaign:
+    """The campaign in an open group without its sets."""
+    attributes = group.attributes
+    warnings = attributes.json("warnings", list)
+    if not all(isinstance(text, str) for text in warnings):
+        raise InputError(f"{group.where}, attribute warnings: expected a list of texts")
+    return Campaign(
+        machine=parse_machine(group.text("machine"), f"{group.where}, machine"),
+        stations=_read_stations(group.group("stations")),
+        title=attributes.text("title"),
+        conditions=attributes.json("conditions", dict),
+        warnings=tuple(warnings),
+        source=group.source,
+        alignments=alignments_of(attributes.json("alignments", list, "[]"), f"{group.where}, attribute alignments"),
+    )
+
+
+def _read_stations(group: Group) -> tuple[Station, ...]:
+    n = group.length("name")
+    names, bodies, frames = (group.texts(name, (n,)).tolist() for name in ("name", "body", "frame"))
+    known, positions = group.array("known", (n,), bool).tolist(), group.array("position", (n, 3))
+    if np.isinf(positions).any():
+        raise InputError(
+            f"{group.place('position')}: holds an infinite value; expected mm, or NaN where nothing is known"
+        )
     places = [None if np.isnan(p).any() else tuple(p.tolist()) for p in positions]
     return tuple(Station(*values) for values in zip(names, bodies, places, known, frames, strict=True))
 
 
-def read_set(group: h5py.Group, machine: Machine, where: str, rows: slice = slice(None)) -> ObservationSet:
-    """The set in an open group, or consecutive `rows` of it. Raises `InputError` when an array has a wrong shape."""
-    kind = find_kind(group.attrs["kind"], where)
-    second = SECOND if kind.ends == 2 else ()
-    names = ("positions", "directions", "tool", "readings", "u", *second)
-    arrays = {name: group[name][rows].astype(float) for name in names}
-    m = len(arrays["positions"])
-    expected = {"positions": len(machine.axes), "directions": len(machine.axes), "tool": 3}
-    for name, array in arrays.items():
-        shape = (m, expected.get(name.removeprefix(TO), len(kind.readings)))
-        if array.shape != shape:
-            raise InputError(f"{where}/{name}: shape is {array.shape}; expected {shape}")
+def read_set(group: Group, machine: Machine, rows: slice = ALL) -> ObservationSet:
+    """The set in an open group, or consecutive `rows` of it. Raises `InputError` when something in it is wrong."""
+    attributes = group.attributes
+    kind = find_kind(attributes.text("kind"), group.where)
+    m, axes, k = group.length("positions", 2), len(machine.axes), len(kind.readings)
+    labels, recorded = group.group("labels"), {name: name in group for name in ("time", "temperature")}
     return ObservationSet(
-        name=group.attrs["name"],
+        name=attributes.text("name"),
         kind=kind.name,
-        labels={name: read_text(group["labels"][name], rows) for name in kind.labels},
-        time=group["time"][rows] if "time" in group else None,
-        temperature=group["temperature"][rows] if "temperature" in group else None,
-        options=json.loads(group.attrs["options"]),
-        effects=tuple(Effect(**effect) for effect in json.loads(group.attrs["effects"])),
-        source=group.attrs["source"],
-        rows=group["rows"][rows] if "rows" in group else None,
-        to=End(*(arrays.pop(name) for name in second)) if second else None,
-        **arrays,
+        positions=group.array("positions", (m, axes), rows=rows, finite=True),
+        directions=_directions(group, "directions", (m, axes), rows),
+        tool=group.array("tool", (m, 3), rows=rows, finite=True),
+        readings=group.array("readings", (m, k), rows=rows),
+        u=_uncertainties(group, (m, k), rows),
+        labels={name: labels.texts(name, (m,), rows=rows) for name in kind.labels},
+        **{name: group.array(name, (m,), rows=rows) if there else None for name, there in recorded.items()},
+        options=read_options(attributes.json("options", dict), kind, group.where),
+        effects=_effects(attributes.json("effects", list), machine, group.where),
+        source=attributes.text("source"),
+        rows=group.array("rows", (m,), int, rows=rows) if "rows" in group else None,
+        to=_second(group, (m, axes), rows) if kind.ends == 2 else None,
     )
+
+
+def _second(group: Group, shape: tuple[int, int], rows: slice) -> End:
+    """The second functional points of a set."""
+    positions, directions, tool = SECOND
+    return End(
+        group.array(positions, shape, rows=rows, finite=True),
+        _directions(group, directions, shape, rows),
+        group.array(tool, (shape[0], 3), rows=rows, finite=True),
+    )
+
+
+def _directions(group: Group, name: str, shape: tuple[int, int], rows: slice) -> np.ndarray:
+    found = group.array(name, shape, rows=rows)
+    if not np.isin(found, (-1.0, 0.0, 1.0)).all():
+        raise InputError(f"{group.place(name)}: expected +1, -1, or 0 for unknown")
+    return found
+
+
+def _uncertainties(group: Group, shape: tuple[int, int], rows: slice) -> np.ndarray:
+    """Standard uncertainties; NaN where a plan has no reading yet to which a part of them is proportional."""
+    found = group.array("u", shape, rows=rows)
+    if (found <= 0.0).any() or np.isinf(found).any():
+        raise InputError(f"{group.place('u')}: expected standard uncertainties > 0, or NaN in a plan")
+    return found
+
+
+def read_options(found: dict[str, Any], kind: Kind, where: str) -> dict[str, Any]:
+    """The options of a set, those that the kind declares checked for their type."""
+    table = Table(found, f"{where}, options")
+    for name, default in {**kind.options, **kind.further}.items():
+        if name in found:
+            check_option(table, name, default)
+    return found
+
+
+def _effects(found: list[Any], machine: Machine, where: str) -> tuple[Effect, ...]:
+    """The systematic effects, each held against what a manifest may say of one."""
+    effects = []
+    for i, entry in enumerate(found, start=1):
+        place = f"{where}, effect {i}"
+        if not isinstance(entry, dict) or set(entry) != _EFFECT_KEYS or not isinstance(entry["options"], dict):
+            raise InputError(
+                f"{place}: is {shown(str(entry))}; expected an object with {', '.join(sorted(_EFFECT_KEYS))}"
+            )
+        check_effect(entry, machine, place)
+        effects.append(Effect(**entry))
+    return tuple(effects)

@@ -165,8 +165,22 @@ def check_alignments(campaign: Campaign) -> None:
             )
 
 
+def check_texts(campaign: Campaign) -> None:
+    """Raises `InputError` for a name or title with the character U+0000, at which programs and files end a text."""
+    texts = [("title", campaign.title), ("name of the machine", campaign.machine.name)]
+    texts += [("name of a station", station.name) for station in campaign.stations]
+    for readings in campaign.sets:
+        texts += [("name of a set", readings.name), *(("name of an effect", e.name) for e in readings.effects)]
+        texts += [(f"label '{name}'", "".join(np.unique(values))) for name, values in readings.labels.items()]
+    for what, text in texts:
+        if "\0" in text:
+            shown = text.replace("\0", "\\u0000")[:80]
+            raise InputError(f"{campaign.source}: the {what} is '{shown}'; expected text without the character U+0000")
+
+
 def check_consistent(campaign: Campaign) -> Campaign:
     """The campaign itself when names are unique and every station that a reading names exists, else `InputError`."""
+    check_texts(campaign)
     check_unique((s.name for s in campaign.stations), "station", campaign.source)
     check_unique((s.name for s in campaign.sets), "set", campaign.source)
     check_alignments(campaign)

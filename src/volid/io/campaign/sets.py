@@ -296,10 +296,11 @@ def _positive(values: np.ndarray, csv: CsvTable, name: str) -> np.ndarray:
 def _options(table: Table, kind: Kind) -> dict[str, Any]:
     """Options of the kind with their defaults; a given one must be of the default's type."""
     stated = {name: default for name, default in kind.further.items() if name in table.data}
-    return {name: _option(table, name, default) for name, default in {**kind.options, **stated}.items()}
+    return {name: check_option(table, name, default) for name, default in {**kind.options, **stated}.items()}
 
 
-def _option(table: Table, name: str, default: Any) -> Any:
+def check_option(table: Table, name: str, default: Any) -> Any:
+    """Option `name` of a set, of the type of its default; a `default` of None means that it is required, of any type."""
     if default is None:
         return table.get(name)
     if isinstance(default, bool):

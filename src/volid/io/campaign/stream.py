@@ -12,7 +12,7 @@ import numpy as np
 from volid.campaign import ROW_ARRAYS, Campaign, End, ObservationSet
 from volid.exceptions import InputError
 from volid.io.basics.hdf5_values import is_hdf5, reading
-from volid.io.campaign.hdf5 import read_outline, read_set, set_groups
+from volid.io.campaign.hdf5 import read_outline, read_set
 from volid.io.campaign.rules import FORMAT, check_consistent
 
 PART = 2**17  # rows read at once
@@ -47,9 +47,9 @@ class CampaignStream:
                 f"{path}: not an HDF5 file; only those can be read part by part. Convert the campaign with `volid.save_campaign`"
             )
         with reading(path, "campaign", FORMAT) as file:
-            groups = set_groups(file)
-            self.rows = sum(len(g["positions"]) for g in groups)
-            self.n_readings = sum(int(np.prod(g["readings"].shape)) for g in groups)
+            groups = file.group("sets").numbered()
+            self.rows = sum(g.length("positions", 2) for g in groups)
+            self.n_readings = sum(g.dataset("readings", (None, None)).size for g in groups)
 
     def parts(self, rows: int = PART) -> Iterator[Campaign]:
         """The campaign in parts: campaigns of one set with at most `rows` rows each, in the order of the file.
@@ -58,12 +58,10 @@ class CampaignStream:
             InputError: a row lacks a finite reading, position, tool vector or u; the text names file and row.
         """
         with reading(self.path, "campaign", FORMAT) as file:
-            outline = read_outline(file, str(self.path))
-            for group in set_groups(file):
-                for start in range(0, len(group["positions"]), rows):
-                    readings = read_set(
-                        group, outline.machine, f"{self.path}, {group.name}", slice(start, start + rows)
-                    )
+            outline = read_outline(file)
+            for group in file.group("sets").numbered():
+                for start in range(0, group.length("positions", 2), rows):
+                    readings = read_set(group, outline.machine, slice(start, start + rows))
                     yield check_consistent(replace(outline, sets=(_finite(readings),)))
 
     def sample(self, rows: int) -> Campaign:

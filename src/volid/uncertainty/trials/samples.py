@@ -10,7 +10,10 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import struct
 import uuid
+import zipfile
+import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,9 +21,22 @@ from typing import Any
 
 import numpy as np
 
-from volid.exceptions import InputError
+from volid.exceptions import InputError, OutputError
 
 RECORD = "run.json"
+COLUMNS = ("chi_square", "error", "solved", "outliers")  # of a batch, beside x: one value per trial
+# What the archive, NumPy and the system make of a damaged file
+_DAMAGED = (
+    OSError,
+    RuntimeError,
+    ValueError,
+    LookupError,
+    EOFError,
+    MemoryError,
+    zipfile.BadZipFile,
+    zlib.error,
+    struct.error,
+)
 LARGEST = 16_000_000  # values of one group of output columns in memory: 128 MB
 
 
@@ -97,11 +113,11 @@ class TrialFolder:
         self.run = hashlib.sha256(json.dumps(record, sort_keys=True).encode()).hexdigest()
         existing = path / RECORD
         if existing.exists():
-            found = json.loads(existing.read_text(encoding="utf-8"))
             if not resume:
                 raise InputError(
                     f"{path} holds the trials of an interrupted run; go on with `resume=True`, or remove it"
                 )
+            found = _read_record(existing)
             if found != record:
                 different = ", ".join(k for k in record if found.get(k) != record[k])
                 raise InputError(
@@ -118,22 +134,27 @@ class TrialFolder:
 
     def _write(self, place: Path, write: Callable[[Path], Any]) -> None:
         temporary = self.path / f".{uuid.uuid4().hex[:12]}.part"
-        write(temporary)
-        os.replace(temporary, place)
+        try:
+            write(temporary)
+            os.replace(temporary, place)
+        finally:
+            temporary.unlink(missing_ok=True)
 
     def place(self, batch: int) -> Path:
         """File of a batch."""
         return self.path / f"{batch:07d}.npz"
 
     def done(self, batch: int) -> bool:
-        """Whether a batch of this run is there."""
+        """Whether a batch of this run is there, whole; one that is damaged is made again."""
         if not self.place(batch).exists():
             return False
-        with np.load(self.place(batch)) as file:
-            return "run" in file.files and str(file["run"]) == self.run
+        try:
+            return str(self.load(batch)["run"]) == self.run
+        except InputError:
+            return False
 
     def save(self, batch: int, arrays: dict[str, np.ndarray]) -> None:
-        """Keep a finished batch."""
+        """Keep a finished batch. Raises `OutputError` when there is no space."""
 
         def write(place: Path) -> None:
             with place.open("wb") as file:
@@ -141,10 +162,45 @@ class TrialFolder:
                 file.flush()
                 os.fsync(file.fileno())
 
-        self._begin()
-        self._write(self.place(batch), write)
+        try:
+            self._begin()
+            self._write(self.place(batch), write)
+        except OSError as error:
+            raise OutputError(
+                f"{self.path}: trials cannot be kept: {error.strerror or error}; make room and go on with `resume=True`"
+            ) from None
 
     def load(self, batch: int) -> dict[str, np.ndarray]:
-        """Arrays of a finished batch."""
-        with np.load(self.place(batch)) as file:
-            return {name: file[name] for name in file.files}
+        """Arrays of a finished batch. Raises `InputError` when its file is damaged."""
+        place = self.place(batch)
+        try:
+            return _read_arrays(place)
+        except _DAMAGED as error:
+            raise InputError(
+                f"{place}: damaged ({str(error)[:80]}); remove it, and its trials are made again"
+            ) from None
+
+
+def _read_record(place: Path) -> dict[str, Any]:
+    """What makes the trials of a folder. Raises `InputError` when it is damaged."""
+    try:
+        found = json.loads(place.read_text(encoding="utf-8"))
+        if isinstance(found, dict):
+            return found
+    except (OSError, ValueError, RecursionError):
+        pass
+    raise InputError(f"{place}: damaged; expected the record of an interrupted run. Remove the folder {place.parent}")
+
+
+def _read_arrays(place: Path) -> dict[str, np.ndarray]:
+    """The arrays of a batch, every byte held against the checksums of the archive."""
+    with zipfile.ZipFile(place) as archive:
+        size = place.stat().st_size
+        if any(item.file_size > size for item in archive.infolist()) or archive.testzip() is not None:
+            raise ValueError("a checksum is wrong")
+    with np.load(place) as file:
+        arrays = {name: file[name] for name in file.files}
+    columns = [arrays[name] for name in COLUMNS]
+    if arrays["x"].ndim != 2 or any(c.shape != (len(arrays["x"]),) for c in columns) or arrays["run"].ndim:
+        raise ValueError("the shapes are wrong")
+    return arrays
