@@ -176,9 +176,9 @@ def test_segments_beyond_reason():
 
 
 def test_segments_of_all_functions_together(tmp_path):
-    path = write_files(tmp_path, machine=MACHINE + "[model]\nsegments = 1000\n")
+    path = write_files(tmp_path, machine=MACHINE + "[model]\nsegments = 200\n")
     with pytest.raises(
-        InputError, match="functions have 18000 segments, and there are 64 readings; expected at most 2000"
+        InputError, match="functions have 3600 segments, and there are 64 readings; expected at most 2000"
     ):
         volid.fit(volid.load_campaign(path))
 

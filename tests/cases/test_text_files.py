@@ -91,12 +91,12 @@ STATION = 'name = "Platz 2"'
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        (U, "u = 1e300", r"m3\.csv, row 2: u is 1e\+300; expected at most"),
+        (U, "u = 1e300", r"set 'Volumen': u is 1e\+300; expected a number of at most"),
         (U, "u = { proportional = 1e-30 }", r"row 2: u is .*e-28; expected a standard uncertainty of at least 1e-15"),
         (
             STATION,
             f"{STATION}\nposition = [0, 1e300, 0]",
-            r"station 'Platz 2': position is .*; expected at most 1e\+09",
+            r"station 'Platz 2': position is .*; expected numbers of at most",
         ),
         ('ignore = ["Nr"]', 'ignore = ["Nr", "WZ X"]', r"'WZ X' stands under columns and under ignore; keep one"),
     ],

@@ -207,7 +207,7 @@ def test_existing_output_is_kept_unless_forced(files, tmp_path):
         ),
         ("from,to,distance,u\nA,B,-1,0.1", "row 2: distance is -1; expected a number above 0"),
         ("from,to,distance,u\nA,B,1,0", "row 2: u is 0; expected a number above 0"),
-        ("from,to,distance,u\nA,B,1e300,0.1", r"row 2: distance is 1e\+300; expected a length"),
+        ("from,to,distance,u\nA,B,1e300,0.1", r"row 2: distance is 1e300; expected at most"),
         ("from,to,distance,u\nA,A,1,0.1", "row 2: from and to are both 'A'; expected two points"),
         ("from,to,distance,u\nA,,1,0.1", "row 2: to is empty; expected the name of a point"),
     ],
