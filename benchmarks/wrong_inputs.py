@@ -1,7 +1,7 @@
 """Wrong inputs: how many are recognised by their cause, how many only rejected, and whether any is accepted.
 
-    python benchmarks/wrong_inputs.py            # every mistake on every kind and layout, one seed
-    python benchmarks/wrong_inputs.py --sound 300  # sound campaigns of all kinds: is any refused or asked about?
+    python -m benchmarks.wrong_inputs            # every mistake on every kind and layout, one seed
+    python -m benchmarks.wrong_inputs --sound 300  # sound campaigns of all kinds: is any refused or asked about?
 
 Truth and readings come from the exact chain of the tests, which is written apart from the package.
 """
