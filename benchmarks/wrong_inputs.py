@@ -33,7 +33,7 @@ from support.wrong_inputs import (
 
 import volid
 from volid.fitting.diagnosis.adequacy import ACCEPTED, ENLARGED, NOT_TESTABLE
-from volid.fitting.stages import with_large_errors
+from volid.observations.base import with_large_errors
 
 NAMED, REJECTED, NOTED, TAKEN = "named", "only rejected", "accepted, with a note that names it", "accepted"
 GOOD = (ACCEPTED, ENLARGED, NOT_TESTABLE)

@@ -35,6 +35,7 @@ MANY_PARAMETERS = {
     "compensation/package.py:compensate": "public: its keywords become one `CompensationRequest` at once",
     "compensation/residual/forecast.py:forecast": "public: its keywords become a request, the control options and the fields",
     "fitting/equations/optimistix_solver.py:postprocess": "optimistix calls it, with these arguments",
+    "fitting/fit.py:fit": "public: each keyword goes to one stage of the fit",
     "multilateration/adjustment.py:adjust_network": "public: each keyword goes to one step of the adjustment",
     "planning/ball_bar.py:cone_frustum": "public: its arguments become one `_Test` at once",
     "uncertainty/trials/monte_carlo.py:monte_carlo": "public: keywords go to the run and to what carries it out",

@@ -68,7 +68,7 @@ def asked():
     yield "grid {s} -o {out}.csv --step 1e-6", "nodes, a file of about more than 1 YB"
     yield "functions {s} -o {out}.csv --step 1e-6", "1,000,000,001 positions of X"
     yield "plan {m} standard -o {out}.toml --points 1000000000000", "6,000,000,000,000 rows"
-    yield "plan {m} static-grid -o {out}.toml --points 100000,100000", "10,000,000,000 rows, which need about 10 TB"
+    yield "plan {m} static-grid -o {out}.toml --points 100000,100000", "10,000,000,000 rows; that needs 10 TB"
     yield "uncertainty {s} -o {out}.h5 --trials 1000000000000", "1,000,000,000,000 trials"
 
 
@@ -249,8 +249,8 @@ def test_more_segments_or_campaigns_than_fit_are_refused_before_the_work(tmp_pat
     text = 'format = "volid-study/1"\n{}\nseeds = {}\n[[design]]\nname = "standard"\nn_per_station = {}\n'
     machine = f'machines = ["{VERTICAL.as_posix()}"]'
     for seeds, n, words in (
-        (10**12, 400, "at most 1,000,000 seeds"),
-        (900_000, 400, "900,000 campaigns"),
+        (10**12, 400, "at most 100000"),
+        (90_000, 400, "90,000 campaigns"),
         (1, 10**9, "rows"),
     ):
         (tmp_path / "study.toml").write_text(text.format(machine, seeds, n), encoding="utf-8")

@@ -12,6 +12,7 @@ from support.mistakes import CALLED, MISTAKES, sound
 from support.rtests import NO_LINEAR, r_test, r_test_campaign, rotary_only
 
 from volid.campaign import Effect
+from volid.exceptions import InputError
 from volid.fitting.diagnosis.adequacy import REJECTED
 from volid.fitting.diagnosis.alternatives.axes import other_structures
 from volid.fitting.diagnosis.alternatives.base import log_chance, profile
@@ -113,9 +114,12 @@ def test_an_axis_that_counts_the_other_way_and_exchanged_columns_are_named(turne
         q[:, [a, c]] = q[:, [c, a]]
     else:
         q[:, campaign.machine.index(turned)] *= -1.0
-    found = fit(replace(campaign, sets=(replace(s, positions=q),))).adequacy
-    assert found.grade == REJECTED
+    wrong = replace(campaign, sets=(replace(s, positions=q),))
     expected = "exchanged" if "exchanged" in turned else f"axis {turned} counts the other way"
+    with pytest.raises(InputError, match=expected):
+        fit(wrong)
+    found = fit(wrong, accept_large_errors=True).adequacy
+    assert found.grade == REJECTED
     assert expected in found.causes[0].what
 
 

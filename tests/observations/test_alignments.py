@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import h5py
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from support.hdf5_files import changed
 from support.kinds import EXAMPLES, exact_readings, exact_truth, machine_of, plan_set, predictions
 
 from volid.campaign import Alignment, Campaign, ObservationSet
@@ -284,7 +284,7 @@ def test_rotations_of_an_artefact_are_refused():
 def test_alignments_of_a_damaged_file_are_named(text, tmp_path):
     machine = machine_of(SQUARENESS)
     write_campaign(campaign(machine, square("square", machine)), tmp_path / "c.h5")
-    with h5py.File(tmp_path / "c.h5", "r+") as file:
+    with changed(tmp_path / "c.h5") as file:
         file.attrs["alignments"] = text
     with pytest.raises(InputError, match=r"c\.h5, attribute alignments: expected a list of tables"):
         load_campaign(tmp_path / "c.h5")

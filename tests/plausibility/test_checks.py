@@ -179,10 +179,10 @@ def test_station_on_another_body(body, seen):
 def test_components_in_micrometres_or_microradians(tmp_path):
     micro = [1e6 * v for v in level_rows()["value"]]
     with pytest.raises(
-        InputError, match=r"levels\.csv, row \d+: value .* 10 mrad .*like µrad or arcseconds, expected rad"
+        InputError, match=r"levels\.csv, row \d+: value .* 1 mrad .* in degrees, µrad or arcseconds\? Expected rad"
     ):
         check_campaign(levels(tmp_path / "a", value=micro))
-    with pytest.raises(InputError, match=r"levels\.csv, row \d+: value .* 1 mm .* it looks like µm, expected mm"):
+    with pytest.raises(InputError, match=r"levels\.csv, row \d+: value .* 1 mm .* is it in µm\? Expected mm"):
         check_campaign(levels(tmp_path / "b", value=micro, component=["Y"] * 10))
 
 

@@ -274,7 +274,10 @@ EXAMPLES = {
         "displacement", FIVE, _sensor("workpiece", nest_u=0.1, rotation_u=5e-3), loose=0.2
     ),
     "component": Example(
-        "component", THREE, _lines(True), ((MICRO, "it looks like (µm, expected mm|µrad or arcseconds, expected rad)"),)
+        "component",
+        THREE,
+        _lines(True),
+        ((MICRO, r"is it in (µm\? Expected mm|degrees, µrad or arcseconds\? Expected rad)"),),
     ),
     "component, rotations": Example("component", THREE, _lines(False, "AC")),
     "component, table and head": Example("component", FIVE, _lines(True)),

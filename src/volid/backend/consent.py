@@ -62,7 +62,7 @@ def ask_memory(what: str, size: float, advice: str) -> None:
     """
     if size <= LARGEST:
         return
-    needed = f"{what}, which need about {in_bytes(size)} of memory"
+    needed = f"{what}; that needs {in_bytes(size)} of memory"
     available = memory()
     if size > available:
         raise InputError(f"{needed}; this computer has {in_bytes(available)}. {advice}")

@@ -146,6 +146,16 @@ def input_files(paths: Sequence[str]) -> list[Path]:
     return list(dict.fromkeys(found))
 
 
+def named_by(paths: Sequence[str]) -> list[Path]:
+    """Files that manifests name, which no output may replace; none where a manifest is wrong, which is told as it is read."""
+    from volid.exceptions import VolidError
+
+    try:
+        return input_files(paths)
+    except (VolidError, KeyError, TypeError):
+        return []
+
+
 def write_sheet(sheet: Sheet, args: argparse.Namespace) -> None:
     """A table to -o as CSV, or to standard output as CSV, or as JSON with --json (also beside -o)."""
     write_sheets([sheet], [Path(args.output)] if args.output else [], args)

@@ -16,6 +16,7 @@ from volid.cli.common import (
     conclude,
     explain,
     input_files,
+    named_by,
     print_json,
 )
 from volid.cli.numbers import add_unusual, tool_vector
@@ -85,7 +86,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Fit, write, summarise; 1 when something needs attention. Raises `InputError`, `OutputError`."""
-    check_output(args.output, args.force, _inputs(args))
+    check_output(args.output, args.force, [*_inputs(args), *named_by(args.campaign)])
     began = time.monotonic()
     with Progress() as progress:
         solution = _solve(args, progress)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 
 import numpy as np
 
-from volid.cli.common import in_options, print_json
-from volid.exceptions import InputError
+from volid.cli.common import check_output, in_options, print_json
+from volid.cli.numbers import count, seed
+from volid.exceptions import InputError, OutputError
 from volid.io.network_results import (
     Spread,
     coordinates_csv,
@@ -21,6 +23,7 @@ from volid.io.networks import network_from_csv
 from volid.multilateration import NetworkSolution, network_trials
 from volid.report.network import as_objects, attention, notes, summary
 
+MOST_TRIALS = 1_000_000
 HELP = "coordinates of a distance network, free or with fixed points, without a machine model"
 
 _EPILOG = """\
@@ -70,14 +73,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--robust", action="store_true", help="find blunders, leave them out and name them")
     parser.add_argument("--dimension", type=int, choices=(2, 3), help="needed only without POINTS.csv; default 3")
-    parser.add_argument("--trials", type=int, metavar="N", help="Monte Carlo with N adjustments, such as 10000")
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the trials; default 0")
+    parser.add_argument(
+        "--trials", type=count(2, MOST_TRIALS), metavar="N", help="Monte Carlo with N adjustments, such as 10000"
+    )
+    parser.add_argument("--seed", type=seed, default=0, metavar="N", help="of the trials; default 0")
     parser.add_argument("--json", action="store_true", help="everything as JSON on standard output")
     parser.add_argument("--force", action="store_true", help="overwrite existing files")
 
 
 def run(args: argparse.Namespace) -> int:
     """Adjust, write, summarise; 1 when something needs attention. Raises `InputError`, `OutputError`."""
+    _check_outputs(args)
     network = network_from_csv(args.network, args.approximate, args.dimension, args.relative)
     solution = network.adjust(robust=args.robust)
     spread, words = _monte_carlo(solution, args) if args.trials is not None else (None, [])
@@ -92,6 +98,16 @@ def run(args: argparse.Namespace) -> int:
     if not args.json:
         print("\n".join(summary(solution) + words + said + warnings), file=sys.stdout if args.output else sys.stderr)
     return 1 if warnings else 0
+
+
+def _check_outputs(args: argparse.Namespace) -> None:
+    """Refuse now what could not be written later. Raises `OutputError`, also for one file that is to hold two results."""
+    outputs = [path for path in (args.output, args.residuals, args.ellipsoids, args.offsets) if path]
+    inputs = [path for path in (args.network, args.approximate) if path]
+    for i, path in enumerate(outputs):
+        if os.path.realpath(path) in map(os.path.realpath, outputs[:i]):
+            raise OutputError(f"{path} is named for two results; name a file for each")
+        check_output(path, args.force, inputs)
 
 
 def _write_files(solution: NetworkSolution, spread: Spread | None, args: argparse.Namespace) -> None:

@@ -11,8 +11,9 @@ from volid.fitting.equations.choice import engine_for_compiled_solver, engine_fo
 from volid.fitting.equations.solver import solve
 from volid.fitting.smooth_fit import SmoothFit
 from volid.fitting.solution import Solution
-from volid.fitting.stages import How, Progress, Stages, breakdown_named, with_large_errors
+from volid.fitting.stages import How, Progress, Stages, breakdown_named
 from volid.model.machine import Datum
+from volid.observations.base import with_large_errors
 
 CHORD, OPTIMISTIX = "chord", "optimistix"
 

@@ -71,7 +71,8 @@ class Fitter:
             lower = np.linalg.cholesky(matrix * np.outer(scale, scale))
         except np.linalg.LinAlgError:
             raise VolidError(
-                "the covariance cannot be computed: the readings that are left determine too little"
+                "the fit broke down: the covariance cannot be computed, because readings and positions contradict each other, or "
+                "the readings that take part determine too little; check that every reading stands in the row of its position"
             ) from None
         inverse = np.linalg.solve(lower, np.diag(scale))
         return np.asarray(self.free @ inverse.T)

@@ -8,7 +8,7 @@ that moves nothing nominally; the verdict on the whole model does (`diagnosis.al
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -24,7 +24,7 @@ from volid.model.error_model import build_model
 from volid.model.machine import FunctionSettings, Machine, ModelSettings
 from volid.observations import KINDS
 from volid.observations.base import DEGREES
-from volid.plausibility.slips import STATIONS, Slip, slips
+from volid.plausibility.slips import NONE, STATIONS, Slip, slips
 
 ROWS = 600  # of a campaign that are adjusted
 LARGE = (
@@ -55,16 +55,18 @@ def few(campaign: Campaign, rows: int, used: list[np.ndarray] | None = None) -> 
     return replace(campaign, sets=tuple(sets))
 
 
-def nominal_misfit(campaign: Campaign) -> float:
+def nominal_misfit(campaign: Campaign, scales: Mapping[str, float] = NONE) -> float:
     """Root mean square of reading - predicted on the machine without errors [mm], 1 mrad counting as 1 mm; infinite where nothing
-    can be adjusted.
+    can be adjusted. `scales`: by how much the readings of a set, by its name, count less.
 
     >>> import volid
     >>> campaign = volid.load_campaign("datasets/vertical_multilateration/campaign.toml")
     >>> nominal_misfit(campaign) < 0.05  # mm, errors of some 10 µm
     True
     """
-    plain = replace(campaign, machine=_without_errors(campaign.machine), sets=tuple(map(_evenly, campaign.sets)))
+    plain = replace(
+        campaign, machine=_without_errors(campaign.machine), sets=tuple(_evenly(s, scales) for s in campaign.sets)
+    )
     try:
         model = build_model(plain.machine, {})
         starts, known, engine = find_starts(plain), nothing_known(model), engine_named("interpreted")
@@ -81,11 +83,12 @@ def _without_errors(machine: Machine) -> Machine:
     return replace(machine, model=ModelSettings(functions={"*": FunctionSettings(use=False)}))
 
 
-def _evenly(s: ObservationSet) -> ObservationSet:
-    """The set with a u of 1 mm, or of the angle that counts as 1 mm, and without effects."""
+def _evenly(s: ObservationSet, scales: Mapping[str, float]) -> ObservationSet:
+    """The set with a u of 1 mm, or of the angle that counts as 1 mm, times its scale, and without effects."""
     kind = KINDS[s.kind]
+    scale = min(scales.get(s.name, 1.0), 1.0)  # smaller readings alone would leave less
     u = [np.rad2deg(ANGLE) if kind.unit_of(k) == DEGREES else 1.0 for k in range(len(kind.readings))]
-    return replace(s, u=np.tile(u, (len(s), 1)), effects=())
+    return replace(s, u=scale * np.tile(u, (len(s), 1)), effects=())
 
 
 def extent(campaign: Campaign) -> float:
@@ -101,8 +104,8 @@ def explained(campaign: Campaign, misfit: float, better: float = BETTER) -> list
     for slip in slips(campaign):
         if slip.cause == STATIONS and found:  # many labels could be exchanged: tried only where nothing else explains
             break
-        remaining = nominal_misfit(slip.campaign) / slip.scale
-        if remaining <= better * misfit:
+        remaining = nominal_misfit(few(slip.campaign, ROWS), slip.scales)
+        if np.isfinite(remaining) and remaining <= better * misfit:
             found.append(Explained(slip, remaining))
     return sorted(found, key=lambda e: e.misfit)
 
@@ -115,18 +118,22 @@ def check_nominal(campaign: Campaign) -> None:
     thinned = few(campaign, ROWS)
     misfit = nominal_misfit(thinned)
     _check_known(thinned, misfit)
-    if not misfit > max(LARGE * extent(thinned), LEAST):
+    if not np.isfinite(misfit) or misfit <= max(
+        LARGE * extent(thinned), LEAST
+    ):  # what cannot be fitted is told by the fit
         return
-    found = explained(thinned, misfit)
+    found = explained(campaign, misfit)
     if not found:
         return
-    said = " or ".join(_as_likely(found))
-    size = f"{misfit:.3g} mm" if np.isfinite(misfit) else "more than can be adjusted"
-    best = found[0]
+    likely = list(_as_likely(found))
+    cure = f"What to do: {likely[0].cure}"
+    if len(likely) > 1:
+        cure = f"The readings do not tell which: look at the machine, then {', or '.join(s.cure for s in likely)}"
+    said = " or ".join(slip.what for slip in likely)
     raise InputError(
-        f"{campaign.source or 'campaign'}: it seems that {said}: the readings disagree with the nominal machine by {size} "
-        f"(root mean square), but by {best.misfit:.2g} mm without that. What to do: {best.slip.cure}; if the campaign is right "
-        "as it stands, pass `accept_large_errors=True`"
+        f"{campaign.source or 'campaign'}: it seems that {said}: the readings disagree with the nominal machine by {misfit:.3g} mm "
+        f"(root mean square), but by {found[0].misfit:.2g} mm without that. {cure}; if the campaign is right as it stands, pass "
+        "`accept_large_errors=True`"
     )
 
 
@@ -147,10 +154,10 @@ def _check_known(campaign: Campaign, misfit: float) -> None:
         )
 
 
-def _as_likely(found: list[Explained]) -> Iterator[str]:
+def _as_likely(found: list[Explained]) -> Iterator[Slip]:
     """The best slip in words, and those of another sort that the readings do not tell from it."""
     limit, seen = found[0].misfit / SURE, set()
     for e in found:
         if e.misfit <= limit and e.slip.cause not in seen:
             seen.add(e.slip.cause)
-            yield e.slip.what
+            yield e.slip

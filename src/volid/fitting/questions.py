@@ -21,6 +21,7 @@ from volid.model.iso230 import parse
 from volid.model.machine import WORKPIECE
 from volid.observations import KINDS
 from volid.observations.base import MM, takes_large_errors
+from volid.plausibility.tools import SHORT
 
 LARGE = 0.01  # of the travel, and rad: errors from here on are asked about
 LARGEST_OF_ROTARY = 5.0  # mm, translations of a rotary axis
@@ -33,7 +34,6 @@ STEEP = 40.0  # rise of a guideway that its angles demand, over its straightness
 LEAST_ANGLE = 1e-4  # rad
 DEEP = 0.15  # of the box of its targets, from every face: a station there stands where the tool moves
 LEAST_U = 2e-5  # mm: 20 nm
-SHORT = 2.0  # mm: a tool vector in metres is no longer
 FAR = 20.0  # mm, from its stated position to where a station is found, from which on a reason is looked for
 NEARER, MUCH_NEARER = (
     0.2,
@@ -41,7 +41,7 @@ NEARER, MUCH_NEARER = (
 )  # of that distance: what a reason has to leave at most, for fewer than `FEW` stations the second
 FEW = 3
 _MICRO = 30.0  # times too large: a u in µm is 1000 times too large, of which smoother functions hide a part
-_INSIST = "if they are real, set large_errors = true in the [[set]], or pass `accept_large_errors=True`"
+_INSIST = "If that is so, set large_errors = true in the [[set]], and fit again"
 
 
 def questions(solution: Solution, scale: float = 1.0) -> tuple[Question, ...]:
@@ -52,10 +52,11 @@ def questions(solution: Solution, scale: float = 1.0) -> tuple[Question, ...]:
     ()
     """
     found = [Question(text, False) for text in (*_small_u(solution), *_large_u(solution, scale))]
-    if not any(takes_large_errors(s) for s in solution.campaign.sets):
-        sizes = (*_large_errors(solution), *_steep(solution), *_short_tools(solution))
-        texts = (*sizes, *_stations_inside(solution), *_stations_elsewhere(solution))
-        found = [*(Question(f"{text}; {_INSIST}", True) for text in texts), *found]
+    answered = [takes_large_errors(s) for s in solution.campaign.sets]
+    texts = () if any(answered) else (*_large_errors(solution), *_steep(solution))
+    if not all(answered):
+        texts = (*texts, *_short_tools(solution), *_stations_inside(solution), *_stations_elsewhere(solution))
+    found = [*(Question(f"{text} {_INSIST}", True) for text in texts), *found]
     return tuple(found)
 
 

@@ -32,7 +32,7 @@ from volid.fitting.solution import EARLIER_LEVELS, EARLIER_RANGES, Solution
 from volid.fitting.starts import find_starts
 from volid.model.error_model import build_model
 from volid.model.machine import Machine
-from volid.observations.base import LARGE_ERRORS, takes_large_errors
+from volid.observations.base import takes_large_errors
 from volid.plausibility.checks import check_campaign
 
 Progress = Callable[[str], None]
@@ -98,12 +98,6 @@ def _prepared(task: _Task) -> SmoothFit:
     return found
 
 
-def with_large_errors(campaign: Campaign) -> Campaign:
-    """The campaign whose user says of every set that the machine's errors are as large as they seem."""
-    sets = tuple(replace(s, options={**s.options, LARGE_ERRORS: True}) for s in campaign.sets)
-    return replace(campaign, sets=sets)
-
-
 @contextmanager
 def breakdown_named() -> Iterator[None]:
     """Also a decorator: raises `InputError` in place of a factorisation that fails, which no sound campaign causes."""
@@ -146,7 +140,7 @@ class Stages:
         progress("checking the campaign")
         warnings = check_campaign(campaign)
         progress("locating stations")
-        if not any(map(takes_large_errors, campaign.sets)):
+        if not all(map(takes_large_errors, campaign.sets)):
             check_nominal(campaign)
         starts = find_starts(campaign)
         if prior is not None:
@@ -173,10 +167,7 @@ class Stages:
         self.task.progress("testing the model")
         if outliers is None:
             outliers = [np.zeros(s.readings.shape, dtype=bool) for s in self.measured.sets]
-        options: dict[str, Any] = {"robust": self.task.robust, "prior": self.task.prior is not None}
-        if self.task.prior is not None:
-            options[EARLIER_RANGES] = {a: list(r) for a, r in _measured_by(self.task.prior).items()}
-            options[EARLIER_LEVELS] = {a: list(v) for a, v in self.task.prior.levels().items()}
+        options = self._options()
         own = fitter.waves = dict(fitter.scatter)
         earlier = {} if self.task.prior is None else dict(self.task.prior.scatter)
         if fitter.processes:
@@ -194,6 +185,14 @@ class Stages:
         found = replace(found, campaign=self.measured)
         scale = 1.0 if every is not None else self._scale_of_u(fitter, found, outliers)
         return asked(replace(found, notes=(*notes, *remarks(found))), scale)
+
+    def _options(self) -> dict[str, Any]:
+        """What a solution keeps of how it was made."""
+        options: dict[str, Any] = {"robust": self.task.robust, "prior": self.task.prior is not None}
+        if self.task.prior is not None:
+            options[EARLIER_RANGES] = {a: list(r) for a, r in _measured_by(self.task.prior).items()}
+            options[EARLIER_LEVELS] = {a: list(v) for a, v in self.task.prior.levels().items()}
+        return options
 
     def _scale_of_u(self, fitter: SmoothFit, found: Solution, outliers: list[np.ndarray]) -> float:
         """Residuals over their u, with the smoothness that belongs to residuals of that size; 1 where they are not far below.

@@ -30,10 +30,10 @@ from volid.fitting.equations.system import Normal
 from volid.fitting.smooth_fit import SmoothFit
 from volid.fitting.smoothness.scatter import with_scatter
 from volid.fitting.solution import Solution
-from volid.fitting.stages import How, Progress, Stages, breakdown_named, with_large_errors
+from volid.fitting.stages import How, Progress, Stages, breakdown_named
 from volid.model.machine import Datum
 from volid.observations import KINDS
-from volid.observations.base import NuisanceTable
+from volid.observations.base import NuisanceTable, with_large_errors
 
 SAMPLE = 10_000  # rows that stations, rank and smoothness are decided on
 STREAMED = "streamed"  # option of a solution: number of readings that it was made of

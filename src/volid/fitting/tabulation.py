@@ -49,7 +49,7 @@ def _ask_size(solution: Solution, step: float | None, points: int) -> None:
     longest = max(numbers, key=lambda a: numbers[a])
     rows = sum(numbers[parse(n).axis] for n in solution.model.names if (n, LOCATION) not in solution.model.by_name)
     asked = f"`points={points}`" if step is None else f"`step={step:g}`"
-    what = f"{asked}: {in_digits(numbers[longest])} positions of {longest}, {in_digits(rows)} rows in all"
+    what = f"{asked}: {in_digits(numbers[longest])} positions of {longest}, {in_digits(rows)} rows of functions"
     needed = ROW * rows + FLOAT * numbers[longest] * solution.model.n_parameters
     ask_memory(what, needed, "Take a larger step or fewer points")
 

@@ -121,6 +121,9 @@ def adjust_network(
     )
 
 
+OPEN = 1e-6  # share of an orthonormal motion that moves a coordinate
+
+
 def _settled(equations: Equations, x: Float[np.ndarray, "p d"]) -> Float[np.ndarray, "p d"]:
     """A minimum refined, as near to the approximate coordinates as the distances allow, and in a plane where it lies at one."""
     if first_order_holds(equations, x):
@@ -148,6 +151,11 @@ def _solution(
         lost.any(axis=1) & ~held.any(axis=1) & ~not_determined(used, found.covariance, moved[:, :, free]).any(axis=1)
     )
     lost |= held
+    if (
+        not equations.free.all()
+    ):  # a frame that the fixed points leave open is no choice: what it moves is not determined
+        moves = np.linalg.norm(found.rigid, axis=1).reshape(-1, lost.shape[1]) > OPEN
+        lost[equations.free] |= moves
     return NetworkSolution(
         points=points,
         unknown=tuple(name for name, is_free in zip(points, equations.free, strict=True) if is_free),

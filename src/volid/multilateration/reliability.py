@@ -127,7 +127,7 @@ def normalised(equations: Equations, x: np.ndarray, kept: np.ndarray, decomposed
     _, sizes, axes = decomposed
     jacobian = equations.centred(equations.uncentred_jacobian(x), kept)
     prediction = ((jacobian @ axes.T / sizes) ** 2).sum(axis=1) + _shared(equations, kept)
-    inside = ((jacobian @ axes.T @ axes - jacobian) ** 2).sum(axis=1) < 1e-12 * (jacobian**2).sum(axis=1)
+    inside = ((jacobian @ axes.T @ axes - jacobian) ** 2).sum(axis=1) <= 1e-12 * (jacobian**2).sum(axis=1)
     variance = np.where(kept, 1 - prediction, 1 + prediction)
     checked = (variance > _NOTHING) & inside & np.isfinite(variance)
     return np.where(checked, equations.residuals(x, kept) / np.sqrt(np.where(checked, variance, 1.0)), np.nan)

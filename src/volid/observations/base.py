@@ -102,6 +102,12 @@ def takes_large_errors(observations: ObservationSet) -> bool:
     return bool(observations.options.get(LARGE_ERRORS, False))
 
 
+def with_large_errors(campaign: Campaign) -> Campaign:
+    """The campaign whose user says of every set that the machine's errors are as large as they seem."""
+    sets = tuple(replace(s, options={**s.options, LARGE_ERRORS: True}) for s in campaign.sets)
+    return replace(campaign, sets=sets)
+
+
 class Kind(ABC):
     """One kind of observation (CONVENTIONS 6). Each kind has one final class that overrides what differs, with one instance.
 

@@ -33,7 +33,7 @@ from volid.observations.artefact_lengths import (
     fitted,
     nominal_lengths,
 )
-from volid.observations.base import Group, Kind, NuisanceTable
+from volid.observations.base import Group, Kind, NuisanceTable, takes_large_errors
 from volid.observations.response import Key
 
 UNITS = {1e-3: "metres", 1e3: "micrometres", 1.0 / 25.4: "inches"}
@@ -122,7 +122,7 @@ class Length(Kind):
         if not observations.options.get("relative"):
             said = "expected a length > 0 (relative = true for lengths with an unknown offset)"
             self._check_row(observations, found <= 0.0, f"length is not positive; {said}")
-        for name in artefacts_of(observations):
+        for name in () if takes_large_errors(observations) else artefacts_of(observations):
             artefact = Artefact(observations, campaign.machine, name)
             scale = _scale(nominal[artefact.rows], found[artefact.rows], bool(observations.options.get("relative")))
             for factor, unit in UNITS.items():

@@ -13,6 +13,7 @@ import numpy as np
 from volid.campaign import ObservationSet
 from volid.exceptions import InputError
 from volid.model.geometry import best_rigid_motion
+from volid.observations.base import takes_large_errors
 
 _FLAT = 1e-3  # second singular value of the points over the first: below, they lie on a line
 _FITS = 5e-3  # of the targets' extent: more than a machine's errors
@@ -48,7 +49,7 @@ def check_units(
         return max(_misfit_of(targets, points[rows]) for rows, targets in nominal)
 
     before = misfit(observations.readings)
-    if before <= _FITS:
+    if before <= _FITS or takes_large_errors(observations):
         return
     after = {said: misfit(change(observations.readings)) for said, change in units.items()}
     said = min(after, key=lambda k: after[k])

@@ -11,7 +11,7 @@ from volid.backend.even_points import round_position
 from volid.campaign import Campaign, ObservationSet, Station, standard_uncertainty
 from volid.model.kinematics import nominal_point
 from volid.model.machine import Axis, Machine
-from volid.model.requests import LARGEST, ask_plan, checked_count
+from volid.model.requests import LARGEST, ask_plan, ask_tools, ask_uncertainty, checked_count
 
 TOOLS = ((0.0, 0.0, -150.0), (80.0, 0.0, -250.0), (0.0, 90.0, -200.0))  # mm, not on one line
 # In travels from the lower ends: around the volume, at many heights
@@ -65,6 +65,8 @@ def standard_plan(
         (600, 6)
     """
     ask_rows(n_per_station, seed)
+    ask_tools(machine, tools)
+    ask_uncertainty("u", float(u.get("constant", 0.0)) if isinstance(u, Mapping) else float(u))
     sampler = qmc.Halton(len(machine.axes), seed=seed)
     unit = np.clip(sampler.random(n_per_station * len(STATIONS)) * 1.1 - 0.05, 0.0, 1.0)
     lines = [levels(axis) for axis in machine.axes]

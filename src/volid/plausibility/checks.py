@@ -12,6 +12,7 @@ from volid.campaign import Campaign, ObservationSet
 from volid.exceptions import InputError
 from volid.model.machine import Machine
 from volid.observations import KINDS
+from volid.observations.base import takes_large_errors
 from volid.plausibility.rotary import check_motion, check_radians, scattered
 from volid.plausibility.tools import check_stations, check_tools
 from volid.plausibility.travels import check_digits, check_far, check_metres, check_outside
@@ -19,6 +20,7 @@ from volid.plausibility.units import check_lengths, positions_look_small
 
 SAME_POSITION = {True: 1e-3, False: 1e-6}  # linear [mm], rotary [degrees]: commanded positions nearer are the same
 _ROWS_NAMED = 5
+_ZEROS = 3  # positions at which a beam may read 0
 _HOTTEST = 150.0  # °C
 _CONTINUOUS = 1e-4  # of the spread of repeated readings: a resolution that is as good as continuous
 _STEPS_TRIED = 1000  # differences that the resolution is found from
@@ -66,15 +68,17 @@ def check_campaign(campaign: Campaign) -> tuple[str, ...]:
     for readings in campaign.sets:
         _check_numbers(readings)
         _check_labels(readings)
+        _check_zeros(readings, campaign)
         check_digits(readings)
         _check_temperature(readings)
         check_far(readings, campaign.machine)
         KINDS[readings.kind].check_values(readings, campaign)
-        check_lengths(readings, campaign)
-        check_radians(readings, campaign)
-        check_metres(readings, campaign.machine)
+        if not takes_large_errors(readings):
+            check_lengths(readings, campaign)
+            check_radians(readings, campaign)
+            check_metres(readings, campaign.machine)
+            check_stations(readings, campaign)
         warnings += check_tools(readings, campaign)
-        check_stations(readings, campaign)
         warnings += _small_positions(readings, campaign.machine)
         warnings += scattered(readings, campaign.machine)
         warnings += _outside_travel(readings, campaign.machine)
@@ -106,6 +110,25 @@ def _check_temperature(readings: ObservationSet) -> None:
     if abs(readings.temperature[i]) > _HOTTEST:
         raise InputError(
             f"{readings.where(i)}: temperature is {readings.temperature[i]:g}; expected °C. Is it in kelvin? Subtract 273.15"
+        )
+
+
+def _check_zeros(readings: ObservationSet, campaign: Campaign) -> None:
+    """Raises `InputError` for lengths from a station that are exactly 0 again and again: no beam, no reading.
+
+    An instrument that is zeroed once per segment, and comes back to where that was, reads 0 a few times.
+    """
+    if takes_large_errors(readings) or not any(True for _ in KINDS[readings.kind].beams(readings, campaign)):
+        return
+    rows = np.flatnonzero(readings.readings[:, 0] == 0.0)
+    segments = len(
+        np.unique(np.char.add(readings.labels["station"].astype(str), readings.labels["segment"].astype(str)))
+    )
+    places = len(np.unique(np.round(readings.positions[rows], 3), axis=0))
+    if places > _ZEROS * max(segments, 1):
+        raise InputError(
+            f"{_name_rows(readings, rows)}: the reading is exactly 0 at {places} different positions; was the beam lost? Leave "
+            "such rows out"
         )
 
 

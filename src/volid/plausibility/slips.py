@@ -7,9 +7,10 @@ model after one (`fitting.diagnosis.alternatives.slips`). A slip that cannot occ
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +19,7 @@ from volid.campaign import SAME_TOOL, Campaign, ObservationSet
 from volid.model.machine import Machine
 from volid.observations import KINDS
 from volid.observations.base import MM, STATION
+from volid.plausibility.tools import SHORT
 
 SENSE, COLUMNS, UNITS, TOOL, HAND = (
     "sense of an axis",
@@ -27,19 +29,28 @@ SENSE, COLUMNS, UNITS, TOOL, HAND = (
     "the frame",
 )
 STATIONS, PATHS, READINGS = "station labels", "dead paths", "sense of the readings"
+ROWS = "rows of the readings"
 METRE, INCH = 1000.0, 25.4
 _MOST_LABELS = 60  # exchanged labels that are tried
 _MOST_TOOLS = 6
+_LEAST_ROWS = 10
+_FEW_OUTSIDE = 0.1  # share of the positions that may lie outside the travels once a mistake is mended
+
+
+NONE: Mapping[str, float] = MappingProxyType({})
 
 
 class Slip(NamedTuple):
-    """Sort of a mistake, itself and its cure in words, and the campaign without it. `scale`: by which readings are multiplied."""
+    """Sort of a mistake, itself and its cure in words, and the campaign without it.
+
+    `scales`: by how much the readings of a set are larger without it, by the set's name.
+    """
 
     cause: str
     what: str
     cure: str
     campaign: Campaign
-    scale: float = 1.0
+    scales: Mapping[str, float] = NONE
 
 
 def slips(campaign: Campaign) -> Iterator[Slip]:
@@ -49,6 +60,7 @@ def slips(campaign: Campaign) -> Iterator[Slip]:
     yield from _tools(campaign)
     yield from _hands(campaign)
     yield from _paths(campaign)
+    yield from _shifted(campaign)
     yield from _stations(campaign)
 
 
@@ -80,19 +92,45 @@ def _axes(campaign: Campaign) -> Iterator[Slip]:
         if not campaign.positions[:, i].any():
             continue
         if axis.is_linear:
-            signs = np.where(np.arange(len(machine.axes)) == i, -1.0, 1.0)
-            cure = f"campaign: negate column {axis.letter}"
-            yield Slip(SENSE, f"axis {axis.letter} counts the other way", cure, _scaled(campaign, signs))
+            yield _counted_the_other_way(campaign, i)
         else:
             yield _turning_the_other_way(campaign, i)
+    outside = _outside(campaign, machine)
     for chosen in (True, False):
         for i, j in combinations([i for i, axis in enumerate(machine.axes) if axis.is_linear == chosen], 2):
-            yield _exchanged(campaign, i, j)
+            slip = _exchanged(campaign, i, j)
+            if _outside(slip.campaign, machine) < max(2.0 * outside, _FEW_OUTSIDE):
+                yield slip
+
+
+def _outside(campaign: Campaign, machine: Machine) -> float:
+    """Largest share of the positions of an axis that lie outside its travel."""
+    low, high = np.array([axis.travel for axis in machine.axes]).T
+    return float(np.max(np.mean((campaign.positions < low) | (campaign.positions > high), axis=0)))
 
 
 def _scaled(campaign: Campaign, factors: np.ndarray) -> Campaign:
     """Positions times one factor for each axis."""
     return covering(_with_sets(campaign, lambda s: s.moved(lambda q: q * factors, lambda way: way)))
+
+
+def _counted_the_other_way(campaign: Campaign, i: int) -> Slip:
+    """Negated positions of a linear axis, or, where those would lie outside the travel, positions counted from its other end."""
+    axis, q = campaign.machine.axes[i], campaign.positions[:, i]
+    low, high = axis.travel
+    mirrored = np.mean((-q < low) | (-q > high)) > np.mean((q < low) | (q > high))
+    own = np.arange(len(campaign.machine.axes)) == i
+    offset = low + high if mirrored else 0.0
+    cure = (
+        f"campaign: {axis.letter} counted from the other end, {offset:g} - {axis.letter}, or "
+        if mirrored
+        else "campaign: "
+    )
+    cure += f"negate column {axis.letter}" + (" and its travel" if mirrored else "")
+    changed = _with_sets(
+        campaign, lambda s: s.moved(lambda p: np.where(own, offset - p, p), lambda way: np.where(own, -way, way))
+    )
+    return Slip(SENSE, f"axis {axis.letter} counts the other way", cure, covering(changed))
 
 
 def _turning_the_other_way(campaign: Campaign, i: int) -> Slip:
@@ -127,7 +165,7 @@ def _units(campaign: Campaign) -> Iterator[Slip]:
             if MM in (KINDS[s.kind].unit_of(k) for k in range(len(KINDS[s.kind].readings))):
                 cure = f"campaign: the readings of this set times {factor:g}"
                 what = f"readings of set '{s.name}' are in {unit}"
-                yield Slip(UNITS, what, cure, _read_times(campaign, s, factor), factor)
+                yield Slip(UNITS, what, cure, _read_times(campaign, s, factor), {s.name: factor})
     if rotary:
         names, degree = " and ".join(rotary), 180.0 / np.pi
         turned = _scaled(campaign, np.where(linear, 1.0, degree))
@@ -155,15 +193,23 @@ def _tools(campaign: Campaign) -> Iterator[Slip]:
             yield _tool_slip(campaign, factors, f"tool vectors have the wrong sign in {said}", cure)
     if np.count_nonzero(tools.any(axis=0)) > 1:
         yield _tool_slip(campaign, (-1, -1, -1), "tool vectors are negated", "campaign: negate the tool vectors")
+    for i, j in combinations(range(3), 2):
+        if (tools[:, i] != tools[:, j]).any():
+            columns = [j if k == i else i if k == j else k for k in range(3)]
+            a, b = "xyz"[i], "xyz"[j]
+            cure = f"campaign: exchange tool_{a} and tool_{b}"
+            yield _tool_slip(campaign, (1, 1, 1), f"{a} and {b} of the tool vectors are exchanged", cure, columns)
     metres = (METRE, METRE, METRE)
-    if np.linalg.norm(tools, axis=1).max() < 2.0:
+    if np.linalg.norm(tools, axis=1).max() < SHORT:
         yield _tool_slip(campaign, metres, "tool vectors are in metres", "campaign: tool vectors times 1000")
 
 
-def _tool_slip(campaign: Campaign, factors: tuple[float, float, float], what: str, cure: str) -> Slip:
+def _tool_slip(
+    campaign: Campaign, factors: tuple[float, float, float], what: str, cure: str, columns: Sequence[int] = (0, 1, 2)
+) -> Slip:
     def change(s: ObservationSet) -> ObservationSet:
-        to = None if s.to is None else s.to._replace(tool=s.to.tool * np.array(factors))
-        return replace(s, tool=s.tool * np.array(factors), to=to)
+        to = None if s.to is None else s.to._replace(tool=s.to.tool[:, list(columns)] * np.array(factors))
+        return replace(s, tool=s.tool[:, list(columns)] * np.array(factors), to=to)
 
     return Slip(TOOL, what, cure, _with_sets(campaign, change))
 
@@ -186,6 +232,19 @@ def _hands(campaign: Campaign) -> Iterator[Slip]:
 
 
 # --------------------------------------------------------------------------------------------------- dead paths and stations
+
+
+def _shifted(campaign: Campaign) -> Iterator[Slip]:
+    """Readings that stand one row too low or too high, as after a cell that was put in or left out."""
+    for s in campaign.sets:
+        if len(s) < _LEAST_ROWS:
+            continue
+        for said, ends in (("low", (1, 0)), ("high", (0, 1))):
+            kept, moved = np.arange(ends[1], len(s) - ends[0]), np.arange(ends[0], len(s) - ends[1])
+            changed = replace(s.rows_of(kept), readings=s.readings[moved], u=s.u[moved])
+            what = f"the readings of set '{s.name}' stand one row too {said}"
+            cure = f"campaign: move the column of the readings of set '{s.name}' by one row"
+            yield Slip(ROWS, what, cure, _with_set(campaign, s, changed))
 
 
 def _paths(campaign: Campaign) -> Iterator[Slip]:

@@ -20,7 +20,7 @@ from volid.observations.beams import Beam
 from volid.plausibility.units import FITS, TRIAL_ROWS, beams, trial
 
 _METRE = 1000.0
-_SHORT = 2.0  # mm: a tool vector in metres is no longer
+SHORT = 2.0  # mm: a tool vector in metres is no longer
 _BETTER = 0.1  # residual with longer tools over that with the given ones, at most
 _NEAR = 0.2  # of a length: agreement that cannot be chance at factors of 25 to 1000
 _AGREES = 0.05  # of the targets' extent: distances agree with the approximate station, nothing to be looked for
@@ -31,7 +31,7 @@ _LEAST_STATIONS = 2
 def check_tools(readings: ObservationSet, campaign: Campaign) -> Iterator[str]:
     """A warning when all tool vectors are shorter than 2 mm; raises `InputError` when the distances show them to be in metres."""
     length = np.linalg.norm(readings.tool, axis=1).max()
-    if not 0.0 < length < _SHORT:
+    if not 0.0 < length < SHORT:
         return
     where = readings.file_and_set
     if _fits_only_longer(readings, campaign) or _displaced(readings, campaign):
@@ -39,7 +39,7 @@ def check_tools(readings: ObservationSet, campaign: Campaign) -> Iterator[str]:
             f"{where}: tool vectors seem to be in metres: the longest is {length:g} mm, but the distances agree with one that is "
             "1000 times longer; expected mm. Multiply tool_x, tool_y, tool_z (or the set's `tool`) by 1000"
         )
-    yield f"{where}: all tool vectors are shorter than {_SHORT:g} mm, the longest {length:g}; are they in mm?"
+    yield f"{where}: all tool vectors are shorter than {SHORT:g} mm, the longest {length:g}; are they in mm?"
 
 
 def _fits_only_longer(readings: ObservationSet, campaign: Campaign) -> bool:

@@ -72,7 +72,7 @@ def check_outside(campaign: Campaign) -> None:
 
     A few positions outside, as in an over-travel, are a warning and no more (`checks`).
     """
-    if any(takes_large_errors(s) for s in campaign.sets):
+    if all(takes_large_errors(s) for s in campaign.sets):
         return
     machine, q = campaign.machine, campaign.positions
     outside = [_share_outside(q[:, i], axis) for i, axis in enumerate(machine.axes)]

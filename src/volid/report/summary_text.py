@@ -49,7 +49,11 @@ def _verdict_lines(data: dict[str, Any]) -> list[str]:
         lines.append("*** MODEL REJECTED BY THE DATA: the uncertainties below do not hold ***")
     if data["questions"] and not data["rejected"]:
         lines.append("*** QUESTION: the result is not accepted before it is answered ***")
+    if not data["converged"]:
+        lines.append("*** NOT CONVERGED: the iteration stopped early; do not use these numbers ***")
     verdict = data["verdict"][:1].upper() + data["verdict"][1:]
+    if data["accepted"] and not data["converged"]:
+        verdict = "Not judged, because the iteration stopped early"
     if data["accepted"] and data["not_determined"]:
         verdict += ", but not everything is determined (n.d.); see below"
     lines += paragraph(verdict + ("" if verdict.endswith((".", "?")) else "."))
@@ -59,8 +63,6 @@ def _verdict_lines(data: dict[str, Any]) -> list[str]:
         lines.append("Not everything is determined; see below. n.d.: not determined.")
     for text in data["unseen"] if not (data["rejected"] and data["causes"]) else ():  # they follow from the misfit then
         lines += paragraph(f"Attention: {text}.")
-    if not data["converged"]:
-        lines.append("*** NOT CONVERGED: the iteration stopped early; do not use these numbers ***")
     return lines
 
 

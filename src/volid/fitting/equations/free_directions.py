@@ -16,12 +16,14 @@ class FreeDirections:
     def __init__(self, free: np.ndarray) -> None:
         self.whole = free
         size, n = free.shape
+        self._blocks: list[tuple[slice, np.ndarray, np.ndarray]] = []
+        if not free.size:  # every unknown is held, or there is none
+            return
         seen = free != 0.0
         first = np.where(seen.any(axis=0), seen.argmax(axis=0), 0)
         last = np.where(seen.any(axis=0), size - 1 - seen[::-1].argmax(axis=0), 0)
         order = np.argsort(first, kind="stable")
         reach = np.maximum.accumulate(last[order]) + 1 if n else np.zeros(0, dtype=int)
-        self._blocks: list[tuple[slice, np.ndarray, np.ndarray]] = []
         begin = low = 0
         for end in [*(np.flatnonzero(first[order][1:] >= reach[:-1]) + 1), n]:  # columns before and after share no row
             high = int(reach[end - 1]) if end else 0

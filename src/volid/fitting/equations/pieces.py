@@ -129,7 +129,7 @@ class Piece(NamedTuple):
             rows[place:] = 0.0
             number = np.searchsorted(tile.nuisance, block.slots[:, tile.first : tile.last])
             _add_slots(rows[place:], number, slots[:, :, own])
-            yield tile, rows.reshape(width, -1)
+            yield tile, rows.reshape(width, k * count)
 
 
 def _add_slots(rows: np.ndarray, numbers: np.ndarray, partials: np.ndarray) -> None:

@@ -31,6 +31,8 @@ def read_bytes(path: Path) -> bytes:
             data = file.read(_LARGEST + 1)
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such file; check the name and the folder") from None
+    except IsADirectoryError:
+        raise InputError(f"{path}: it is a folder; name a file in it") from None
     except (OSError, ValueError) as error:
         why = error.strerror if isinstance(error, OSError) else str(error)
         raise InputError(f"{path}: cannot be read: {why}; expected a readable file") from None

@@ -22,30 +22,34 @@ from volid.io.basics.hdf5_seal import check_seal, damaged
 SECONDS, BYTES_PER_SECOND = 5, 20_000_000
 READER = Path(hdf5_structure.__file__)
 PATIENCE = 20  # times as long by the clock, on a busy machine or one that limits no processor time
-_RIGHT: dict[
-    tuple[int, ...], bool
-] = {}  # files that this process has found right, by what tells them from their changed selves
+_RIGHT: set[tuple[int, ...]] = set()  # files found right by this process, by what tells them from their changed selves
 _REMEMBERED = 64
 _SETTLED = 2.0  # s: a file that changed only now may change again within one tick of the clock of its times
 
 
-def check_file(path: str | Path) -> bool:
-    """Whether the contents are to be checked still (`hdf5_structure.check_structure`); False when that was done.
+def is_known(path: str | Path) -> bool:
+    """Whether this process has found the file right already (`remember`); else its contents are still to be checked.
 
-    Raises `InputError` when the file is damaged or holds what cannot be read safely.
+    Raises `InputError` when the file is damaged or cannot be read safely.
     """
+    if _key(os.stat(path)) in _RIGHT:
+        return True
+    if not check_seal(path):
+        _read_in_process(path, os.path.getsize(path))
+    return False
+
+
+def remember(path: str | Path) -> None:
+    """The contents of the file have been checked (`hdf5_structure.check_structure`) and are right."""
     state = os.stat(path)
-    key = (state.st_dev, state.st_ino, state.st_size, state.st_mtime_ns, state.st_ctime_ns)
-    if key in _RIGHT:
-        return False
-    sealed = check_seal(path)
-    if not sealed:
-        _read_in_process(path, state.st_size)
     if time.time() - max(state.st_mtime, state.st_ctime) > _SETTLED:
         if len(_RIGHT) >= _REMEMBERED:
             _RIGHT.clear()
-        _RIGHT[key] = sealed
-    return sealed
+        _RIGHT.add(_key(state))
+
+
+def _key(state: os.stat_result) -> tuple[int, ...]:
+    return state.st_dev, state.st_ino, state.st_size, state.st_mtime_ns, state.st_ctime_ns
 
 
 def _read_in_process(path: str | Path, size: int) -> None:
@@ -65,12 +69,12 @@ def _read_in_process(path: str | Path, size: int) -> None:
         )
     except subprocess.TimeoutExpired:
         raise damaged(path, f"it cannot be read within {PATIENCE * seconds} s") from None
-    except OSError:  # no process can be started here: the file is read without this care
+    except OSError:  # no process can be started here: its structure is checked, but nothing limits the time of that
         return
     verdict, _, what = done.stdout.decode("utf-8", "replace").strip().partition(" ")
     if verdict == "unfit":
         raise unfit(path, what)
-    if verdict == "damaged" or done.returncode < 0:
+    if verdict == "damaged" or done.returncode:
         raise damaged(path, what or f"the HDF5 library fails on it, or works for more than {seconds} s")
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from volid.exceptions import InputError
 from volid.exceptions import shown as named
 from volid.io.basics.hdf5_group import Group
-from volid.io.basics.hdf5_guard import check_file, unfit
+from volid.io.basics.hdf5_guard import is_known, remember, unfit
 from volid.io.basics.hdf5_seal import BLOCK, SIGNATURE, begins_like_hdf5, damaged
 from volid.io.basics.hdf5_structure import Unfit, check_structure, shown
 from volid.io.basics.toml_table import made_by, wrong_format
@@ -49,10 +49,11 @@ def opened(path: str | Path, what: str) -> Iterator[Group]:
     Raises `InputError` when the file is damaged or holds what cannot be read safely, also for what goes wrong as it is read.
     """
     try:
-        unchecked = check_file(path)
+        known = is_known(path)
         with h5py.File(path, "r") as file:
-            if unchecked:
+            if not known:
                 check_structure(file, os.path.getsize(path))
+                remember(path)
             yield Group(file, str(path), what)
     except Unfit as error:
         raise unfit(path, str(error)) from None

@@ -31,8 +31,15 @@ def with_named(
             first.setdefault(str(names[i]), readings.where(int(places[i])))
     named = [name for name in first if name not in known]
     return (*declared, *map(Station, named)), tuple(
-        _remark(n, counts, first[n], known) for n in named if _rare(n, counts)
+        _remark(n, counts, first[n], known) for n in named if _rare(n, counts) or _looks_like(n, counts)
     )
+
+
+def _looks_like(name: str, counts: Counter[str]) -> bool:
+    """Whether another name differs from this one by case and blanks alone, and has more readings."""
+    plain = "".join(name.split()).casefold()
+    alike = [other for other in counts if other != name and "".join(other.split()).casefold() == plain]
+    return any(counts[other] >= counts[name] for other in alike)
 
 
 def _rare(name: str, counts: Counter[str]) -> bool:

@@ -34,6 +34,7 @@ LISTED = 4
 RIVAL = 0.75  # of the best score, from which on another cause is as likely as that
 COMMON = 0.7  # the same for growth against scales: machines grow in every campaign, instruments are calibrated
 WORTH = 0.1  # of the first score: an alternative with less retells what the first one, of low order, leaves of itself
+LARGEST_SCALE = 0.01  # of a length
 CHAINS = (ORDER, *SLIPS)
 REFITTED, GROSS_ROWS = (
     4000,
@@ -94,7 +95,12 @@ def _best(tested: list[Judged]) -> Judged | None:
 
 def _certain(tested: list[Judged]) -> list[Judged]:
     limit = float(np.log(CHANCE / max(len(tested), 1)))
-    return [j for j in tested if j.log_probability < limit and j.score > 0.0]
+    return [j for j in tested if j.log_probability < limit and j.score > 0.0 and _is_possible(j)]
+
+
+def _is_possible(j: Judged) -> bool:
+    """Whether such an error can be: no refraction changes lengths by a hundredth."""
+    return j.alternative.cause != SCALE or float(np.max(np.abs(j.values), initial=0.0)) < LARGEST_SCALE
 
 
 def _rivals(best: Judged, tested: list[Judged]) -> list[Judged]:
