@@ -286,7 +286,7 @@ def test_alignments_of_a_damaged_file_are_named(text, tmp_path):
     write_campaign(campaign(machine, square("square", machine)), tmp_path / "c.h5")
     with changed(tmp_path / "c.h5") as file:
         file.attrs["alignments"] = text
-    with pytest.raises(InputError, match=r"c\.h5, attribute alignments: expected a list of tables"):
+    with pytest.raises(InputError, match=r"c\.h5, attribute alignments: .*expected a list( of tables| in JSON)"):
         load_campaign(tmp_path / "c.h5")
 
 

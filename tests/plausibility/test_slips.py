@@ -1,5 +1,7 @@
 """Mistakes in what a campaign says, on every kind of reading and several layouts: named, or at least not accepted."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from support.machines import HORIZONTAL, MACHINES, VERTICAL
@@ -9,7 +11,7 @@ import volid
 from volid.fitting.diagnosis.adequacy import ACCEPTED, ENLARGED, NOT_TESTABLE
 from volid.fitting.nominal import check_nominal, explained, few, nominal_misfit
 from volid.plausibility.checks import check_campaign
-from volid.plausibility.slips import slips
+from volid.plausibility.slips import COLUMNS, HAND, READINGS, SENSE, TOOL, slips
 
 GOOD = (ACCEPTED, ENLARGED, NOT_TESTABLE)
 TABLE = "w C' A' Y' X' b Z t"
@@ -74,24 +76,58 @@ def test_sound_campaigns_pass_the_door(layout, make, u, scale):
     assert refusal(campaign) == ""
 
 
-def test_every_slip_undoes_itself_where_it_is_a_mistake():
-    """The nominal misfit of a campaign with a slip is that of the sound one, once the slip of the same name is taken out."""
-    sound = distances(VERTICAL, 7, n=40)
+@pytest.mark.parametrize("make", [distances, points], ids=lambda f: f.__name__)
+def test_slips_that_are_their_own_opposite_restore_the_campaign(make):
+    """Twice negated or exchanged is as it was; once, the readings disagree with the nominal machine."""
+    sound, seen = make(VERTICAL, 7, n=60), set()
     before = nominal_misfit(sound)
     assert before < 0.1
     for slip in slips(sound):
-        if slip.cause in ("dead paths", "station labels"):
-            continue  # their opposite is another one
-        wrong = nominal_misfit(slip.campaign) / slip.scale
-        assert wrong > 0.5 * before, slip.what
+        if slip.cause not in (SENSE, COLUMNS, TOOL, HAND, READINGS):
+            continue
+        again = next((s for s in slips(slip.campaign) if s.what == slip.what), None)
+        if again is None:  # it put positions outside the travel, and is not tried there
+            continue
+        seen.add(slip.cause)
+        assert nominal_misfit(slip.campaign) > 50.0 * before, slip.what
+        assert nominal_misfit(again.campaign) == pytest.approx(before, rel=1e-3), slip.what
+    assert {SENSE, TOOL} < seen
+
+
+def test_a_slip_in_one_set_is_not_taken_for_the_unit_of_another():
+    """What the readings of one set would count less for in another unit is no explanation of the others."""
+    trackers, bar = distances(VERTICAL, 11), ball_bar(VERTICAL, 11)
+    (mistake,) = mistakes("two stations exchanged with one tool")
+    wrong = mistake.make(trackers)
+    both = replace(wrong, stations=wrong.stations + bar.stations, sets=wrong.sets + bar.sets)
+    assert "stations S1 and S2 are exchanged" in refusal(both)
+
+
+def test_readings_one_row_off_are_named():
+    """As after a cell that was put in at the head of a column."""
+    sound = distances(HORIZONTAL, 12)
+    (s,) = sound.sets
+    shifted = replace(s, readings=np.roll(s.readings, 1, axis=0)).rows_of(np.arange(1, len(s)))
+    assert "stand one row too low" in refusal(replace(sound, sets=(shifted,)))
+
+
+def test_lost_beams_are_named_and_a_zeroed_instrument_is_not():
+    sound = distances(HORIZONTAL, 13)
+    (s,) = sound.sets
+    lost = s.readings.copy()
+    lost[100:160] = 0.0
+    assert "exactly 0 at 60 different positions" in refusal(replace(sound, sets=(replace(s, readings=lost),)))
+    starts = {
+        key: r for r, key in reversed(list(enumerate(zip(s.labels["station"], s.labels["segment"], strict=True))))
+    }
+    zeroed = s.readings - s.readings[[starts[k] for k in zip(s.labels["station"], s.labels["segment"], strict=True)]]
+    assert refusal(replace(sound, sets=(replace(s, readings=zeroed),))) == ""
 
 
 def test_positions_of_another_travel_are_named_and_over_travel_is_not():
     sound = points(HORIZONTAL, 8)
     i = sound.machine.index("Y")
     (s,) = sound.sets
-    from dataclasses import replace
-
     beyond = s.positions.copy()
     beyond[:5, i] = 700.0 + 30.0  # 4 % beyond
     assert refusal(replace(sound, sets=(replace(s, positions=beyond, readings=s.readings),))) == ""

@@ -206,7 +206,7 @@ def test_unconverged_and_unredundant_fits_are_named(data):
     text = format_summary(
         data | {"converged": False, "degrees_of_freedom": 0, "unit_weight": None, "probability": None}
     )
-    assert "*** NOT CONVERGED" in text.splitlines()[1]
+    assert "*** NOT CONVERGED" in text.splitlines()[0] and "accepted" not in text.splitlines()[1]
     assert "no redundancy" in text
 
 

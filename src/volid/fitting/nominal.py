@@ -130,9 +130,10 @@ def check_nominal(campaign: Campaign) -> None:
     if len(likely) > 1:
         cure = f"The readings do not tell which: look at the machine, then {', or '.join(s.cure for s in likely)}"
     said = " or ".join(slip.what for slip in likely)
+    where = campaign.source or "campaign"
     raise InputError(
-        f"{campaign.source or 'campaign'}: it seems that {said}: the readings disagree with the nominal machine by {misfit:.3g} mm "
-        f"(root mean square), but by {found[0].misfit:.2g} mm without that. {cure}; if the campaign is right as it stands, pass "
+        f"{where}: it seems that {said}: the readings disagree with the nominal machine by {misfit:.3g} mm (root mean square), but "
+        f"by {found[0].misfit:.2g} mm without that. {cure}; if the campaign is right as it stands, pass "
         "`accept_large_errors=True`"
     )
 

@@ -151,9 +151,8 @@ def _solution(
         lost.any(axis=1) & ~held.any(axis=1) & ~not_determined(used, found.covariance, moved[:, :, free]).any(axis=1)
     )
     lost |= held
-    if (
-        not equations.free.all()
-    ):  # a frame that the fixed points leave open is no choice: what it moves is not determined
+    open_points = tuple(points[i] for i in np.flatnonzero(lost.any(axis=1)))
+    if not equations.free.all():  # what a frame that is open in spite of fixed points moves is not determined
         moves = np.linalg.norm(found.rigid, axis=1).reshape(-1, lost.shape[1]) > OPEN
         lost[equations.free] |= moves
     return NetworkSolution(
@@ -166,7 +165,7 @@ def _solution(
         rank=found.sizes.size,
         defect=found.axes.shape[1] - found.sizes.size,
         datum_defect=found.rigid.shape[1],
-        undetermined=tuple(points[i] for i in np.flatnonzero(lost.any(axis=1))),
+        undetermined=open_points,
         not_determined=lost,
         second_order=tuple(points[i] for i in np.flatnonzero(limited)),
         degrees_of_freedom=dof,

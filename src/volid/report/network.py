@@ -95,10 +95,11 @@ def _not_determined(solution: NetworkSolution) -> list[str]:
     first = [name for name in solution.undetermined if name not in solution.second_order]
     messages = []
     extra = solution.defect - solution.datum_defect
+    motions = "motion" if solution.datum_defect == 1 else "motions"
     if solution.datum_defect and len(solution.unknown) < len(solution.points):
         messages.append(
-            f"The fixed points leave {solution.datum_defect} motions of the whole network open; it lies as near to the "
-            "approximate coordinates as the distances allow, and u does not contain these motions. Fix more points."
+            f"The fixed points leave {solution.datum_defect} {motions} of the whole network open; it lies as near to the "
+            "approximate coordinates as the distances allow, and u is blank where that moves a coordinate. Fix more points."
         )
     if first and not extra:
         messages.append(

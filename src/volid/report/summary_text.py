@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from volid.model.axis_lines import AXIS_LINE, MACHINE, PARAMETER
@@ -44,19 +44,8 @@ def _barrier_lines(data: dict[str, Any]) -> list[str]:
 
 
 def _verdict_lines(data: dict[str, Any]) -> list[str]:
-    lines = []
-    if data["rejected"]:
-        lines.append("*** MODEL REJECTED BY THE DATA: the uncertainties below do not hold ***")
-    if data["questions"] and not data["rejected"]:
-        lines.append("*** QUESTION: the result is not accepted before it is answered ***")
-    if not data["converged"]:
-        lines.append("*** NOT CONVERGED: the iteration stopped early; do not use these numbers ***")
-    verdict = data["verdict"][:1].upper() + data["verdict"][1:]
-    if data["accepted"] and not data["converged"]:
-        verdict = "Not judged, because the iteration stopped early"
-    if data["accepted"] and data["not_determined"]:
-        verdict += ", but not everything is determined (n.d.); see below"
-    lines += paragraph(verdict + ("" if verdict.endswith((".", "?")) else "."))
+    """What stands above everything, the verdict, and what it depends on."""
+    lines = [f"*** {banner} ***" for banner in _banners(data)] + paragraph(_verdict_words(data))
     for question in data["questions"][0 if data["rejected"] else 1 :]:
         lines += paragraph(f"Question: {question['text']}.")
     if data["not_determined"] and not data["accepted"]:
@@ -64,6 +53,24 @@ def _verdict_lines(data: dict[str, Any]) -> list[str]:
     for text in data["unseen"] if not (data["rejected"] and data["causes"]) else ():  # they follow from the misfit then
         lines += paragraph(f"Attention: {text}.")
     return lines
+
+
+def _banners(data: dict[str, Any]) -> Iterator[str]:
+    if data["rejected"]:
+        yield "MODEL REJECTED BY THE DATA: the uncertainties below do not hold"
+    elif data["questions"]:
+        yield "QUESTION: the result is not accepted before it is answered"
+    if not data["converged"]:
+        yield "NOT CONVERGED: the iteration stopped early; do not use these numbers"
+
+
+def _verdict_words(data: dict[str, Any]) -> str:
+    verdict = data["verdict"][:1].upper() + data["verdict"][1:]
+    if data["accepted"] and not data["converged"]:
+        verdict = "Not judged, because the iteration stopped early"
+    if data["accepted"] and data["not_determined"]:
+        verdict += ", but not everything is determined (n.d.); see below"
+    return verdict if verdict.endswith((".", "?")) else f"{verdict}."
 
 
 def _cause_lines(data: dict[str, Any]) -> list[str]:
