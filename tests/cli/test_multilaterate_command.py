@@ -182,7 +182,7 @@ def test_too_few_fixed_points_are_named(files, capsys):
     lines = points.read_text().splitlines()
     points.write_text("\n".join([lines[0], lines[1].rsplit(",", 1)[0] + ",1", *lines[2:]]))
     assert run(distances, "--approximate", points) == 1
-    assert "The fixed points leave 1 motions of the whole network open" in capsys.readouterr().err
+    assert "The fixed points leave 1 motion of the whole network open" in capsys.readouterr().err
 
 
 def test_existing_output_is_kept_unless_forced(files, tmp_path):

@@ -132,8 +132,8 @@ def check_nominal(campaign: Campaign) -> None:
     said = " or ".join(slip.what for slip in likely)
     where = campaign.source or "campaign"
     raise InputError(
-        f"{where}: it seems that {said}: the readings disagree with the nominal machine by {misfit:.3g} mm (root mean square), but "
-        f"by {found[0].misfit:.2g} mm without that. {cure}; if the campaign is right as it stands, pass "
+        f"{where}: it seems that {said}: the readings disagree with the nominal machine by {misfit:.3g} mm (root mean square), "
+        f"but by {found[0].misfit:.2g} mm without that. {cure}; if the campaign is right as it stands, pass "
         "`accept_large_errors=True`"
     )
 
