@@ -85,7 +85,7 @@ def wrong(seed: int, only: str, jobs: int) -> None:
 
 
 def sound_one(seed: int) -> tuple[str, str]:
-    """Grade and words of a sound campaign: u 0.1 µm to 0.1 mm, errors of 1 µm to 10 mm and below 1 % of the travel."""
+    """Grade and words of a sound campaign: u 0.1 µm to 0.1 mm, errors of 1 µm to 10 mm and below 0.4 % of the travel."""
     rng = np.random.default_rng(50_000 + seed)
     kind = ["distance", "point", "ball bar", "component", "displacement"][seed % 5]
     u, layout = float(10.0 ** rng.uniform(-4, -1)), list(MACHINES)[int(rng.integers(3))]
