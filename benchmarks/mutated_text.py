@@ -1,9 +1,9 @@
 """Damaged text files: no exception but volid's own, nothing above 10 s, nothing above 1 GB.
 
-python -m benchmarks.mutated_text 25000           # so many, from number 0 on; about ten minutes of processor time
+python -m benchmarks.mutated_text 25000           # so many, from number 0 on; one to two minutes of processor time
 python -m benchmarks.mutated_text 100 --from 700  # numbers 700 … 799; a number always damages the same file in the same way
 
-Manifests, machine files, studies, CSV files of every kind, tables, grids and networks; one in fourteen is fitted when it can be
+Manifests, machine files, studies, CSV files of every kind, tables, grids and networks; one in fifteen is fitted when it can be
 read (`tests/support/mutated_text.py`). Exit status 1 when something is wrong, which is printed whole.
 """
 

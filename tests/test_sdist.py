@@ -3,6 +3,7 @@
 import os
 import re
 import subprocess
+import sys
 
 import pytest
 from support.places import ROOT
@@ -21,6 +22,7 @@ def kept_files():
 @pytest.fixture(scope="module")
 def included():
     """Files that MANIFEST.in takes along, by setuptools' own reading of it."""
+    path = sys.path.copy()
     filelist = pytest.importorskip("setuptools.command.egg_info").FileList(
         warn=lambda *_: None, debug_print=lambda *_: None
     )
@@ -33,6 +35,7 @@ def included():
                 filelist.process_template_line(line)
     finally:
         os.chdir(before)
+        sys.path[:] = path  # setuptools puts its own copies of other packages there
     return {re.sub(r"^\./", "", name.replace(os.sep, "/")) for name in filelist.files}
 
 

@@ -331,7 +331,7 @@ def test_files_that_are_no_tables(tmp_path):
             read_csv(_file(tmp_path, data))
     with pytest.raises(InputError, match=r"/dev/zero: is a device or a named pipe, which may never end"):
         read_csv("/dev/zero")
-    with pytest.raises(InputError, match=r"cannot be read: Is a directory"):
+    with pytest.raises(InputError, match=r"it is a folder; name a file in it"):
         read_csv(tmp_path)
 
 

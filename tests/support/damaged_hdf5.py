@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import multiprocessing
 import os
+import re
 import resource
 import shutil
 import traceback
@@ -217,8 +218,14 @@ def _work(pipe: Connection, sources: Path, folder: Path) -> None:
 
 
 def memory() -> float:
-    """Largest memory of this process or one that it started [bytes]."""
-    return 1024.0 * max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    """Largest memory of this process or one that it started [bytes].
+
+    Linux counts what the parent had when it started this process as part of its `ru_maxrss`, but not of its own high-water mark.
+    """
+    status = Path("/proc/self/status")
+    found = re.search(r"VmHWM:\s*(\d+) kB", status.read_text()) if status.exists() else None
+    own = int(found[1]) if found else resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return 1024.0 * max(own, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)
 
 
 def run(todo: Sequence[Task], sources: Path) -> Iterator[Outcome | float]:
