@@ -128,7 +128,8 @@ def check_nominal(campaign: Campaign) -> None:
     likely = list(_as_likely(found))
     cure = f"What to do: {likely[0].cure}"
     if len(likely) > 1:
-        cure = f"The readings do not tell which: look at the machine, then {', or '.join(s.cure for s in likely)}"
+        cures = ", or ".join(s.cure.removeprefix("campaign: ") for s in likely)
+        cure = f"The readings do not tell which: look at the machine, and then {cures}"
     said = " or ".join(slip.what for slip in likely)
     where = campaign.source or "campaign"
     raise InputError(

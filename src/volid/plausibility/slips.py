@@ -189,7 +189,7 @@ def _tools(campaign: Campaign) -> Iterator[Slip]:
         return
     for said, factors in (("x", (-1, 1, 1)), ("y", (1, -1, 1)), ("z", (1, 1, -1))):
         if tools[:, "xyz".index(said)].any():
-            cure = f"campaign: negate tool_{said}, or the {said} of `tool`"
+            cure = f"campaign: negate tool_{said}, or the {said} of the key tool"
             yield _tool_slip(campaign, factors, f"tool vectors have the wrong sign in {said}", cure)
     if np.count_nonzero(tools.any(axis=0)) > 1:
         yield _tool_slip(campaign, (-1, -1, -1), "tool vectors are negated", "campaign: negate the tool vectors")
