@@ -39,8 +39,8 @@ Root attributes: `format`; `machine_name`; `axes` (letters, machine axis order);
   "not testable"), `rejected`,
   `factor` (what every u is multiplied by; `covariance` holds its square), `chi_square`, `degrees_of_freedom`, `unit_weight`,
   `probability`; `causes/`: `cause`, `what`, `cure`, `drop` (of chi-square), `gain`, `unknowns`, `log10_probability`, `change` (of
-  the result, over U), each (c,), the most likely first; `questions/`: `text`, `about_values` (no table is made before such a one is
-  answered), each (q,); `groups/`: `what`, `n`, `unit_weight`, `probability`, `sort`, each (g,),
+  the result, over U), each (c,), the most likely first; `questions/`: `text`, `about_values` (no table before
+  it is answered), each (q,); `groups/`: `what`, `n`, `unit_weight`, `probability`, `sort`, each (g,),
   least probable first; `suspects/`: `where`, `label`, `residual`, `normalised`, `unit`, each (s,). `outliers/`: the same columns,
   for the readings that were set aside.
 - `statistics/`: attributes `n_readings`, `n_parameters`, `iterations`, `converged`. `notes`: text, (t,).
