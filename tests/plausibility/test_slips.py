@@ -111,6 +111,15 @@ def test_readings_one_row_off_are_named():
     assert "stand one row too low" in refusal(replace(sound, sets=(shifted,)))
 
 
+def test_known_stations_are_not_blamed_for_what_cannot_be_adjusted():
+    """Nothing nominal can be adjusted: no comparison with unknown positions says anything."""
+    sound = distances(HORIZONTAL, 14)
+    (s,) = sound.sets
+    stations = tuple(replace(one, known=True, frame="machine") for one in sound.stations)
+    overflowing = replace(s, readings=np.where(np.arange(len(s))[:, None] == 5, np.inf, s.readings))
+    check_nominal(replace(sound, stations=stations, sets=(overflowing,)))
+
+
 def test_lost_beams_are_named_and_a_zeroed_instrument_is_not():
     sound = distances(HORIZONTAL, 13)
     (s,) = sound.sets

@@ -24,12 +24,10 @@ from volid.model.error_model import build_model
 from volid.model.machine import FunctionSettings, Machine, ModelSettings
 from volid.observations import KINDS
 from volid.observations.base import DEGREES
-from volid.plausibility.slips import NONE, STATIONS, Slip, slips
+from volid.plausibility.slips import NONE, STATIONS, Slip, slips, with_unknown_stations
 
 ROWS = 600  # of a campaign that are adjusted
-LARGE = (
-    0.003  # of the extent of the functional points: a misfit above is looked into, three times what a large gantry has
-)
+LARGE = 0.003  # of the extent of the positions: a misfit above is looked into; a large gantry has a third of it
 LEAST = 2.0  # mm, however small the extent: lines of rotary axes may be stated as wrongly as that
 BETTER = 0.1  # misfit without the slip over that with it, at most
 SURE = 0.2  # the same for the second-best slip: where another explains it as well, both are named
@@ -117,10 +115,10 @@ def check_nominal(campaign: Campaign) -> None:
     """
     thinned = few(campaign, ROWS)
     misfit = nominal_misfit(thinned)
+    if not np.isfinite(misfit):  # what cannot be fitted is told by the fit
+        return
     _check_known(thinned, misfit)
-    if not np.isfinite(misfit) or misfit <= max(
-        LARGE * extent(thinned), LEAST
-    ):  # what cannot be fitted is told by the fit
+    if misfit <= max(LARGE * extent(thinned), LEAST):
         return
     found = explained(campaign, misfit)
     if not found:
@@ -146,8 +144,7 @@ def _check_known(campaign: Campaign, misfit: float) -> None:
     """
     if misfit < PLACED or not any(station.known for station in campaign.stations):
         return
-    free = replace(campaign, stations=tuple(replace(s, known=False, frame="stations") for s in campaign.stations))
-    remaining = nominal_misfit(free)
+    remaining = nominal_misfit(with_unknown_stations(campaign))
     if remaining <= BETTER * misfit:
         raise InputError(
             f"{campaign.source or 'campaign'}: stations are stated as known, but the readings disagree with their positions by "

@@ -35,10 +35,7 @@ LEAST_ANGLE = 1e-4  # rad
 DEEP = 0.15  # of the box of its targets, from every face: a station there stands where the tool moves
 LEAST_U = 2e-5  # mm: 20 nm
 FAR = 20.0  # mm, from its stated position to where a station is found, from which on a reason is looked for
-NEARER, MUCH_NEARER = (
-    0.2,
-    0.05,
-)  # of that distance: what a reason has to leave at most, for fewer than `FEW` stations the second
+NEARER, MUCH_NEARER = 0.2, 0.05  # of that distance: what a reason has to leave at most; for fewer than `FEW` stations
 FEW = 3
 _MICRO = 30.0  # times too large: a u in µm is 1000 times too large, of which smoother functions hide a part
 _INSIST = "If that is so, set large_errors = true in the [[set]], and fit again"

@@ -21,22 +21,14 @@ from volid.observations import KINDS
 from volid.observations.base import MM, STATION
 from volid.plausibility.tools import SHORT
 
-SENSE, COLUMNS, UNITS, TOOL, HAND = (
-    "sense of an axis",
-    "exchanged columns",
-    "a wrong unit",
-    "a tool vector",
-    "the frame",
-)
-STATIONS, PATHS, READINGS = "station labels", "dead paths", "sense of the readings"
-ROWS = "rows of the readings"
+SENSE, COLUMNS, UNITS, TOOL = "sense of an axis", "exchanged columns", "a wrong unit", "a tool vector"
+HAND, READINGS, ROWS = "the frame", "sense of the readings", "rows of the readings"
+STATIONS, PATHS = "station labels", "dead paths"
 METRE, INCH = 1000.0, 25.4
 _MOST_LABELS = 60  # exchanged labels that are tried
 _MOST_TOOLS = 6
 _LEAST_ROWS = 10
 _FEW_OUTSIDE = 0.1  # share of the positions that may lie outside the travels once a mistake is mended
-
-
 NONE: Mapping[str, float] = MappingProxyType({})
 
 
@@ -72,7 +64,13 @@ def _with_set(campaign: Campaign, of: ObservationSet, changed: ObservationSet) -
     return replace(campaign, sets=tuple(changed if s is of else s for s in campaign.sets))
 
 
-def covering(campaign: Campaign) -> Campaign:
+def with_unknown_stations(campaign: Campaign) -> Campaign:
+    """The campaign with stations whose stated positions are approximate."""
+    free = tuple(replace(station, known=False, frame="stations") for station in campaign.stations)
+    return replace(campaign, stations=free)
+
+
+def _covering(campaign: Campaign) -> Campaign:
     """The campaign on its machine with travels that hold all positions, which a slip may have put elsewhere."""
     low, high = campaign.measured_range().T
     ends = {
@@ -111,7 +109,7 @@ def _outside(campaign: Campaign, machine: Machine) -> float:
 
 def _scaled(campaign: Campaign, factors: np.ndarray) -> Campaign:
     """Positions times one factor for each axis."""
-    return covering(_with_sets(campaign, lambda s: s.moved(lambda q: q * factors, lambda way: way)))
+    return _covering(_with_sets(campaign, lambda s: s.moved(lambda q: q * factors, lambda way: way)))
 
 
 def _counted_the_other_way(campaign: Campaign, i: int) -> Slip:
@@ -121,16 +119,14 @@ def _counted_the_other_way(campaign: Campaign, i: int) -> Slip:
     mirrored = np.mean((-q < low) | (-q > high)) > np.mean((q < low) | (q > high))
     own = np.arange(len(campaign.machine.axes)) == i
     offset = low + high if mirrored else 0.0
-    cure = (
-        f"campaign: {axis.letter} counted from the other end, {offset:g} - {axis.letter}, or "
-        if mirrored
-        else "campaign: "
-    )
-    cure += f"negate column {axis.letter}" + (" and its travel" if mirrored else "")
+    cure = f"campaign: negate column {axis.letter}"
+    if mirrored:
+        x = axis.letter
+        cure = f"campaign: {x} counted from the other end, {offset:g} - {x}, or negate column {x} and its travel"
     changed = _with_sets(
         campaign, lambda s: s.moved(lambda p: np.where(own, offset - p, p), lambda way: np.where(own, -way, way))
     )
-    return Slip(SENSE, f"axis {axis.letter} counts the other way", cure, covering(changed))
+    return Slip(SENSE, f"axis {axis.letter} counts the other way", cure, _covering(changed))
 
 
 def _turning_the_other_way(campaign: Campaign, i: int) -> Slip:
@@ -147,7 +143,7 @@ def _exchanged(campaign: Campaign, i: int, j: int) -> Slip:
     a, b = machine.letters[i], machine.letters[j]
     columns = [j if k == i else i if k == j else k for k in range(len(machine.axes))]
 
-    changed = covering(_with_sets(campaign, lambda s: s.moved(lambda q: q[:, columns], lambda way: way[:, columns])))
+    changed = _covering(_with_sets(campaign, lambda s: s.moved(lambda q: q[:, columns], lambda way: way[:, columns])))
     return Slip(COLUMNS, f"positions of {a} and {b} are exchanged", f"campaign: exchange columns {a} and {b}", changed)
 
 
@@ -219,10 +215,9 @@ def _hands(campaign: Campaign) -> Iterator[Slip]:
     for s in campaign.sets:
         names = KINDS[s.kind].readings
         if len(names) == 1:
+            what = f"readings of set '{s.name}' have the other sign"
             cure = f"campaign: negate column {names[0]} of set '{s.name}'"
-            yield Slip(
-                READINGS, f"readings of set '{s.name}' have the other sign", cure, _read_times(campaign, s, -1.0)
-            )
+            yield Slip(READINGS, what, cure, _read_times(campaign, s, -1.0))
             continue
         for k in (1, 0, 2):  # y first: the usual way to write a left-handed frame
             signs = np.where(np.arange(len(names)) == k, -1.0, 1.0)
@@ -275,11 +270,8 @@ def _by_tool(campaign: Campaign, of: ObservationSet, tools: np.ndarray) -> Slip:
 def _stations(campaign: Campaign) -> Iterator[Slip]:
     """Known places that are not, and two labels exchanged in the readings with one tool vector."""
     if any(station.known for station in campaign.stations):
-        free = tuple(replace(station, known=False, frame="stations") for station in campaign.stations)
-        changed = replace(campaign, stations=free)
-        yield Slip(
-            STATIONS, "the known positions of stations do not hold", "campaign, [[station]]: known = false", changed
-        )
+        what, cure = "the known positions of stations do not hold", "campaign, [[station]]: known = false"
+        yield Slip(STATIONS, what, cure, with_unknown_stations(campaign))
     tried = 0
     for s in campaign.sets:
         for slip in _exchanged_labels(campaign, s):
