@@ -65,7 +65,7 @@ def asked():
     yield "plan {m} static-grid --points 3,3 -o {out}.toml --u 1e-9", "is it in metres?"
     yield "plan {m} cone-frustum --points 5 -o {out}.toml --length 0.1", "is it in metres?"
     yield "plan {m} cone-frustum --points 5 -o {out}.toml --calibrated-u 0.5", "is it in micrometres?"
-    yield "grid {s} -o {out}.csv --step 1e-6", "nodes, a file of about more than 1 YB"
+    yield "grid {s} -o {out}.csv --step 1e-6", "nodes, a file of more than 1 YB"
     yield "functions {s} -o {out}.csv --step 1e-6", "1,000,000,001 positions of X"
     yield "plan {m} standard -o {out}.toml --points 1000000000000", "6,000,000,000,000 rows"
     yield "plan {m} static-grid -o {out}.toml --points 100000,100000", "10,000,000,000 rows; that needs 10 TB"

@@ -62,7 +62,7 @@ def _ask_size(request: GridRequest, counts: Sequence[float]) -> None:
     size = float(np.prod(np.array(counts, dtype=float)))
     each = " × ".join(map(in_digits, counts))
     asked = "grid" if request.sampling.step is None else f"`step={request.sampling.step:g}`"
-    what = f"{asked}: {each} = {in_digits(size)} nodes, a file of about {in_bytes(FILE * size)}"
+    what = f"{asked}: {each} = {in_digits(size)} nodes, a file of {in_bytes(FILE * size)}"
     ask_memory(what, MEMORY * size, "Take a larger step or fewer points")
 
 
