@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from exact_chain import ExactMachine, Truth
 from exact_chain.ranks import differences, offsets, rank, sensitivities, without
-from support.machines import exact_of, fixed, volid_machine
+from support.machines import exact_of, volid_machine
 from support.places import MODELS
 
 from volid.exceptions import InputError
@@ -54,7 +54,7 @@ def test_what_three_circles_determine_is_what_a_count_apart_gives(unknown, expec
     plan = circles(machine, arc=arc, length=149.9, n=73, calibrated_u=np.inf if unknown else 0.0)
     centre = np.array(plan.stations[0].position)
 
-    def lengths(truth=None, moved=np.zeros(3)):
+    def lengths(truth=None, moved=0.0):
         return np.concatenate(bar_lengths(BOX, plan, truth or Truth(), centre + moved))
 
     nuisance = differences(lambda p: lengths(moved=p), np.zeros(3), np.full(3, 1e-3))
@@ -108,7 +108,7 @@ def test_squareness_scale_and_reversal_are_recovered_within_u(structure, unknown
     )
     machine = volid_machine(exact, SHOWN)
     plan = circles(machine, length=150.0, u=3e-4, calibrated_u=np.inf if unknown else 2e-4)
-    socket = np.array(plan.stations[0].position) + [0.05, -0.08, 0.03]
+    socket = np.array(plan.stations[0].position) + np.array([0.05, -0.08, 0.03])
     rng, bar = np.random.default_rng(11), 0.4 if unknown else 1.5e-4
     readings = [r + bar + rng.normal(size=len(r)) * 3e-4 for r in bar_lengths(exact, plan, truth, socket)]
     solution = fit(with_readings(plan, readings))
