@@ -140,8 +140,8 @@ def _own_slots(
     if settings.offset:
         name = f"{line.observations.name} line {line.name} {line.component}"
         number = table.index(
-            ("offset", line.observations.name, line.name, line.component),
-            f"offset {name}",
+            line.offset_key,
+            f"offset {name} run {line.run}" if line.run else f"offset {name}",
             spread=OFFSET_SPREAD,
             response=line.offset_response(),
         )

@@ -113,5 +113,5 @@ def _fitted(placement: Placement) -> dict[Any, float]:
     keys = alignment_keys(placement.alignment, "ABCXYZ")
     lines = [placement.lines[i] for i in own]
     names = [keys[i] for i in columns[0]]
-    names += [("offset", line.observations.name, line.name, line.component) for line in lines]
+    names += [line.offset_key for line in lines]
     return dict(zip(names, found.tolist(), strict=True))
