@@ -116,8 +116,12 @@ class Level(Kind):
             )
 
     def check_values(self, observations: ObservationSet, campaign: Campaign) -> None:
-        """Raises `InputError` when a value lies more than 1 mrad from the middle of its line, unless `large_errors`."""
-        check_lines(observations, _lines(observations, campaign))
+        """Raises `InputError` when a value lies more than 1 mrad from the middle of its line, unless `large_errors`.
+
+        On artefacts, from the middle of each: how far these tilt is open.
+        """
+        parts = [part for rows in lines_of_set(observations) for part in _parts(observations, campaign, rows)]
+        check_lines(observations, [Line(observations, campaign.machine, p.rows, p.change) for p in parts])
 
 
 @dataclass(frozen=True, eq=False)
