@@ -14,7 +14,7 @@ import numpy as np
 from volid.backend.elementary import computed_once, constant_like, in_rows
 from volid.model.geometry import Vector, add, rotate_about, rotate_small, rotation_vector, subtract
 from volid.model.iso230 import LINEAR_AXES
-from volid.model.machine import BED, TOOL, WORKPIECE, Axis, Machine
+from volid.model.machine import Axis, Machine
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -149,36 +149,17 @@ def point_deviation(machine: Machine, q: Any, tool: Vector, errors: Any) -> Vect
 
 def orientation_deviation(machine: Machine, q: Any, errors: Any) -> Vector:
     """Rotation vector of actual · nominal⁻¹ in the machine frame [rad]. CONVENTIONS 5."""
-    return to_machine_frame(machine, q, _turned_by_errors(machine, q, errors, TOOL, WORKPIECE))
-
-
-def _turned_by_errors(machine: Machine, q: Any, errors: Any, seen: str, from_body: str) -> Vector:
-    """Rotation vector of actual · nominal⁻¹ of a body `seen` from another nearer the workpiece, in whose frame it is [rad]."""
-    start, stop, columns = machine.body_index(seen), machine.body_index(from_body), []
+    n = len(machine.axes)
+    columns = []
     for k in range(3):
-        x: Vector = tuple(constant_like(q[0], float(k == i)) for i in range(3))  # type: ignore[assignment]
+        unit: Vector = tuple(constant_like(q[0], float(k == i)) for i in range(3))  # type: ignore[assignment]
         # R_actual · R_nominalᵀ applied to a unit vector: back through the nominal chain, forward through the actual one.
-        for i in range(stop, start):
+        x = unit
+        for i in range(n):
             x = nominal_factor(machine.axes[i], -q[i], x, True)
-        if seen == TOOL:
-            x = from_tool_frame(machine, errors, x, True)
-        columns.append(transform(machine, q, errors, x, start=start, stop=stop, is_vector=True))
-    return rotation_vector((columns[0], columns[1], columns[2]))
-
-
-def tilt_deviation(machine: Machine, q: Any, errors: Any, body: str) -> Vector:
-    """Rotation of a body against the bed, actual · nominal⁻¹ as a rotation vector in the machine frame [rad].
-
-    What a level on the body sees of the machine's errors: of a body on the workpiece side the reverse of how the bed is turned
-    against it.
-    """
-    start, bed = machine.body_index(body), machine.body_index(BED)
-    if start >= bed and body != BED:
-        return _turned_by_errors(machine, q, errors, body, BED)
-    a, b, c = _turned_by_errors(machine, q, errors, BED, body)
-    for i in range(start, bed):  # into the frame of the bed
-        a, b, c = nominal_factor(machine.axes[i], -q[i], (a, b, c), True)
-    return -a, -b, -c
+        x = from_tool_frame(machine, errors, x, True)
+        columns.append(transform(machine, q, errors, x, start=n, is_vector=True))
+    return to_machine_frame(machine, q, rotation_vector((columns[0], columns[1], columns[2])))
 
 
 def deviation(machine: Machine, q: Any, tool: Vector, errors: Any) -> Any:

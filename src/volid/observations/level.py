@@ -1,19 +1,19 @@
 """`level`: electronic levels, read in pairs, one on the body that moves and one for reference.
 
-    value = rotation of the body `moving_on` - rotation of the body `reference_on` + zero of the line
+    value = tilt of the body `moving_on` - tilt of the body `reference_on` + zero of the line,   tilt = v · R F s,   s = v × c
 
-Each level counts positive when its body turns right-handed about the axis of the component, and sees how the machine's errors
-turn its body against the vertical; tilts of the whole machine on its ground are the same for both and fall out. The signs follow
-from the bodies: on a table that moves, the moving level sees minus the error motion, which is that of the tool relative to the
+v is the vertical, c the axis of the component, s the direction in which the level lies, F the placement of what it stands on, and R
+the actual rotation from the frame of its body to that of the bed. A level counts positive when its body turns right-handed about
+c; tilts of the whole machine on its ground are the same for both and fall out. R is exact. The signs follow from the bodies: on a table that moves, the moving level sees minus the error motion, which is that of the tool relative to the
 workpiece. Where neither body is stated, the moving level is on the side (workpiece or tool) whose axis moves, the reference on the
 other. In a file, columns `moving` and `reference` may stand for `value`, and name this kind in a set of kind `component`.
 
 A row may say that its moving level stands on an artefact, by the name of its alignment in the column `placement` (otherwise
-"machine"): the level then sees the artefact's own placement o as well, + o. That is how a square in two places is corrected for
+"machine"): the level then sees the artefact's own turn, F = R(o), as well. That is how a square in two places is corrected for
 its tilt (angle × height).
 
 A level knows nothing of turns about the vertical, so the set states which axis that is. Not modelled: turns of a level with a
-rotary axis under it, products of tilts, the bending of a body under the weight of another. CONVENTIONS 3, 6; ISO 230-1
+rotary axis under it, the sine of its angle for the angle itself (0.2 µrad at 10 mrad), the bending of a body under a weight. CONVENTIONS 3, 6; ISO 230-1
 (differential measurement of angular errors with levels).
 """
 
@@ -29,10 +29,10 @@ import numpy as np
 from volid.backend.elementary import in_rows
 from volid.campaign import Campaign, ObservationSet
 from volid.exceptions import InputError
-from volid.model.geometry import Vector
+from volid.model.geometry import Vector, rotate_exactly
 from volid.model.iso230 import LINEAR_AXES, ROTATIONS
 from volid.model.jacobian import tool_rotation_rows
-from volid.model.kinematics import nominal_rotation, tilt_deviation
+from volid.model.kinematics import from_tool_frame, nominal_rotation, transform
 from volid.model.machine import BED, TOOL, WORKPIECE, Machine
 from volid.observations.base import Group, Kind, NuisanceTable
 from volid.observations.lines import LINE, Line, check_components, check_lines, check_offset_per, lines_of_set
@@ -44,9 +44,10 @@ MACHINE = "machine"  # what a level stands on that is on no artefact
 
 
 class LevelSettings(NamedTuple):
-    """Static part: number of the rotation that is read, the bodies of both levels, and whether the first is on an artefact."""
+    """Static part: numbers of the rotation and of the vertical, bodies of both levels, whether the first is on an artefact."""
 
     component: int
+    vertical: int
     moving: str
     reference: str
     carried: bool
@@ -74,14 +75,10 @@ class Level(Kind):
         machine: Machine, settings: LevelSettings, q: Any, tool: Vector, errors: Any, slots: Any, constants: Any
     ) -> Any:
         """Predicted values, shape (1, m) [rad]."""
-        k = settings.component
-        moving, reference = (
-            tilt_deviation(machine, q, errors, body)[k] for body in (settings.moving, settings.reference)
-        )
-        value = moving - reference + slots[0]
-        if settings.carried:
-            value = value + sum(constants[i] * slots[1 + i] for i in range(3))
-        return in_rows([value], np.shape(q[0]))
+        placed = slots[1:4] if settings.carried else None
+        moving = _tilt(machine, settings, settings.moving, q, errors, constants[:3], placed)
+        reference = _tilt(machine, settings, settings.reference, q, errors, constants[3:6], None)
+        return in_rows([moving - reference + slots[0]], np.shape(q[0]))
 
     def groups(self, observations: ObservationSet, campaign: Campaign, table: NuisanceTable) -> list[Group]:
         """Rows of a set by component, bodies and artefact, with the zero of every line. Raises `InputError` naming a wrong row."""
@@ -167,7 +164,8 @@ class _Part:
                 f"{self.where}: both levels stand on one body ({moving}), so that nothing is read; state moving_on and "
                 "reference_on in the [[set]]"
             )
-        return LevelSettings(self.component, moving, reference, bool(self.placement))
+        vertical = LINEAR_AXES.index(stated["vertical"])
+        return LevelSettings(self.component, vertical, moving, reference, bool(self.placement))
 
     def _alignment_body(self) -> str:
         names = [a.name for a in self.campaign.alignments]
@@ -193,11 +191,12 @@ class _Part:
         return WORKPIECE if sides.pop() else TOOL
 
     @cached_property
-    def turned(self) -> np.ndarray:
-        """Row of the nominal rotation from the artefact's body to the machine frame, (m, 3)."""
-        machine, positions = self.campaign.machine, self.observations.positions[self.rows]
-        body = machine.body_index(self.settings.moving)
-        return np.asarray(nominal_rotation(machine, positions, body, machine.body_index(BED))[:, self.component])
+    def lying(self) -> np.ndarray:
+        """Nominal directions in which both levels lie, in the frames of their bodies, (6, m)."""
+        settings = self.settings
+        across = np.cross(np.eye(3)[settings.vertical], np.eye(3)[settings.component])
+        frames = [self._turned(body) for body in (settings.moving, settings.reference)]
+        return np.concatenate([np.einsum("mij,i->jm", frame, across) for frame in frames])
 
     @cached_property
     def change(self) -> np.ndarray:
@@ -212,17 +211,30 @@ class _Part:
         for (sense, whole), body in zip(fixed, (settings.moving, settings.reference), strict=True):
             rows[:, 3 + self.component] += sense
             if not whole:
-                rows[:, 3:6] -= sense * self._nominal_row(body)
+                rows[:, 3:6] -= sense * self._turned(body)[:, self.component]
             if body == TOOL:
                 positions, tool = self.observations.positions[self.rows], self.observations.tool[self.rows]
                 turn = tool_rotation_rows(self.campaign.machine, positions, tool)[:, 3 + self.component]
                 rows[:, 6:] -= sense * turn
         return rows
 
-    def _nominal_row(self, body: str) -> np.ndarray:
+    def _turned(self, body: str) -> np.ndarray:
+        """Nominal rotation from the frame of a body to that of the bed, (m, 3, 3)."""
         machine, positions = self.campaign.machine, self.observations.positions[self.rows]
-        found = nominal_rotation(machine, positions, machine.body_index(body), machine.body_index(BED))
-        return np.asarray(found[:, self.component])
+        return nominal_rotation(machine, positions, machine.body_index(body), machine.body_index(BED))
+
+
+def _tilt(
+    machine: Machine, settings: LevelSettings, body: str, q: Any, errors: Any, lying: Any, placed: Any | None
+) -> Any:
+    """v · R F s of a level on a body, (m,); `lying`: s; `placed`: the rotation vector of F, if any."""
+    x: Vector = lying[0], lying[1], lying[2]
+    if placed is not None:
+        x = rotate_exactly((placed[0], placed[1], placed[2]), x)
+    if body == TOOL:
+        x = from_tool_frame(machine, errors, x, True)
+    start, bed = machine.body_index(body), machine.body_index(BED)
+    return transform(machine, q, errors, x, start=start, stop=bed, is_vector=True)[settings.vertical]
 
 
 def _opposite(machine: Machine, body: str) -> str:
@@ -253,11 +265,10 @@ def _group(settings: LevelSettings, parts: list[_Part], zeros: np.ndarray, table
     """The rows of all parts with the same settings."""
     rows = np.concatenate([part.rows for part in parts])
     order = np.argsort(rows, kind="stable")
-    slots, constants = zeros[rows][None], np.zeros((0, len(rows)))
+    slots, constants = zeros[rows][None], np.hstack([part.lying for part in parts])
     if settings.carried:
         placed = [np.tile(np.array(_turns(part, table))[:, None], (1, len(part.rows))) for part in parts]
         slots = np.vstack([slots, np.hstack(placed)])
-        constants = np.concatenate([part.turned for part in parts]).T
     return Group(rows[order], settings, slots[:, order], constants[:, order])
 
 
