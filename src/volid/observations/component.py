@@ -34,6 +34,7 @@ from volid.observations.alignments import (
 from volid.observations.base import Group, Kind, NuisanceTable, Part
 from volid.observations.lines import LINE, Line, check_components, check_lines, check_offset_per, lines_of_set
 from volid.observations.placements import alignment_starts
+from volid.observations.unread import unread
 
 
 class ComponentSettings(NamedTuple):
@@ -105,8 +106,8 @@ class Component(Kind):
         return is_aligned(observations) and float(observations.options.get("form_u", 0.0)) > 0.0
 
     def advice(self, sets: Sequence[ObservationSet], campaign: Campaign) -> list[str]:
-        """Which lines have slopes of their own although one artefact may have held them all."""
-        return [said for s in sets if (said := slopes_apart(s, campaign.machine))]
+        """Which lines have slopes of their own although one artefact may have held them all, and what no line reads."""
+        return [*(said for s in sets if (said := slopes_apart(s, campaign.machine))), *unread(campaign)]
 
     def unit_at(self, observations: ObservationSet, row: int, i: int) -> str:
         """mm or rad, as the component of the row is."""

@@ -19,7 +19,7 @@ rotary axis under it, the sine of its angle for the angle itself (0.2 µrad at 1
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -38,6 +38,7 @@ from volid.observations.base import Group, Kind, NuisanceTable
 from volid.observations.lines import LINE, Line, check_components, check_lines, check_offset_per, lines_of_set
 from volid.observations.placements import Placement
 from volid.observations.response import MOTIONS
+from volid.observations.unread import unread
 
 
 MACHINE = "machine"  # what a level stands on that is on no artefact
@@ -119,6 +120,10 @@ class Level(Kind):
         """
         parts = [part for rows in lines_of_set(observations) for part in _parts(observations, campaign, rows)]
         check_lines(observations, [Line(observations, campaign.machine, p.rows, p.change) for p in parts])
+
+    def advice(self, sets: Sequence[ObservationSet], campaign: Campaign) -> list[str]:
+        """What no line reads."""
+        return unread(campaign)
 
 
 @dataclass(frozen=True, eq=False)
