@@ -1,8 +1,8 @@
-"""Laser, levels, straightedge and square on the exact machine: reads the places from a plan's files, writes the readings beside them.
+"""Laser, levels, straightedge and square on the exact machine: places from a plan's files, readings written beside them.
 
-Each instrument is computed as it works: a level compares its body with gravity, a gauge moves along its own axis until it touches the
-surface of an artefact that stands turned, with an angle and a form of its own. Nothing is linearised but the search for the
-place where a gauge touches a curved surface. Everything unknown of an instrument is drawn here.
+Each instrument is computed as it works: a level compares its body with gravity, a gauge moves along its own axis until it
+touches the surface of an artefact that stands turned, with an angle and a form of its own. Everything unknown of an instrument is
+drawn here.
 """
 
 import csv
@@ -78,7 +78,9 @@ class Virtual:
         for i, (c, line, run) in enumerate(zip(*(rows.labels[k] for k in ("component", "line", "run")), strict=True)):
             unit = "mm" if c in LINEAR else "rad"
             key = (name, line, c) + ((run,) if options.get("offset_per") == "run" else ())
-            values[i] = deviation[i, (LINEAR + ROTARY).index(c)] + self.instruments.number(("zero", *key), ZERO[unit] / 10)
+            values[i] = deviation[i, (LINEAR + ROTARY).index(c)] + self.instruments.number(
+                ("zero", *key), ZERO[unit] / 10
+            )
             if options.get("slope"):
                 along = rows.of("line", line) & rows.of("component", c)
                 moving = int(np.argmax(np.ptp(rows.q[along], axis=0)))
@@ -107,7 +109,9 @@ class Virtual:
             (component,) = set(rows.labels["component"][here])
             read = np.eye(3)[LINEAR.index(component)]
             start = nominal[here][np.argmin(nominal[here] @ along)]
-            form = (lambda s, line=line: self.instruments.surface_form(artefact, line, s)) if options.get("form_u") else 0
+            form = (
+                (lambda s, line=line: self.instruments.surface_form(artefact, line, s)) if options.get("form_u") else 0
+            )
             touched = _until_it_touches(actual[here] - start, read, (a, n), form)
             straight = (nominal[here] - start) @ normal / (read @ normal)
             zero = [
@@ -188,7 +192,9 @@ def measure(folder, virtual: Virtual, noise: bool = True) -> Path:
         header, cells = _read(folder / options["file"])
         rows = _rows(machine, cells, options)
         if "vertical" in options:
-            columns = dict(zip(("moving", "reference"), virtual.levels(options["name"], rows, options, alignments), strict=True))
+            columns = dict(
+                zip(("moving", "reference"), virtual.levels(options["name"], rows, options, alignments), strict=True)
+            )
             u = float(options["u"]) / np.sqrt(2.0)  # stated of the difference
         else:
             aligned = "alignment" in options

@@ -10,8 +10,8 @@ R is exact for rotations of any size. With an offset for each line (the default)
 artefact's own angle at the line, which turns it from a towards n (0 for the line named first, prior `angle_u`), ε(s) the form
 error of the line at s (prior `form_u`). Both belong to the artefact and are shared by its placements: reversal determines them.
 Turns that no line shows at the nominal machine are held at 0: set to 2 mrad by hand, such a turn is 2 µm per millimetre by which
-the machine deviates across the line. Not modelled: the size of the gauge's tip, and a gauge that turns with the errors of the tool. CONVENTIONS 6; ISO 230-1
-(straightness by a straightedge, squareness by a square, reversal).
+the machine deviates across the line. Not modelled: the size of the gauge's tip, a gauge that turns with the errors of the tool.
+CONVENTIONS 6; ISO 230-1 (straightness by a straightedge, squareness by a square, reversal).
 """
 
 from __future__ import annotations

@@ -177,8 +177,8 @@ def check_lines(observations: ObservationSet, lines: Iterable[Line], aligned: bo
             likely, limit = ("degrees, µrad or arcseconds", "1 mrad") if unit == "rad" else ("µm", "1 mm")
             raise InputError(
                 f"{observations.where(int(line.rows[i]))}: value {observations.readings[line.rows[i], 0]:g} lies more than "
-                f"{limit} from the middle of its line; is it in {likely}? Expected {unit}. If the machine's errors are that large, "
-                "set large_errors = true in the [[set]], or pass `accept_large_errors=True`"
+                f"{limit} from the middle of its line; is it in {likely}? Expected {unit}. If the machine's errors are that "
+                "large, set large_errors = true in the [[set]], or pass `accept_large_errors=True`"
             )
 
 

@@ -90,7 +90,9 @@ class _Found:
 
     def slopes(self) -> list[str]:
         """Turns that are read by lines apart on artefacts whose tilts no level compares."""
-        levelled = [s for s in self.campaign.sets if (s.labels.get("placement", np.array(["machine"])) != "machine").any()]
+        levelled = [
+            s for s in self.campaign.sets if (s.labels.get("placement", np.array(["machine"])) != "machine").any()
+        ]
         names = []
         for axis in self.axes:
             read = {r.component for r in self.reads if r.axis == axis}
@@ -98,8 +100,8 @@ class _Found:
         if levelled or not names:
             return []
         return [
-            f"{', '.join(names)}: read by lines apart on artefacts whose tilts are unknown; a level on the artefact in every place "
-            "(kind level, column placement) tells them apart"
+            f"{', '.join(names)}: read by lines apart on artefacts whose tilts are unknown; a level on the artefact in every "
+            "place (kind level, column placement) tells them apart"
         ]
 
     def squareness(self) -> list[str]:
@@ -108,7 +110,11 @@ class _Found:
         for r in self.reads:
             held.setdefault(r.alignment, set()).add(r.axis)
         held.pop("", None)
-        pairs = [f"{a} and {b}" for a, b in combinations(self.axes, 2) if not any({a, b} <= axes for axes in held.values())]
+        pairs = [
+            f"{a} and {b}" for a, b in combinations(self.axes, 2) if not any({a, b} <= axes for axes in held.values())
+        ]
         if not pairs:
             return []
-        return [f"no artefact in one place has lines along {', along '.join(pairs)}; both legs of a square tell their squareness"]
+        return [
+            f"no artefact in one place has lines along {', along '.join(pairs)}; both legs of a square tell their squareness"
+        ]

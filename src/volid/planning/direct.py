@@ -1,8 +1,8 @@
 """Direct measurement of every error function of three linear axes: laser, levels, straightedge, square.
 
 A horizontal machine with a cross bed is the classical example: levels in pairs give the rotations about the two horizontal axes,
-angular optics those about the vertical one where the table moves, linear optics the positioning, a straightedge the straightness of
-the horizontal axes, squares that of the vertical axis and all squareness. The roll of the vertical axis is what the same square
+angular optics those about the vertical one where the table moves, linear optics the positioning, a straightedge the straightness
+of the horizontal axes, squares that of the vertical axis and all squareness. The roll of the vertical axis is what one square
 shows at two places apart, read by two gauges as far apart on the head; a level on the square corrects its tilt.
 """
 
@@ -10,20 +10,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from volid.backend.even_points import round_position
 from volid.campaign import Alignment, Campaign, ObservationSet
 from volid.exceptions import InputError
 from volid.model.iso230 import LINEAR_AXES, ROTATIONS
 from volid.model.machine import Machine
 from volid.model.requests import ask_plan, ask_positions, ask_tools, ask_uncertainty, checked_count, checked_number
+from volid.planning.reading_lines import OTHER_RUNS, Places, Readings, Row
 
 TOOL = (0.0, 0.0, -150.0)  # mm
-LASER_RUNS, OTHER_RUNS = 5, 2  # forward and back each
+LASER_RUNS = 5  # forward and back each
 APART = 600.0  # mm: places of the square for the roll of the vertical axis
 LEVEL_U, ANGLE_U = 1e-6, 2e-6  # rad: of levels and angular optics, and of the right angle of a square
 TIMES = 4  # how often the level on the square is read at each place
@@ -42,8 +41,8 @@ def direct_plan(
     """Plan of the direct measurement of all 18 error functions and the three squareness errors of X, Y and Z.
 
     Every axis is read on one line over its travel, the others resting. Straightedges are read upright and turned over, so that
-    their own form falls out; each square is placed once, and both of its legs are read. Whether the table holds the artefacts, and
-    whether the gauges reach them, is not considered.
+    their own form falls out; each square is placed once, and both of its legs are read. Whether the table holds the artefacts,
+    and whether the gauges reach them, is not considered.
 
     Args:
         machine: A machine with the linear axes X, Y and Z.
@@ -74,7 +73,7 @@ def direct_plan(
     ask_uncertainty("u", u)
     checked_number("form_u", form_u, least=0.0)
     ask_positions(machine, {a: [float(v)] for a, v in (at or {}).items()}, "at")
-    rest = _Places(machine, str(vertical), np.asarray(tool, dtype=float), dict(at or {}), points)
+    rest = Places(machine, str(vertical), np.asarray(tool, dtype=float), dict(at or {}), points)
     lines = _Lines(rest, u, form_u)
     sets = [lines.levels(), lines.laser(), lines.angular()]
     for make in (lines.straightedges, lines.squares, lines.roll):
@@ -97,64 +96,18 @@ def _ask(machine: Machine, vertical: str | None, points: int) -> None:
         raise InputError(f"machine '{machine.name}': direct measurement needs X, Y and Z; its linear axes are {found}")
     if vertical not in LINEAR_AXES:
         raise InputError(
-            f"`vertical={vertical}`: expected X, Y or Z, the axis that is vertical, as levels see no turn about it"
+            f"`vertical` is {vertical or 'not stated'}; expected X, Y or Z, the axis that is vertical (levels see no turn "
+            "about it)"
         )
     checked_count("points", points, 3, 10_000)
     ask_plan("direct", 60 * points)
-
-
-@dataclass(frozen=True)
-class _Places:
-    """Where axes rest, and the positions along one of them. `points`: their number."""
-
-    machine: Machine
-    vertical: str
-    tool: np.ndarray
-    at: Mapping[str, float]
-    points: int
-
-    @cached_property
-    def horizontal(self) -> tuple[str, str]:
-        one, other = (a for a in LINEAR_AXES if a != self.vertical)
-        return one, other
-
-    @cached_property
-    def resting(self) -> np.ndarray:
-        """Positions of all axes at rest, (n_axes,); rotary axes at 0 or the end of their travel next to it."""
-        places = []
-        for axis in self.machine.axes:
-            usual = 0.5 * sum(axis.travel) if axis.is_linear else 0.0
-            places.append(float(np.clip(self.at.get(axis.letter, usual), *axis.travel)))
-        return np.array(places)
-
-    def along(self, letter: str, runs: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Positions and directions (m, n_axes) forward and back over the travel of an axis, `runs` times; and the run (m,)."""
-        i = self.machine.index(letter)
-        forward = round_position(np.linspace(*self.machine.axes[i].travel, self.points))
-        there_and_back = np.concatenate([forward, forward[::-1]])
-        q = np.tile(self.resting, (runs * len(there_and_back), 1))
-        q[:, i] = np.tile(there_and_back, runs)
-        directions = np.zeros_like(q)
-        directions[:, i] = np.tile(np.repeat([1.0, -1.0], self.points), runs)
-        return q, directions, np.repeat(np.arange(1, runs + 1).astype(str), len(there_and_back))
-
-
-@dataclass(frozen=True)
-class _Row:
-    """Readings of one component along one axis, on a line of that name; `tool`: offset from the plan's tool vector [mm]."""
-
-    component: str
-    axis: str
-    line: str
-    runs: int = OTHER_RUNS
-    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 @dataclass
 class _Lines:
     """The sets of the plan; `alignments` fill as artefacts are placed."""
 
-    places: _Places
+    places: Places
     u: float
     form_u: float
     alignments: list[Alignment] = field(default_factory=list)
@@ -162,17 +115,19 @@ class _Lines:
     def levels(self) -> ObservationSet:
         """Both horizontal rotations of every axis by levels in pairs."""
         letters = [_about(a) for a in self.places.horizontal]
-        rows = [_Row(c, axis, axis, 1) for axis in LINEAR_AXES for c in letters]
-        return self._set("levels", rows, LEVEL_U, kind="level", vertical=self.places.vertical)
+        rows = [Row(c, axis, axis, 1) for axis in LINEAR_AXES for c in letters]
+        return self._set("levels", rows, LEVEL_U, {"vertical": self.places.vertical}, "level")
 
     def laser(self) -> ObservationSet:
         """Positioning by linear optics."""
-        return self._set("laser", [_Row(a, a, a, LASER_RUNS) for a in LINEAR_AXES], self.u, slope=False)
+        return self._set("laser", [Row(a, a, a, LASER_RUNS) for a in LINEAR_AXES], self.u, {"slope": False})
 
     def angular(self) -> ObservationSet:
         """Rotations of the horizontal axes about the vertical by angular optics."""
         about = _about(self.places.vertical)
-        return self._set("angular optics", [_Row(about, a, a) for a in self.places.horizontal], LEVEL_U, slope=False)
+        return self._set(
+            "angular optics", [Row(about, a, a) for a in self.places.horizontal], LEVEL_U, {"slope": False}
+        )
 
     def straightedges(self) -> list[ObservationSet]:
         """Straightness of the horizontal axes, upright and, where the form of the edge is unknown, turned over."""
@@ -182,7 +137,7 @@ class _Lines:
                 for name, sense in (("upright", 1.0), ("turned over", -1.0))[: 2 if self.form_u else 1]:
                     line = {"edge": {"along": _unit(axis), "normal": _unit(across, sense)}}
                     place = self._place(f"edge {axis}{across} {name}", f"edge {axis}{across}")
-                    sets.append(self._on_artefact(place, [_Row(across, axis, "edge")], line))
+                    sets.append(self._on_artefact(place, [Row(across, axis, "edge")], line))
         return sets
 
     def squares(self) -> list[ObservationSet]:
@@ -191,7 +146,7 @@ class _Lines:
         one, other = self.places.horizontal
         for first, second in ((one, self.places.vertical), (other, self.places.vertical), (one, other)):
             legs = {f"leg_{a}": _line(a, b) for a, b in ((first, second), (second, first))}
-            rows = [_Row(second, first, f"leg_{first}"), _Row(first, second, f"leg_{second}")]
+            rows = [Row(second, first, f"leg_{first}"), Row(first, second, f"leg_{second}")]
             place = self._place(f"square {first}{second}", f"square {first}{second}")
             sets.append(self._on_artefact(place, rows, legs, angle_u=ANGLE_U))
         return sets
@@ -205,55 +160,39 @@ class _Lines:
             offset = tuple(sense * apart * c for c in _unit(one))
             leg = {f"leg_{vertical}": _line(vertical, other)}
             names.append(self._place(f"square {name}", f"square {other}{vertical}"))
-            row = _Row(other, vertical, f"leg_{vertical}", OTHER_RUNS, (offset[0], offset[1], offset[2]))
+            row = Row(other, vertical, f"leg_{vertical}", OTHER_RUNS, (offset[0], offset[1], offset[2]))
             sets.append(self._on_artefact(names[-1], [row], leg))
         m = TIMES * len(names)
         q = np.tile(self.places.resting, (m, 1))
         labels = {"component": np.full(m, _about(one)), "placement": np.repeat(names, TIMES)}
-        stood = _Readings(q, np.zeros_like(q), np.zeros((m, 3)), {"line": np.full(m, "1"), "run": np.full(m, "1")} | labels)
+        stood = Readings(
+            q, np.zeros_like(q), np.zeros((m, 3)), {"line": np.full(m, "1"), "run": np.full(m, "1")} | labels
+        )
         return [*sets, stood.as_set("level on the square", "level", LEVEL_U, {"vertical": vertical})]
 
     def _place(self, name: str, artefact: str) -> str:
         self.alignments.append(Alignment(name, artefact=artefact))
         return name
 
-    def _on_artefact(self, place: str, rows: list[_Row], lines: Mapping[str, Any], **options: Any) -> ObservationSet:
-        stated = {"alignment": place, "lines": dict(lines)} | ({"form_u": self.form_u} if self.form_u else {})
-        return self._set(place, rows, self.u, slope=False, **stated, **options)
+    def _on_artefact(self, place: str, rows: list[Row], lines: Mapping[str, Any], **options: Any) -> ObservationSet:
+        stated = {"slope": False, "alignment": place, "lines": dict(lines), **options}
+        return self._set(place, rows, self.u, stated | ({"form_u": self.form_u} if self.form_u else {}))
 
-    def _set(self, name: str, rows: list[_Row], u: float, kind: str = "component", **options: Any) -> ObservationSet:
-        parts = []
-        for row in rows:
-            q, directions, runs = self.places.along(row.axis, row.runs)
-            m = len(q)
-            labels = {"component": np.full(m, row.component), "line": np.full(m, row.line), "run": runs}
-            labels |= {"placement": np.full(m, "machine")} if kind == "level" else {}
-            tool = np.tile(self.places.tool + np.array(row.offset), (m, 1))
-            parts.append(_Readings(q, directions, tool if kind == "component" else 0.0 * tool, labels))
-        whole = _Readings(*(np.concatenate(arrays) for arrays in zip(*(p.arrays for p in parts), strict=True)), {})
+    def _set(
+        self, name: str, rows: list[Row], u: float, options: Mapping[str, Any], kind: str = "component"
+    ) -> ObservationSet:
+        parts = [self._line(row, kind == "level") for row in rows]
+        joined = [np.concatenate(arrays) for arrays in zip(*(p.arrays for p in parts), strict=True)]
         labels = {key: np.concatenate([p.labels[key] for p in parts]) for key in parts[0].labels}
-        return _Readings(*whole.arrays, labels).as_set(name, kind, u, options)
+        return Readings(joined[0], joined[1], joined[2], labels).as_set(name, kind, u, options)
 
-
-@dataclass(frozen=True)
-class _Readings:
-    """Where readings are taken: positions, directions (m, n_axes), tool vectors (m, 3), labels."""
-
-    positions: np.ndarray
-    directions: np.ndarray
-    tool: np.ndarray
-    labels: Mapping[str, np.ndarray]
-
-    @property
-    def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        return self.positions, self.directions, self.tool
-
-    def as_set(self, name: str, kind: str, u: float, options: Mapping[str, Any]) -> ObservationSet:
-        m = len(self.positions)
-        return ObservationSet(
-            name, kind, *self.arrays, np.full((m, 1), np.nan), np.full((m, 1), u), self.labels,
-            options=dict(options) | {"u": u}, source="direct plan",
-        )  # fmt: skip
+    def _line(self, row: Row, levels: bool) -> Readings:
+        q, directions, runs = self.places.along(row.axis, row.runs)
+        m = len(q)
+        labels = {"component": np.full(m, row.component), "line": np.full(m, row.line), "run": runs}
+        labels |= {"placement": np.full(m, "machine")} if levels else {}
+        tool = np.zeros(3) if levels else self.places.tool + np.array(row.offset)
+        return Readings(q, directions, np.tile(tool, (m, 1)), labels)
 
 
 def _about(axis: str) -> str:
