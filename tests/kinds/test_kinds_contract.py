@@ -174,7 +174,10 @@ def test_the_solution_in_a_datum_is_the_fit_in_that_datum(name):
         np.testing.assert_allclose(np.asarray(moved.parameters), np.asarray(there.parameters), rtol=0, atol=MOVED)
         # a station and a reflector on two carriages can go the same way together
         if not any("station or instrument parameters not determined" in note for note in solution.notes):
-            np.testing.assert_allclose(np.asarray(moved.nuisance), np.asarray(there.nuisance), rtol=0, atol=2 * MOVED)
+            # a turn of an artefact that no line sees is held at 0 there, and turns with the frame here
+            free = [e.prior_u > 0.0 for e in solution.nuisance_table]
+            one, other = (np.asarray(s.nuisance)[free] for s in (moved, there))
+            np.testing.assert_allclose(one, other, rtol=0, atol=2 * MOVED)
 
 
 @EACH_KIND

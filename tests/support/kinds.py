@@ -245,6 +245,33 @@ def _artefact(placed: bool, **options):
     return make
 
 
+def _levels(on_square: bool = False, **options):
+    """Levels along lines of X and Y about both horizontal axes; or one that stood on a square in two places."""
+
+    def make(machine):
+        sets, middle = [], [0.5 * sum(a.travel) for a in machine.axes]
+        for axis in "XY":
+            q, i = np.tile(middle, (18, 1)), machine.index(axis)
+            q[:, i] = np.tile(np.linspace(*machine.axes[i].travel, 9), 2)
+            labels = {"component": np.repeat(["A", "B"], 9), "line": axis}
+            sets.append(plan_set(f"levels {axis}", "level", q, np.zeros(3), labels, u=1e-6, vertical="Z", **options))
+        if not on_square:
+            return (), tuple(sets)
+        q, along_z = np.tile(middle, (9, 1)), [0.0, 0.0, 1.0]
+        q[:, machine.index("Z")] = np.linspace(*machine.axes[machine.index("Z")].travel, 9)
+        for place, tool in (("here", TOOLS[1]), ("there", TOOLS[2])):
+            lines = {"leg": {"along": along_z, "normal": [1.0, 0.0, 0.0]}}
+            stated = {"alignment": place, "lines": lines}
+            own = plan_set(place, "component", q, tool, {"component": "X", "line": "leg"}, u=5e-4)
+            sets.append(replace(own, options={**own.options, **stated}))
+        labels = {"component": "B", "placement": np.repeat(["here", "there"], 2)}
+        q = np.tile(middle, (4, 1))
+        sets.append(plan_set("level", "level", q, np.zeros(3), labels, u=1e-6, vertical="Z"))
+        return (), tuple(sets)
+
+    return make
+
+
 METRES, MICRO = 1e-3, 1e3
 IN_METRES, IN_MICRO = "seem.* to be in metres", "seem.* to be in micrometres"
 SQUARE = (Alignment("square"),)
@@ -290,6 +317,15 @@ EXAMPLES = {
         "component", FIVE, _artefact(False), alignments=(Alignment("square", "bed"),)
     ),
     "component, an artefact on the table": Example("component", FIVE, _artefact(True), alignments=SQUARE),
+    "level": Example("level", THREE, _levels(), ((MICRO, "degrees, µrad or arcseconds"),)),
+    "level, table and head": Example("level", FIVE, _levels()),
+    "level on a carriage": Example("level", FIVE, _levels(moving_on="X", reference_on="bed")),
+    "level on a square in two places": Example(
+        "level", THREE, _levels(on_square=True), alignments=(Alignment("here"), Alignment("there"))
+    ),
+    "level on a square on the table": Example(
+        "level", FIVE, _levels(on_square=True), alignments=(Alignment("here"), Alignment("there"))
+    ),
     "length": Example("length", THREE, _lengths(), ((METRES, IN_METRES), (MICRO, IN_MICRO))),
     "length, relative": Example("length", THREE, _lengths(relative=True, scale_u=np.inf)),
     "length, calibrated": Example("length", THREE, _lengths(calibrated_u=1e-3, scale_u=1e-5), loose=0.5),

@@ -111,6 +111,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=number("degrees", least=-180.0, most=180.0),
         help="of the cone's axis, degrees",
     )
+    parser.add_argument("--vertical", choices=("X", "Y", "Z"), help="of direct measurement: the axis that is vertical")
+    parser.add_argument(
+        "--form-u",
+        metavar="U",
+        type=number("mm", least=0.0),
+        help="of straightedges and squares in direct measurement, mm; 0: straight; default 0.0005",
+    )
     parser.add_argument("--seed", type=seed, metavar="N", help="of the positions")
     add_unusual(parser)
     add_output(parser, "PLAN.toml", "manifest; CSV and machine file stand beside it", required=True)

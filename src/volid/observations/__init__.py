@@ -6,9 +6,10 @@ from volid.observations.component import COMPONENT
 from volid.observations.displacement import DISPLACEMENT
 from volid.observations.distance import DISTANCE
 from volid.observations.length import LENGTH
+from volid.observations.level import LEVEL
 from volid.observations.point import POINT, POLAR
 
-KINDS: dict[str, Kind] = {kind.name: kind for kind in (DISTANCE, POINT, POLAR, DISPLACEMENT, COMPONENT, LENGTH)}
+KINDS: dict[str, Kind] = {kind.name: kind for kind in (DISTANCE, POINT, POLAR, DISPLACEMENT, COMPONENT, LEVEL, LENGTH)}
 
 LATER_KINDS = ("projection", "artefact")  # of CONVENTIONS 6, not supported yet
 

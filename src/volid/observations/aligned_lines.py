@@ -15,6 +15,7 @@ from volid.model.iso230 import TRANSLATIONS
 from volid.model.jacobian import tool_rotation_rows
 from volid.model.kinematics import nominal_point, nominal_rotation
 from volid.model.machine import BED, Machine
+from volid.observations.lines import lines_of_set, per_run
 from volid.observations.response import MOTIONS, SEVERAL_TOOLS, GapOf, Key, as_rows, remainder
 
 ACROSS = 0.5  # cosine of the angle between the component that is read and the normal of the surface, at least
@@ -59,7 +60,10 @@ def _vector(given: Any) -> np.ndarray | None:
 
 @dataclass(frozen=True, eq=False)
 class AlignedLine:
-    """Readings of one component along one line of an artefact. `rows` (m,): their numbers in the set."""
+    """Readings of one component along one line of an artefact. `rows` (m,): their numbers in the set.
+
+    `run`: the run to which they belong, where every run has an offset of its own, else "".
+    """
 
     observations: ObservationSet
     machine: Machine
@@ -67,6 +71,13 @@ class AlignedLine:
     name: str
     component: str
     rows: np.ndarray
+    run: str = ""
+
+    @property
+    def offset_key(self) -> Key:
+        """Key of the offset of the line, or of the run."""
+        key = ("offset", self.observations.name, self.name, self.component)
+        return (*key, self.run) if self.run else key
 
     @cached_property
     def seen(self) -> ObservationSet:
@@ -153,10 +164,10 @@ def alignment_keys(alignment: Alignment, letters: str) -> tuple[Key, ...]:
 
 
 def lines_of(observations: ObservationSet, campaign: Campaign) -> Iterator[AlignedLine]:
-    """The lines of a set, component by component."""
+    """The lines of a set, component by component, and run by run where each has an offset."""
     alignment = campaign.alignment(str(observations.options["alignment"]))
-    lines, components = observations.labels["line"], observations.labels["component"]
-    for name in dict.fromkeys(lines.tolist()):
-        for component in dict.fromkeys(components[lines == name].tolist()):
-            rows = np.flatnonzero((lines == name) & (components == component))
-            yield AlignedLine(observations, campaign.machine, alignment, str(name), str(component), rows)
+    runs = observations.labels["run"].astype(str) if per_run(observations) else np.full(len(observations), "")
+    for rows in lines_of_set(observations):
+        name, component = (str(observations.labels[label][rows[0]]) for label in ("line", "component"))
+        for run in dict.fromkeys(runs[rows].tolist()):
+            yield AlignedLine(observations, campaign.machine, alignment, name, component, rows[runs[rows] == run], run)

@@ -9,8 +9,9 @@ the functional point f is from the surface; that of the nominal machine, f0, fro
 R is exact for rotations of any size. With an offset for each line (the default) c is p0, and t is left out. δ is the error of the
 artefact's own angle at the line, which turns it from a towards n (0 for the line named first, prior `angle_u`), ε(s) the form
 error of the line at s (prior `form_u`). Both belong to the artefact and are shared by its placements: reversal determines them.
-Not modelled: the size of the gauge's tip, and a gauge that turns with the errors of the tool. CONVENTIONS 6; ISO 230-1
-(straightness by a straightedge, squareness by a square, reversal).
+Turns that no line shows at the nominal machine are held at 0: set to 2 mrad by hand, such a turn is 2 µm per millimetre by which
+the machine deviates across the line. Not modelled: the size of the gauge's tip, a gauge that turns with the errors of the tool.
+CONVENTIONS 6; ISO 230-1 (straightness by a straightedge, squareness by a square, reversal).
 """
 
 from __future__ import annotations
@@ -140,8 +141,8 @@ def _own_slots(
     if settings.offset:
         name = f"{line.observations.name} line {line.name} {line.component}"
         number = table.index(
-            ("offset", line.observations.name, line.name, line.component),
-            f"offset {name}",
+            line.offset_key,
+            f"offset {name} run {line.run}" if line.run else f"offset {name}",
             spread=OFFSET_SPREAD,
             response=line.offset_response(),
         )

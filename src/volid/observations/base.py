@@ -120,6 +120,8 @@ class Kind(ABC):
     `tested_by`: labels whose groups of residuals are tested; `named_by`: labels that name a reading.
     `standing`: label of what stands on the workpiece at an unknown place ("sphere"). `takes_centres`: places found by a probe
     may be given instead of readings; they count as readings of 0.
+    `pair`: two columns whose difference, first minus second, may stand for the one reading in a file; a set of the kind `pair_in`
+    that has both is of this kind.
     `ends`: functional points that a reading sees; with two, the set holds the second ones in `to`, and `predict` gets q, tool and
     errors of the second behind those of the first. `still_by`: labels of rows among which an axis that does not move is meant to
     stand still.
@@ -140,6 +142,8 @@ class Kind(ABC):
     named_by: tuple[str, ...] = ()
     standing: str = ""
     takes_centres: bool = False
+    pair: tuple[str, ...] = ()
+    pair_in: str = ""
     ends: int = 1
     still_by: tuple[str, ...] = ()
 

@@ -1,9 +1,10 @@
 """`component`: one of the six components of the deviation (interferometer, level, autocollimator, straightedge, square).
 
 value = component of the deviation + offset of the line, plus slope · (moving axis - its first position) when the
-artefact's alignment is unknown. Lines on one artefact that was placed once share its `alignment` instead (see `alignments`): two
-legs of a square then determine the squareness of two axes, which slopes of their own would take away.
-CONVENTIONS 6; ISO 230-1 8, 9, 10.
+artefact's alignment is unknown. All runs of a line share its offset, or each has its own with `offset_per = "run"`, where the
+instrument was zeroed before every run. Lines on one artefact that was placed once share its `alignment` instead (see
+`alignments`): two legs of a square then determine the squareness of two axes, which slopes of their own would take away. Levels
+that are read in pairs are the kind `level`. CONVENTIONS 6; ISO 230-1 8, 9, 10.
 """
 
 from __future__ import annotations
@@ -15,7 +16,6 @@ import numpy as np
 
 from volid.backend.elementary import in_rows
 from volid.campaign import Campaign, ObservationSet
-from volid.exceptions import InputError
 from volid.model.geometry import Vector
 from volid.model.iso230 import DIRECTIONS, ROTATIONS
 from volid.model.jacobian import rigid_motion_rows, tool_rotation_rows
@@ -30,24 +30,10 @@ from volid.observations.alignments import (
     predict_aligned,
     slopes_apart,
 )
-from volid.observations.base import Group, Kind, NuisanceTable, Part, takes_large_errors
+from volid.observations.base import Group, Kind, NuisanceTable, Part
+from volid.observations.lines import LINE, Line, check_components, check_lines, check_offset_per, lines_of_set
 from volid.observations.placements import alignment_starts
-from volid.observations.response import Linear, Remainder, remainder
-
-SPREAD = {"mm": 0.01, "rad": 1e-4}  # of a line's offset; a virtual instrument draws from it
-SLOPE_SPREAD = {"mm": 1e-4, "rad": 1e-7}  # per mm of travel
-LARGEST_VALUE = {
-    "mm": 1.0,
-    "rad": 0.001,
-}  # above, the user is asked: few machines are so bad, and many columns are in µm or arcseconds
-_UNFOLLOWED = (
-    "the new datum turns the workpiece frame, and the readings of line {line} of set '{name}' ({component}) would change by more "
-    "than its offset{slope} can follow. {advice} fit in that datum: [datum] of the machine file"
-)
-_STRAIGHT = {
-    False: "Set slope = true if the artefact's alignment is unknown, or",
-    True: "Read along one linear axis, or",
-}
+from volid.observations.unread import unread
 
 
 class ComponentSettings(NamedTuple):
@@ -64,10 +50,10 @@ class Component(Kind):
     readings = ("value",)
     doc = "component of the deviation + offset of the line (+ slope of the artefact) [mm or rad]"
     unit = "mm or rad"
-    labels: Mapping[str, str | None] = {"component": None, "line": "1"}
+    labels: Mapping[str, str | None] = {"component": None, "line": "1", "run": "1"}
     choices: Mapping[str, tuple[str, ...]] = {"component": tuple(DIRECTIONS)}
     options: Mapping[str, Any] = {"slope": False}
-    optional: Mapping[str, Any] = OPTIONS
+    optional: Mapping[str, Any] = {**OPTIONS, "offset_per": LINE}
     still_by = ("line",)
     tested_by = ("line", "component")
     named_by = ("component", "line")
@@ -92,36 +78,22 @@ class Component(Kind):
 
     def groups(self, observations: ObservationSet, campaign: Campaign, table: NuisanceTable) -> list[Group]:
         """Rows of a set by component, with one offset (and slope) per line. Raises `InputError` for an unknown component."""
-        components, lines = observations.labels["component"], observations.labels["line"]
-        wrong = np.flatnonzero(~np.isin(components, DIRECTIONS))
-        if wrong.size:
-            i = int(wrong[0])
-            raise InputError(
-                f"{observations.where(i)}: component '{components[i]}' is none of X, Y, Z (mm) and A, B, C (rad)"
-            )
+        check_components(observations, DIRECTIONS, "X, Y, Z (mm) and A, B, C (rad)")
         if is_aligned(observations):
             return [aligned_group(observations, campaign, table)]
-        slope = bool(observations.options.get("slope", False))
-        result = []
-        for component in dict.fromkeys(components):
-            rows = np.flatnonzero(components == component)
-            slots = np.zeros((2 if slope else 1, len(rows)), dtype=np.int64)
-            arm = np.zeros((1, len(rows)))
-            for line in dict.fromkeys(lines[rows]):
-                here = np.flatnonzero(lines[rows] == line)
-                this = _Line(observations, campaign.machine, rows[here], str(line), str(component), slope)
-                slots[:, here] = np.array(this.slots(table))[:, None]
-                arm[0, here] = this.arm if slope else 0.0
-            settings = ComponentSettings(DIRECTIONS.index(component), slope)
-            result.append(Group(rows, settings, slots, arm))
-        return result
+        found: dict[str, list[Line]] = {}
+        for rows in lines_of_set(observations):
+            line = _line(observations, campaign, rows)
+            found.setdefault(line.component, []).append(line)
+        return [_group(component, lines, table) for component, lines in found.items()]
 
     def starts(self, campaign: Campaign) -> dict[Any, float]:
         """Placements of artefacts and offsets of their lines."""
         return alignment_starts(campaign)
 
     def check(self, observations: ObservationSet) -> None:
-        """Raises `InputError` for options of an alignment that do not fit each other or the lines."""
+        """Raises `InputError` for options that do not fit each other or the lines."""
+        check_offset_per(observations)
         check_aligned(observations)
 
     def is_whole(self, observations: ObservationSet) -> bool:
@@ -133,8 +105,8 @@ class Component(Kind):
         return is_aligned(observations) and float(observations.options.get("form_u", 0.0)) > 0.0
 
     def advice(self, sets: Sequence[ObservationSet], campaign: Campaign) -> list[str]:
-        """Which lines have slopes of their own although one artefact may have held them all."""
-        return [said for s in sets if (said := slopes_apart(s, campaign.machine))]
+        """Which lines have slopes of their own although one artefact may have held them all, and what no line reads."""
+        return [*(said for s in sets if (said := slopes_apart(s, campaign.machine))), *unread(campaign)]
 
     def unit_at(self, observations: ObservationSet, row: int, i: int) -> str:
         """mm or rad, as the component of the row is."""
@@ -153,100 +125,28 @@ class Component(Kind):
 
         Not where the set says `large_errors`.
         """
-        if takes_large_errors(observations):
-            return
-        components = observations.labels["component"]
-        for line in np.unique(observations.labels["line"]):
-            for component in np.unique(components):
-                rows = np.flatnonzero((observations.labels["line"] == line) & (components == component))
-                if len(rows):
-                    _check_line(observations, rows, self._of(observations, campaign, rows))
-
-    def _of(self, observations: ObservationSet, campaign: Campaign, rows: np.ndarray) -> _Line:
-        labels, slope = observations.labels, bool(observations.options.get("slope", False))
-        line, component = str(labels["line"][rows[0]]), str(labels["component"][rows[0]])
-        return _Line(observations, campaign.machine, rows, line, component, slope)
+        lines = [_line(observations, campaign, rows) for rows in lines_of_set(observations)]
+        check_lines(observations, lines, aligned=is_aligned(observations))
 
 
-class _Line:
-    """Readings of one component along one line: its unknowns and how they answer a motion of the workpiece frame.
-
-    A rigid motion (t, ω) of the workpiece frame, and a rotation h of the tool, change reading i by M_i · (t, ω, h). Offset a and
-    slope b follow it as far as M_i = a + b · arm_i; what remains makes a transformation inexact.
-    """
-
-    def __init__(
-        self, observations: ObservationSet, machine: Machine, rows: np.ndarray, line: str, component: str, slope: bool
-    ) -> None:
-        self.observations, self.machine, self.rows, self.slope = observations, machine, rows, slope
-        self.line, self.component = line, component
-        self.unit = "rad" if component in ROTATIONS else "mm"
-
-    @property
-    def arm(self) -> np.ndarray:
-        """Position of the moving axis from its first value on the line, shape (m,)."""
-        positions = self.observations.positions[self.rows]
-        moving = int(np.argmax(np.ptp(positions, axis=0)))
-        return np.asarray(positions[:, moving] - positions[0, moving])
-
-    def slots(self, table: NuisanceTable) -> list[int]:
-        """Numbers of the line's offset and, where it is unknown, slope."""
-        name = f"{self.observations.name} line {self.line} {self.component}"
-        (offset, slope), not_followed = self._responses()
-        key = (self.observations.name, self.line, self.component)
-        result = [
-            table.index(
-                ("offset", *key),
-                f"offset {name}",
-                self.unit,
-                spread=SPREAD[self.unit],
-                response=Linear(not_followed=not_followed, constant=offset),
-            )
-        ]
-        if self.slope:
-            response = Linear(constant=slope)
-            spread = SLOPE_SPREAD[self.unit]
-            result.append(
-                table.index(("slope", *key), f"slope {name}", f"{self.unit}/mm", spread=spread, response=response)
-            )
-        return result
-
-    def _responses(self) -> tuple[tuple[tuple[float, ...], tuple[float, ...]], Remainder | None]:
-        """Rows of offset and slope by least squares over the line, and the change that they cannot follow."""
-        positions, tool = self.observations.positions[self.rows], self.observations.tool[self.rows]
-        k = DIRECTIONS.index(self.component)
-        frame = rigid_motion_rows(self.machine, positions, tool)[:, k]
-        change = np.hstack([frame, -tool_rotation_rows(self.machine, positions, tool)[:, k]])
-        design = np.stack([np.ones(len(self.rows)), self.arm], axis=1)
-        design = design if self.slope else design[:, :1]
-        found = np.linalg.lstsq(design, change, rcond=1e-12)[0]
-        reason = _UNFOLLOWED.format(
-            line=self.line,
-            name=self.observations.name,
-            component=self.component,
-            slope=" and slope" if self.slope else "",
-            advice=_STRAIGHT[self.slope],
-        )
-        residual = change - design @ found
-        residual[np.abs(residual) < 1e-9 * np.abs(change).max()] = 0.0
-        rows = [tuple((-row).tolist()) for row in found] + [(0.0,) * 9]
-        return (rows[0], rows[1]), remainder(residual, self.observations.u[self.rows, 0], reason)
+def _line(observations: ObservationSet, campaign: Campaign, rows: np.ndarray) -> Line:
+    """Readings of one component along one line, with what motions of the frames do to them."""
+    machine, k = campaign.machine, DIRECTIONS.index(str(observations.labels["component"][rows[0]]))
+    positions, tool = observations.positions[rows], observations.tool[rows]
+    frame = rigid_motion_rows(machine, positions, tool)[:, k]
+    change = np.hstack([frame, -tool_rotation_rows(machine, positions, tool)[:, k]])
+    return Line(observations, machine, rows, change, bool(observations.options.get("slope", False)))
 
 
-def _check_line(observations: ObservationSet, rows: np.ndarray, line: _Line) -> None:
-    values, unit = observations.readings[rows, 0], line.unit
-    free = (line.slope or is_aligned(observations)) and np.ptp(line.arm) > 0.0
-    straight = np.polyval(np.polyfit(line.arm, values, 1), line.arm) if free else 0.0
-    offset = np.abs(values - straight - np.median(values - straight))
-    i = int(np.argmax(offset))
-    if offset[i] <= LARGEST_VALUE[unit]:
-        return
-    likely, limit = ("degrees, µrad or arcseconds", "1 mrad") if unit == "rad" else ("µm", "1 mm")
-    raise InputError(
-        f"{observations.where(int(rows[i]))}: value {values[i]:g} lies more than {limit} from the middle of its line; "
-        f"is it in {likely}? Expected {unit}. If the machine's errors are that large, set large_errors = true in the [[set]], or "
-        "pass `accept_large_errors=True`"
-    )
+def _group(component: str, lines: list[Line], table: NuisanceTable) -> Group:
+    """All rows that read one component, with an offset (and slope) per line."""
+    slope = lines[0].slope
+    rows = np.concatenate([line.rows for line in lines])
+    slots = np.hstack([line.slots(table) for line in lines])
+    arm = np.concatenate([line.arm if slope else np.zeros(len(line.rows)) for line in lines])[None]
+    order = np.argsort(rows, kind="stable")
+    settings = ComponentSettings(DIRECTIONS.index(component), slope)
+    return Group(rows[order], settings, slots[:, order], arm[:, order])
 
 
 COMPONENT = Component()

@@ -50,6 +50,8 @@ class Placement:
 
         The others are held at 0: a rotation that only shifts lines which have offsets, or a placement, to follow it.
         """
+        if not self.lines:
+            return np.zeros(6, dtype=bool)
         design, _, numbers = self.design
         kept = [np.where(numbers == i, 1.0, 0.0) for i, own in enumerate(self.own_offset) if own]
         moves = np.zeros(6, dtype=bool)
@@ -113,5 +115,5 @@ def _fitted(placement: Placement) -> dict[Any, float]:
     keys = alignment_keys(placement.alignment, "ABCXYZ")
     lines = [placement.lines[i] for i in own]
     names = [keys[i] for i in columns[0]]
-    names += [("offset", line.observations.name, line.name, line.component) for line in lines]
+    names += [line.offset_key for line in lines]
     return dict(zip(names, found.tolist(), strict=True))

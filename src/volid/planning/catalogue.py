@@ -15,11 +15,13 @@ from volid.exceptions import InputError
 from volid.model.machine import Machine
 from volid.planning.ball_bar import cone_frustum
 from volid.planning.circles import circles
+from volid.planning.direct import direct_plan
 from volid.planning.rtest import iso10791_path, rtest_static_grid
 from volid.planning.standard import standard_plan
 from volid.planning.step_gauge import step_gauge
 
 GRID, CONE, STANDARD, CIRCLES, GAUGE = "static-grid", "cone-frustum", "standard", "circles", "step-gauge"
+DIRECT = "direct"
 ISO = ("K1", "K2", "K4")
 LAYOUTS = ("A", "B", "C")  # two rotary axes in the head, two in the table, one on each side
 
@@ -104,6 +106,13 @@ def _gauge(machine: Machine, **given: Any) -> Campaign:
     return step_gauge(machine, **given)
 
 
+def _direct(machine: Machine, **given: Any) -> Campaign:
+    given = one_count(given, "points", DIRECT)
+    if "tool" in given:
+        given["tool"] = _one(given["tool"], "tool", DIRECT)
+    return direct_plan(machine, **given)
+
+
 def _iso(test: str, machine: Machine, **given: Any) -> Campaign:
     given = one_count(given, "n", test)
     if "tool" in given:
@@ -173,6 +182,13 @@ _ENTRIES = (
             "tool": "0,0,-150",
             "u": "0.0005",
         },
+    ),
+    Plan(
+        DIRECT,
+        "direct measurement of X, Y and Z: laser, levels, straightedges, squares, the roll of the vertical axis by\n"
+        "a square in two places; vertical is needed, levels see no turn about it",
+        _direct,
+        {"vertical": "", "points": "11 per travel", "form_u": "0.0005", "tool": "0,0,-150", "u": "0.0005"},
     ),
     *(
         Plan(name, _ISO_WORDS, partial(_iso, name), _ISO_PARAMETERS)

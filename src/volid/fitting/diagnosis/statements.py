@@ -182,7 +182,7 @@ def likely_reasons(campaign: Campaign) -> list[str]:
             reasons.append(f"axis {letter} was approached {said} (column {letter}_dir)")
         if count < 5:
             reasons.append(f"axis {letter} was measured at {count} position{'s' if count > 1 else ''} only")
-    return reasons
+    return list(dict.fromkeys(reasons))  # kinds may say the same
 
 
 def reversals(machine: Machine) -> list[str]:

@@ -178,7 +178,7 @@ def read_set(group: Group, machine: Machine, rows: slice = ALL) -> ObservationSe
         tool=group.array("tool", (m, 3), rows=rows, finite=True),
         readings=group.array("readings", (m, k), rows=rows),
         u=_uncertainties(group, (m, k), rows),
-        labels={name: labels.texts(name, (m,), rows=rows) for name in kind.labels},
+        labels=_labels(labels, kind, m, rows),
         **{name: group.array(name, (m,), rows=rows) if there else None for name, there in recorded.items()},
         options=read_options(attributes.json("options", dict), kind, group.where),
         effects=_effects(attributes.json("effects", list), machine, group.where),
@@ -186,6 +186,15 @@ def read_set(group: Group, machine: Machine, rows: slice = ALL) -> ObservationSe
         rows=group.array("rows", (m,), int, rows=rows) if "rows" in group else None,
         to=_second(group, (m, axes), rows) if kind.ends == 2 else None,
     )
+
+
+def _labels(group: Group, kind: Kind, m: int, rows: slice) -> dict[str, np.ndarray]:
+    """Labels of a kind; files of earlier versions lack those that came later, which have a default."""
+    count = len(range(*rows.indices(m)))
+    return {
+        name: group.texts(name, (m,), rows=rows) if name in group or default is None else np.full(count, default)
+        for name, default in kind.labels.items()
+    }
 
 
 def _second(group: Group, shape: tuple[int, int], rows: slice) -> End:

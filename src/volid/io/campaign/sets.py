@@ -87,6 +87,8 @@ def _ends(table: Table, csv: CsvTable, kind: Kind, machine: Machine, content: _C
 def _form(kind: Kind, table: Table, csv: CsvTable) -> Kind:
     """The kind itself, or the form of it whose readings, or their u, the set and its file name (`point` as range and angles)."""
     for other in KINDS.values():
+        if other.pair_in == kind.name and all(name in csv for name in other.pair):
+            return other
         if other.file_kind == kind.name and any(
             n in csv or f"u_{n}" in csv or f"u_{n}" in table.data for n in other.readings
         ):
@@ -183,18 +185,24 @@ def _check_columns(csv: CsvTable, kind: Kind, machine: Machine, purpose: str, pl
     starts = ("", TO)[: kind.ends]
     required = [f"{start}{letter}" for start in starts for letter in machine.letters]
     required += [name for name, default in kind.labels.items() if default is None]
-    if not plan or any(name in csv for name in kind.readings):
-        required += kind.readings
+    paired = bool(kind.pair) and any(name in csv for name in kind.pair)
+    if paired or not plan or any(name in csv for name in kind.readings):
+        required += kind.pair if paired else kind.readings
     optional = [
         f"{start}{name}" for start in starts for name in (*(f"{a}_dir" for a in machine.letters), *TOOL_COLUMNS)
     ]
     optional += [*kind.labels, *uncertainty_keys(kind.readings)]
-    known = tuple(dict.fromkeys([*required, *optional, *kind.readings, *_RECORDED]))
+    optional += () if paired else kind.readings
+    known = tuple(dict.fromkeys([*required, *optional, *_RECORDED]))
     csv.require(required, purpose, known)
     csv.only(known)
 
 
 def _readings(csv: CsvTable, kind: Kind, purpose: str) -> np.ndarray:
+    """Readings (m, k), NaN where the file has none; one that the file gives as a pair is first minus second."""
+    if kind.pair and all(name in csv for name in kind.pair):
+        first, second = (csv.numbers(name, kind.unit_of(0), purpose) for name in kind.pair)
+        return np.asarray(first - second)[:, None]
     if not any(name in csv for name in kind.readings):
         return np.full((len(csv), len(kind.readings)), np.nan)
     columns = [csv.numbers(name, kind.unit_of(i), purpose) for i, name in enumerate(kind.readings)]

@@ -1,0 +1,149 @@
+"""Direct measurement, instrument by instrument on the exact chain: all 18 functions and three squareness errors within u.
+
+The exact chain reads lasers, levels against gravity, and gauges against surfaces that stand turned, have an angle and a form; the
+package never sees how. Everything passes through files.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2, norm
+from support.direct import Measured, measured, normalised, with_u, without
+from support.machines import VERTICAL, volid_machine
+from support.places import MODELS
+
+from volid.exceptions import InputError
+from volid.fitting.fit import fit
+from volid.io import read_machine
+from volid.io.machines import parse_machine
+from volid.planning.direct import direct_plan
+
+CROSS_BED = read_machine(MODELS / "wXZbYt_cross_bed.toml")
+SQUARENESS = {"EC0Y", "EA0Z", "EB0Z"}
+FUNCTIONS = {f"E{c}{axis}" for c in "XYZABC" for axis in "XYZ"}
+CHANCE = 1e-3
+ELSEWHERE = {"X": 200.0, "Y": 300.0, "Z": 650.0}
+SHORT = CROSS_BED.text.replace("[0.0, 800.0]        ", "[150.0, 600.0]      ")
+
+
+def assert_recovered(found: Measured, **options) -> None:
+    """Every function and squareness is there, and the truth within its u."""
+    solution = fit(found.campaign, **options)
+    assert not solution.adequacy.rejected and solution.statements == ()
+    z = normalised(solution, found.truth)
+    assert set(z) == FUNCTIONS | SQUARENESS
+    # values of one function depend on each other: some three are independent, with the squareness errors 18 · 3 + 3
+    mean_square = np.mean([np.mean(values**2) for values in z.values()])
+    low, high = chi2.ppf([CHANCE / 2, 1 - CHANCE / 2], 57) / 57
+    assert low < mean_square < high
+    largest = norm.ppf(1 - CHANCE / 2 / 57)
+    worst = max(z, key=lambda name: np.abs(z[name]).max())
+    assert np.abs(z[worst]).max() < largest, worst
+
+
+def test_the_plan_determines_every_function_on_the_cross_bed_machine(tmp_path):
+    """Lines that do not cross in the middle, a lateral tool vector; few positions."""
+    plan = direct_plan(CROSS_BED, "Y", (30.0, -20.0, -180.0), ELSEWHERE, points=7)
+    assert_recovered(measured(plan, tmp_path / "c", seed=11, waviness=0.5))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2])
+def test_ten_steps_on_the_cross_bed_machine(seed, tmp_path):
+    assert_recovered(measured(direct_plan(CROSS_BED, "Y"), tmp_path / "c", seed))
+
+
+@pytest.mark.slow
+def test_a_vertical_machine_with_its_axes_in_another_order(tmp_path):
+    """Z vertical on the tool side: the levels change sides, the square stands along Z."""
+    plan = direct_plan(volid_machine(VERTICAL), "Z", (0.0, 40.0, -120.0), {"X": 100.0, "Y": 300.0, "Z": -50.0}, points=13)
+    assert_recovered(measured(plan, tmp_path / "c", seed=5))
+
+
+@pytest.mark.slow
+def test_part_of_the_travels_and_a_laser_twenty_times_worse(tmp_path):
+    """The lines end 150 to 200 mm before the travels do; truth and fit are compared where it was measured."""
+    text = CROSS_BED.text.replace("travel = [0.0, 800.0]", "travel = [150.0, 600.0]")
+    part = parse_machine(text, "machine.toml")
+    plan = with_u(direct_plan(part, "Y", points=9), 20.0, "laser")
+    assert [a.travel for a in part.axes].count((150.0, 600.0)) == 2
+    found = measured(plan, tmp_path / "c", seed=8)
+    assert_recovered(found)
+    u = {f.name: f.u for f in fit(found.campaign).functions(points=2)}
+    assert u["EXX"] > 0.003 and u["EZZ"] > 0.002 and u["EYX"] < 0.002
+
+
+@pytest.mark.slow
+def test_errors_of_three_millimetres_with_a_workshop_s_instruments(tmp_path):
+    """200 times the errors of a good machine, u of 10 µm and 20 µrad: nothing is taken to first order where it must not be."""
+    plan = with_u(direct_plan(CROSS_BED, "Y"), 20.0)
+    found = measured(plan, tmp_path / "c", seed=2, scale=200.0)
+    largest = max(np.abs(f(np.linspace(0, 800, 50))).max() for n, f in found.truth.functions.items() if n[1] in "XYZ")
+    assert largest > 2.0
+    with pytest.raises(InputError, match="large_errors = true"):
+        fit(found.campaign)
+    assert_recovered(found, accept_large_errors=True)
+
+
+# ---------------------------------------------------------------------------------------------- the artefacts' own errors
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """All instruments on the cross-bed machine, few positions, edges five times less straight than is stated of squares."""
+    plan = direct_plan(CROSS_BED, "Y", at=ELSEWHERE, points=7)
+    return measured(plan, tmp_path_factory.mktemp("direct") / "c", seed=21, waviness=0.5)
+
+
+def test_turning_a_straightedge_over_separates_its_form(whole):
+    """The found form agrees with the surface of the exact chain but for its straight line, within the readings' u."""
+    solution, edge = fit(whole.campaign), "edge XZ"
+    form = {
+        float(e.name.split(" at ")[1].split()[0]): float(v)
+        for e, v in zip(solution.nuisance_table, solution.nuisance, strict=True)
+        if e.key[:2] == ("form of artefact", edge)
+    }
+    s = np.array(sorted(form))
+    true = whole.instruments.surface_form(edge, "edge", s)
+    difference = np.array([form[at] for at in s]) - true
+    left = difference - np.polyval(np.polyfit(s, difference, 1), s)
+    assert np.ptp(true) > 1e-3
+    # four readings at each place in each placement: u/√4 of either mean, half of their difference
+    assert np.sqrt(np.mean(left**2)) < 2.0 * 5e-4 / np.sqrt(8.0)
+
+
+@pytest.mark.slow
+def test_without_reversal_the_form_of_the_edge_stays_in_the_straightness(whole):
+    both = fit(whole.campaign)
+    once = fit(without(replace(whole.campaign), "edge XY turned over", "square XY"))
+    u = [max(f.u for f in solution.functions(points=7) if f.name == "EYX") for solution in (both, once)]
+    assert u[1] > 1.2 * u[0]
+    assert np.abs(normalised(once, whole.truth)["EYX"]).max() < 3.8
+
+
+# ------------------------------------------------------------------------------------------------ what is left unread
+
+MISSING = {
+    "levels": (("levels",), "no line reads EAX, ECX, EAY, ECY, EAZ, ECZ; levels in pairs"),
+    "laser": (("laser",), "no line reads EXX, EYY, EZZ; linear optics give positioning"),
+    "square": (("square XY",), "EC0Y: .*no artefact in one place has lines along X and Y; both legs of a square"),
+    "level on the square": (("level on",), "EBY: read by lines apart on artefacts whose tilts are unknown; a level on the"),
+    "square in two places": (("level on", "square here", "square there"), "no line reads EBY; levels in pairs"),
+}
+
+
+@pytest.mark.parametrize("name", MISSING)
+def test_an_instrument_that_is_missing_is_named_with_what_it_would_give(name, whole):
+    left_out, said = MISSING[name]
+    solution = fit(without(whole.campaign, *left_out))
+    assert solution.undetermined
+    with pytest.raises(AssertionError, match=said):
+        raise AssertionError("; ".join(solution.statements))
+
+
+def test_a_level_on_a_square_that_no_line_reads_is_named(whole):
+    with pytest.raises(InputError, match=r"level_on_the_square.csv, row 2: no line that is read on 'square here' tells"):
+        fit(without(whole.campaign, "square here"))
