@@ -98,6 +98,8 @@ def test_from_plan_to_fit(run, tmp_path):
         (["--test", "K4", "--points", "5", "--sphere", "Q=10,0,60", "--sensor-on", "workpiece"], "displacement", 10),
         (["--test", "cone-frustum", "--points", "9", "--length", "80", "--inclination", "30"], "distance", 9),
         (["--test", "standard", "--points", "5"], "distance", 30),
+        (["circles", "--planes", "xy", "--length", "20", "--calibrated-u", "inf", "--points", "9"], "distance", 18),
+        (["step-gauge", "--points", "3", "--tool", "0,0,-120"], "length", 21),
     ],
 )  # fmt: skip
 def test_every_test_is_written_and_read_back(arguments, kind, rows, run, tmp_path):
@@ -126,7 +128,7 @@ def test_the_test_may_stand_behind_the_machine(run, tmp_path):
     assert (status, text) == (2, "")
     assert "two tests are named, standard and --test K1; keep one" in err
     assert (
-        "--test 'tandard' is unknown; expected one of" in run("plan", vertical, "tandard", "-o", tmp_path / "p.toml")[2]
+        "--test tandard is unknown; expected one of" in run("plan", vertical, "tandard", "-o", tmp_path / "p.toml")[2]
     )
 
 
@@ -153,14 +155,17 @@ def test_positions_left_out_are_named_kept_and_make_status_1(run, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--test", "BK7"], "--test 'BK7' is unknown; expected one of static-grid, cone-frustum, standard, K1"),
+        (["--test", "BK7"], "--test BK7 is unknown; expected one of static-grid, cone-frustum"),
         (["--test", "AK1"], "test 'AK1' is not for machine .* expected BK1, BK2, BK4"),
-        (["--test", "BK1", "--points", "3,4"], "--points 3,4: --test BK1 takes one number"),
-        (["--test", "BK1", "--length", "100"], "--length is not for --test BK1, but for cone-frustum; leave it out"),
-        (["--sensor-on", "tool", "--test", "standard"], "--sensor-on is not for --test standard"),
+        (["--test", "BK1", "--points", "3,4"], "--points 3,4: the test BK1 takes one number"),
+        (
+            ["--test", "BK1", "--length", "100"],
+            "--length is not for the test BK1, but for cone-frustum, .*leave it out",
+        ),
+        (["--sensor-on", "tool", "--test", "standard"], "--sensor-on is not for the test standard"),
         (["--u", "0"], "--u: '0': expected a finite number > 0 in mm"),
         (["--sphere", "P=1,2,3", "--sphere", "P=1,2,4"], "two spheres have one name"),
-        (["--test", "K1", "--tool", "0,0,1", "--tool", "0,0,2"], "--tool stands 2 times; --test K1 takes one"),
+        (["--test", "K1", "--tool", "0,0,1", "--tool", "0,0,2"], "--tool stands 2 times; the test K1 takes one"),
         (["--sphere", "1,2,3"], "'1,2,3' is no sphere; expected NAME=x,y,z in mm"),
         (["--points", "1"], "'1' are no numbers of positions"),
     ],
