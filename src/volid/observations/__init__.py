@@ -9,7 +9,9 @@ from volid.observations.distance import DISTANCE
 from volid.observations.length import LENGTH
 from volid.observations.point import POINT, POLAR
 
-KINDS: dict[str, Kind] = {kind.name: kind for kind in (DISTANCE, POINT, POLAR, DISPLACEMENT, COMPONENT, LENGTH, ARTEFACT)}
+KINDS: dict[str, Kind] = {
+    kind.name: kind for kind in (DISTANCE, POINT, POLAR, DISPLACEMENT, COMPONENT, LENGTH, ARTEFACT)
+}
 
 LATER_KINDS = ("projection",)  # of CONVENTIONS 6, not supported yet
 

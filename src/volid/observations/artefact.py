@@ -11,12 +11,12 @@ calibrated scale. c_k and R_k are the nominal place, of any orientation; shift t
 
 where the point stands as seen from the functional point, along the directions of the tool frame, which are those of the machine
 unless a rotary axis in the head is turned. Centres found by a probe are d = 0 at the axis positions that it reports
-(`centres = true`). A simulated reading is what a measuring probe would show at the commanded positions; the axis positions at which a
-touching probe would find the centre are the commanded ones plus it, to products of it and the machine's angular errors.
+(`centres = true`). A simulated reading is what a measuring probe would show at the commanded positions; the axis positions at
+which a touching probe would find the centre are the commanded ones plus it, to products of it and angular errors.
 
-With `components = "XY"` only these calibrated coordinates count, in the frame of the artefact: a hole was probed at a depth that is
-unknown, one unknown for every row. The tilt of such a plate is that of the places where its holes were probed, so probe them at one
-depth. What moves no reading, such as the roll of a beam, is held. Not modelled: bending of the artefact under its weight, thermal
+With `components = "XY"` only these calibrated coordinates count, in the frame of the artefact: a hole was probed at a depth that
+is unknown, one unknown for every row. The tilt of such a plate is that of the places where its holes were probed, so probe them
+at one depth. What moves no reading, such as the roll of a beam, is held. Not modelled: bending of the artefact under its weight, thermal
 expansion, form errors of balls and the probe. CONVENTIONS 6; ISO 10360-2; ISO/TR 16907:2015, 7.
 
 Options of a set: `points` and `covariance` name CSV files of the calibration, `scale_u` is the prior u of its scale, a ratio (inf
@@ -37,21 +37,12 @@ from volid.exceptions import InputError
 from volid.model.geometry import Vector, add, rotate_exactly, subtract
 from volid.model.kinematics import nominal_point, to_tool_frame, transform
 from volid.model.machine import Machine
-from volid.observations.artefact_places import (
-    SHIFT_SPREAD,
-    UNNAMED,
-    Place,
-    Rows,
-    body_of,
-    owner_of,
-    places_of,
-    said_of,
-)
+from volid.observations.artefact_places import UNNAMED, body_of, places_of
 from volid.observations.artefact_slips import check_placement
+from volid.observations.artefact_unknowns import Unknowns
 from volid.observations.base import Group, Kind, NuisanceTable, takes_large_errors
 from volid.observations.calibration import artefacts_of, check_points
 
-SCALE_SPREAD = 1e-5  # of a virtual artefact whose scale is unknown
 ALL = "XYZ"
 
 
@@ -101,7 +92,7 @@ class Artefact(Kind):
         body = body_of(observations, campaign.machine)
         scale = float(observations.options.get("scale_u", 0.0)) > 0.0
         parts = [
-            _Part(observations, campaign, artefact, placement)
+            Unknowns(observations, campaign, artefact, placement)
             for artefact in artefacts_of(observations)
             for placement in _placements(observations, artefact)
         ]
@@ -111,7 +102,7 @@ class Artefact(Kind):
         slots = np.zeros((6 + scale + factors + depths, len(observations)), dtype=np.int64)
         constants = np.zeros((6 + 3 * (factors + depths), len(observations)))
         for part in parts:
-            part.fill(settings, table, slots, constants)
+            part.fill(table, scale, slots, constants)
         return [Group(np.arange(len(observations)), settings, slots, constants)]
 
     def starts(self, campaign: Campaign) -> dict[Any, float]:
@@ -157,7 +148,9 @@ class Artefact(Kind):
         places = [p for p in places_of(campaign) if any(part.observations in sets for part in p.parts)]
         normals = np.stack([place.rotation[:, 2] for place in places])
         if np.linalg.matrix_rank(normals, tol=0.1) < 2:
-            reasons.append("every placement of the artefact is parallel to the others; place it upright or inclined, too")
+            reasons.append(
+                "every placement of the artefact is parallel to the others; place it upright or inclined, too"
+            )
         tools = np.unique(np.round(np.concatenate([s.tool for s in sets]), 3), axis=0)
         if len(tools) == 1:
             single = ", ".join(f"{x:g}" for x in tools[0])
@@ -166,75 +159,6 @@ class Artefact(Kind):
         if unknown:
             reasons.append(f"the scale of the artefact of set {', '.join(unknown)} is unknown (scale_u = inf)")
         return reasons
-
-
-class _Part:
-    """Rows of one set in one placement, with the numbers and constants of their unknowns."""
-
-    def __init__(self, observations: ObservationSet, campaign: Campaign, artefact: str, placement: str) -> None:
-        self.observations = observations
-        self.rows = Rows(observations, campaign.machine, artefact, placement)
-        self.owner = owner_of(observations, artefact)
-        self.place = Place(campaign, self.owner, placement)
-        effects = [f.effect for f in self.rows.calibration.factors]
-        self.effects = np.stack(effects) if effects else np.zeros((0, len(self.rows.centred), 3))
-        self.acting = [np.flatnonzero(self.effects[:, i].any(axis=1)) for i in range(len(self.rows.centred))]
-
-    @property
-    def n_factors(self) -> int:
-        """The largest number of calibration unknowns that act on one point."""
-        return max(map(len, self.acting), default=0)
-
-    def fill(self, settings: ArtefactSettings, table: NuisanceTable, slots: np.ndarray, constants: np.ndarray) -> None:
-        """Write the columns of these rows."""
-        at, turn = self.rows.rows, self.place.rotation
-        slots[:6, at] = np.array(self.place.slots(self.observations, at, table))[:, None]
-        constants[:3, at] = self.place.centre[:, None]
-        constants[3:6, at] = (self.rows.arms @ turn.T).T
-        if settings.scale:
-            slots[6, at] = self._scale(table)
-        own = [self._factor(k, table) for k in range(len(self.effects))]
-        first = 6 + settings.scale
-        slots[first : first + settings.factors, at] = slots[0, at]  # of those that are fewer: times 0
-        for row, point in zip(at, self.rows.points, strict=True):
-            for j, k in enumerate(self.acting[point]):
-                slots[first + j, row] = own[k]
-                constants[6 + 3 * j : 9 + 3 * j, row] = turn @ self.effects[k, point]
-        self._fill_depths(first + settings.factors, 6 + 3 * settings.factors, table, slots, constants)
-
-    def _fill_depths(
-        self, slot: int, constant: int, table: NuisanceTable, slots: np.ndarray, constants: np.ndarray
-    ) -> None:
-        """Unknown depths along the calibrated coordinates that do not count."""
-        own = self.observations
-        for j, axis in enumerate(np.flatnonzero(~self.rows.measured)):
-            constants[constant + 3 * j : constant + 3 * j + 3, self.rows.rows] = self.place.rotation[:, axis, None]
-            for row in self.rows.rows:
-                number = int(row) + 1 if own.rows is None else int(own.rows[row])
-                key, name = ("depth", own.name, str(number), ALL[axis]), f"depth {own.name} row {number} {ALL[axis]}"
-                slots[slot + j, row] = table.index(key, name, spread=SHIFT_SPREAD)
-
-    def _scale(self, table: NuisanceTable) -> int:
-        u = float(self.observations.options["scale_u"])
-        key, name = ("scale of artefact", *self.owner), f"scale of artefact {said_of(self.owner)}"
-        return _agreeing(self.observations, table, table.index(key, name, "1", prior_u=u, spread=SCALE_SPREAD), u)
-
-    def _factor(self, k: int, table: NuisanceTable) -> int:
-        factor = self.rows.calibration.factors[k]
-        key = ("calibration", *self.owner, str(k + 1))
-        name = factor.name if self.owner[0] == "artefact" else f"{factor.name} of {self.owner[1]}"
-        return _agreeing(self.observations, table, table.index(key, name, prior_u=factor.u), factor.u)
-
-
-def _agreeing(observations: ObservationSet, table: NuisanceTable, number: int, u: float) -> int:
-    """The number of an unknown. Raises `InputError` where another set states another u of it."""
-    entry = table.entries[number]
-    if entry.prior_u != u:
-        raise InputError(
-            f"set '{observations.name}': u of '{entry.name}' is {u:g} here and {entry.prior_u:g} in another set; expected the "
-            "same in all sets, or another name for another artefact"
-        )
-    return number
 
 
 def _three(rows: Any, first: int) -> Vector:
@@ -251,7 +175,7 @@ def _components(observations: ObservationSet) -> str:
     given = observations.options.get("components", ALL)
     if not isinstance(given, str) or not given or sorted(given) != sorted(set(given) & set(ALL)):
         raise InputError(
-            f'set \'{observations.name}\': components is {given!r}; expected the calibrated coordinates that count, such as "XY" '
+            f"set '{observations.name}': components is {given!r}; expected the calibrated coordinates that count, such as \"XY\" "
             'for a plate with holes, or "XYZ"'
         )
     return given

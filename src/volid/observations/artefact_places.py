@@ -13,17 +13,21 @@ import numpy as np
 
 from volid.campaign import Campaign, ObservationSet
 from volid.exceptions import InputError
-from volid.model.geometry import best_rigid_motion, skew
+from volid.model.geometry import RigidMotion, best_rigid_motion, skew
 from volid.model.kinematics import nominal_point
-from volid.model.machine import TOOL, Machine
+from volid.model.machine import BED, TOOL, WORKPIECE, Machine
 from volid.observations.base import NuisanceTable
 from volid.observations.calibration import Calibration, calibration_of
-from volid.observations.response import Key, PlaceOf, TurnOf
+from volid.observations.response import MOTIONS, Key, Linear, PlaceOf, Response, TurnOf, TurnOfLine
 from volid.observations.stations import Seen
 
 UNNAMED = "1"  # artefact of a set that names none: its own
 TURN_SPREAD, SHIFT_SPREAD = 3e-4, 0.05  # rad, mm: how far a virtual artefact is off its nominal place
+UNKNOWNS = (("turn", "ABC"), ("shift", "XYZ"))
 LEVER = 1e-6  # mm: what moves readings by less per unit, beside the other unknowns, moves none
+SAME_DEPTH = (
+    0.05  # mm: places in holes that differ by less do not tell the tilt of a plate; 1 mrad of it is then 0.05 µm
+)
 
 
 def owner_of(observations: ObservationSet, artefact: str) -> tuple[str, str]:
@@ -31,15 +35,15 @@ def owner_of(observations: ObservationSet, artefact: str) -> tuple[str, str]:
     return ("set", observations.name) if artefact == UNNAMED else ("artefact", artefact)
 
 
-def said_of(owner: tuple[str, str]) -> str:
-    """An artefact in names of its unknowns: its own name, or that of its set."""
-    return owner[1]
+def body_name(observations: ObservationSet) -> str:
+    """What the artefacts of a set stand on."""
+    return str(observations.options.get("body", WORKPIECE))
 
 
 def body_of(observations: ObservationSet, machine: Machine) -> int:
     """Number of the body that the artefacts of a set stand on. Raises `InputError` for one that the machine has not."""
-    body = str(observations.options.get("body", "workpiece"))
-    known = ("workpiece", "bed", *machine.letters)
+    body = body_name(observations)
+    known = (WORKPIECE, BED, *machine.letters)
     if body not in known:
         raise InputError(
             f"set '{observations.name}': body is '{body}'; expected what the artefact stands on, one of {', '.join(known)}"
@@ -114,9 +118,10 @@ class Place:
                     f"{where} stands on another body than in set '{first.observations.name}'; give the placement another name"
                 )
 
-    def key(self, what: str, letter: str) -> Key:
-        """Key of one of its unknowns."""
-        return (what, *self.owner, self.placement, letter)
+    @property
+    def _keys(self) -> tuple[Key, ...]:
+        """Keys of its rotations and shifts."""
+        return tuple((what, *self.owner, self.placement, c) for what, letters in UNKNOWNS for c in letters)
 
     @cached_property
     def rotation(self) -> np.ndarray:
@@ -128,9 +133,28 @@ class Place:
         """Nominal place of the mean of the calibrated points, frame of the body, (3,) [mm]."""
         return np.asarray(self._motion(False).translation)
 
-    def _motion(self, readings: bool) -> Any:
-        arms = np.concatenate([part.arms for part in self.parts])
-        return best_rigid_motion(arms, np.concatenate([part.nominal(readings) for part in self.parts]))
+    def _motion(self, readings: bool) -> RigidMotion:
+        return best_rigid_motion(self._arms, np.concatenate([part.nominal(readings) for part in self.parts]))
+
+    @property
+    def whole(self) -> bool:
+        """Whether all calibrated coordinates count."""
+        return all(bool(part.measured.all()) for part in self.parts)
+
+    @cached_property
+    def _arms(self) -> np.ndarray:
+        return np.concatenate([part.arms for part in self.parts])
+
+    @cached_property
+    def _design(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """∂(measured places)/∂(rotations, shifts) (3m, 6), what is measured of each (m, 3, 3), and the sizes of the columns."""
+        r = self.rotation
+        seen = np.concatenate(
+            [np.tile(r @ np.diag(part.measured.astype(float)) @ r.T, (len(part.rows), 1, 1)) for part in self.parts]
+        )
+        turned = seen @ skew(self._arms @ r.T).transpose(0, 2, 1)
+        design = np.concatenate([turned, seen], axis=2).reshape(-1, 6)
+        return design, seen, np.linalg.norm(design, axis=0)
 
     @cached_property
     def moves(self) -> np.ndarray:
@@ -138,47 +162,67 @@ class Place:
 
         The others are held at 0: the roll of a beam, or the tilt of a plate whose holes were probed at any depth.
         """
-        blocks = []
-        for part in self.parts:
-            seen = self.rotation @ np.diag(part.measured.astype(float)) @ self.rotation.T
-            turned = skew(part.arms @ self.rotation.T).transpose(0, 2, 1)
-            blocks.append(np.concatenate([seen @ turned, np.broadcast_to(seen, turned.shape)], axis=2).reshape(-1, 6))
-        design = np.concatenate(blocks)
-        sizes = np.linalg.norm(design, axis=0)
+        design, _, sizes = self._design
+        least = LEVER if self.whole else SAME_DEPTH * np.sqrt(len(self._arms))
         moves, kept = np.zeros(6, dtype=bool), np.zeros((len(design), 0))
         for k in (*(3 + np.argsort(-sizes[3:], kind="stable")), *np.argsort(-sizes[:3], kind="stable")):
             left = design[:, k] - kept @ np.linalg.lstsq(kept, design[:, k], rcond=1e-9)[0]
-            moves[k] = np.linalg.norm(left) > LEVER
+            moves[k] = np.linalg.norm(left) > least
             kept = np.column_stack([kept, design[:, k]]) if moves[k] else kept
         return moves
 
     def starts(self) -> dict[Any, float]:
         """Rotation and shift that the readings give by the same rigid motion."""
         found = self._motion(True)
-        values, vectors = found.rotation @ self.rotation.T, np.zeros(6)
+        values = found.rotation @ self.rotation.T
         turn = values - values.T  # Cayley's transform: o = 2 tan(θ/2) along the axis, (R - Rᵀ) / (1 + tr R) · 2
-        vectors[:3] = 2.0 * np.array([turn[2, 1], turn[0, 2], turn[1, 0]]) / (1.0 + np.trace(values))
-        vectors[3:] = found.translation - self.centre
-        keys = [self.key("turn", c) for c in "ABC"] + [self.key("shift", c) for c in "XYZ"]
-        return {key: float(v) for key, v, moved in zip(keys, vectors, self.moves, strict=True) if moved}
+        rotation = 2.0 * np.array([turn[2, 1], turn[0, 2], turn[1, 0]]) / (1.0 + np.trace(values))
+        vectors = np.concatenate([rotation, found.translation - self.centre])
+        return {key: float(v) for key, v, moved in zip(self._keys, vectors, self.moves, strict=True) if moved}
 
     def slots(self, part: ObservationSet, rows: np.ndarray, table: NuisanceTable) -> list[int]:
         """Numbers of its rotations and shifts, which a change of datum moves as the body that it stands on."""
-        name = f"{said_of(self.owner)} placement {self.placement}"
-        body = str(part.options.get("body", "workpiece"))
-        turns, shifts = ([self.key(what, c) for c in letters] for what, letters in (("turn", "ABC"), ("shift", "XYZ")))
-        unknown = np.where(self.moves, np.inf, 0.0)
-        seen, centre = Seen(part, self.campaign, rows, body, TOOL), tuple(self.centre.tolist())
+        name, responses = f"{self.owner[1]} placement {self.placement}", self._responses(part, rows)
         found = []
-        for i, c in enumerate("ABC"):
-            response: Any = TurnOf(body, of=tuple(turns), component=i, sense=1.0)
-            known: dict[str, Any] = {"prior_u": unknown[i], "spread": TURN_SPREAD, "response": response}
-            found.append(table.index(turns[i], f"{name} {c}", "rad", **known))
-        for i, c in enumerate("XYZ"):
-            response = PlaceOf(body, seen.not_followed, tuple(shifts), i, centre, seen.tool, seen.u)
-            known = {"prior_u": unknown[3 + i], "spread": SHIFT_SPREAD, "response": response}
-            found.append(table.index(shifts[i], f"{name} {c}", **known))
+        for i, c in enumerate("ABCXYZ"):
+            unit, spread = ("rad", TURN_SPREAD) if i < 3 else ("mm", SHIFT_SPREAD)
+            known: dict[str, Any] = {"spread": spread, "response": responses[i]}
+            prior = np.inf if self.moves[i] else 0.0
+            found.append(table.index(self._keys[i], f"{name} {c}", unit, prior_u=prior, **known))
         return found
+
+    def _responses(self, part: ObservationSet, rows: np.ndarray) -> list[Response]:
+        """A beam does not roll when the datum changes, a plate with holes does not tilt; all else moves with its body."""
+        body, turns, shifts = body_name(part), self._keys[:3], self._keys[3:]
+        seen, centre = Seen(part, self.campaign, rows, body, TOOL), tuple(self.centre.tolist())
+        if not self.whole:
+            left = [seen.not_followed, *[None] * 5]
+            answers = self.answers(np.array(seen.tool))
+            return [Linear(body, left[i], tuple(row.tolist())) for i, row in enumerate(answers)]
+        held = np.flatnonzero(~self.moves[:3])
+        along = tuple((self.rotation @ np.linalg.svd(self._arms)[2][0]).tolist())
+        found: list[Response] = [TurnOf(body, of=turns, component=i, sense=1.0) for i in range(3)]
+        if len(held) == 1:
+            found = [TurnOfLine(body, of=turns, component=i, along=along, held=int(held[0])) for i in range(3)]
+        return found + [PlaceOf(body, seen.not_followed, shifts, i, centre, seen.tool, seen.u) for i in range(3)]
+
+    def answers(self, tool: np.ndarray) -> np.ndarray:
+        """How rotations and shifts follow motions (t, ω, h) of their body as far as depths do not, first order, (6, 9).
+
+        `tool` (3, 3): what a constant rotation of the tool vectors does to the places found.
+        """
+        design, seen, _ = self._design
+        points = self._arms @ self.rotation.T + self.centre
+        moved = np.einsum("mij,mjk->mik", seen, motions(points, tool)).reshape(-1, MOTIONS)
+        result = np.zeros((6, MOTIONS))
+        result[self.moves] = np.linalg.lstsq(design[:, self.moves], moved, rcond=1e-9)[0]
+        return result
+
+
+def motions(points: np.ndarray, tool: np.ndarray) -> np.ndarray:
+    """∂(place)/∂(t, ω, h) of points (m, 3) of a body; `tool` (3, 3): what h does to them, (m, 3, 9)."""
+    levers = skew(points).transpose(0, 2, 1)
+    return np.concatenate([np.broadcast_to(part, levers.shape) for part in (np.eye(3), levers, tool)], axis=2)
 
 
 def places_of(campaign: Campaign) -> list[Place]:

@@ -75,7 +75,10 @@ def _exchanged(parts: list[Rows], points: np.ndarray, found: np.ndarray) -> Iter
     for i in tried.tolist():
         others = np.arange(len(points)) != i
         if others.sum() > 3:
-            yield f"{said(i)}: this is not the place of that point; is the name right?", misfit(points[others], found[others])
+            yield (
+                f"{said(i)}: this is not the place of that point; is the name right?",
+                misfit(points[others], found[others]),
+            )
 
 
 def _two_places(parts: list[Rows], points: np.ndarray, found: np.ndarray) -> Iterator[tuple[str, float]]:

@@ -7,8 +7,8 @@ that are 0 to rounding have no unknown). Not modelled: a calibration at another 
 JCGM 102:2011, 6.2; CONVENTIONS 6.
 
 In the options of a set, `points` is {artefact: {point: [x, y, z, u]}}, or [x, y, z] for coordinates that are exact, or
-[x, y, z, u_x, u_y, u_z]; `covariance` is {"names": ["P1 x", …], "values": [[…], …]} in mm², with names "P1 x", or "plate P1 x" in a
-set with several artefacts.
+[x, y, z, u_x, u_y, u_z]; `covariance` is {"names": ["P1 x", …], "values": [[…], …]} in mm², with names "P1 x", or "plate P1 x"
+in a set with several artefacts.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ def check_points(observations: ObservationSet) -> None:
     given = observations.options.get(POINTS)
     if not isinstance(given, Mapping) or not given or not all(isinstance(own, Mapping) for own in given.values()):
         raise InputError(
-            f'set \'{observations.name}\': there are no calibrated points; expected points = "plate.csv" with the columns '
+            f"set '{observations.name}': there are no calibrated points; expected points = \"plate.csv\" with the columns "
             "artefact, point, x, y, z, u"
         )
     for artefact in artefacts_of(observations):

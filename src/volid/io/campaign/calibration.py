@@ -1,7 +1,7 @@
 """Calibrated points and their covariance: CSV files that a set names, read into its options and written beside it.
 
-Points: columns `point, x, y, z` [mm], optional `artefact`, and `u` or `u_x, u_y, u_z` [mm], where an empty cell of u says that the
-coordinate is exact, and one of x, y, z that it is not calibrated (0; only for coordinates that `components` leaves out).
+Points: columns `point, x, y, z` [mm], optional `artefact`, and `u` or `u_x, u_y, u_z` [mm], where an empty cell of u says that
+the coordinate is exact, and one of x, y, z that it is not calibrated (only for coordinates that `components` leaves out).
 Covariance: a column `name` ("P1 x", or "plate P1 x" with several artefacts), then one column for each name, in mm².
 """
 
@@ -71,7 +71,9 @@ def read_points(path: Path, components: str = "XYZ") -> tuple[dict[str, dict[str
     csv.only(("artefact", "point", *COORDINATES, "u", *U))
     csv.require(("point", *(c for c in COORDINATES if c.upper() in components)), _PURPOSE, tuple(csv.columns))
     if "u" in csv and any(name in csv for name in U):
-        raise InputError(f"{csv.source}, header: u beside {', '.join(n for n in U if n in csv)}; expected one or the others")
+        raise InputError(
+            f"{csv.source}, header: u beside {', '.join(n for n in U if n in csv)}; expected one or the others"
+        )
     places = [_coordinate(csv, c, c.upper() not in components) for c in COORDINATES]
     u = [_uncertainty(csv, "u" if "u" in csv else name) for name in U]
     artefacts = csv.labels("artefact", _PURPOSE) if "artefact" in csv else np.full(len(csv), SOLE)
@@ -88,7 +90,11 @@ def read_points(path: Path, components: str = "XYZ") -> tuple[dict[str, dict[str
 def _coordinate(csv: CsvTable, name: str, may_be_empty: bool) -> np.ndarray:
     if name not in csv:
         return np.zeros(len(csv))
-    return np.nan_to_num(csv.numbers(name, "mm", _PURPOSE, gaps=True)) if may_be_empty else csv.numbers(name, "mm", _PURPOSE)
+    return (
+        np.nan_to_num(csv.numbers(name, "mm", _PURPOSE, gaps=True))
+        if may_be_empty
+        else csv.numbers(name, "mm", _PURPOSE)
+    )
 
 
 def _uncertainty(csv: CsvTable, name: str) -> np.ndarray:
@@ -97,7 +103,9 @@ def _uncertainty(csv: CsvTable, name: str) -> np.ndarray:
     values = np.nan_to_num(csv.numbers(name, "mm", "leave the cell empty for a coordinate that is exact", gaps=True))
     if (values < 0.0).any():
         i = int(np.argmax(values < 0.0))
-        raise InputError(f"{csv.where(i)}: {name} is {values[i]:g}; expected a standard uncertainty in mm, not negative")
+        raise InputError(
+            f"{csv.where(i)}: {name} is {values[i]:g}; expected a standard uncertainty in mm, not negative"
+        )
     return values
 
 
@@ -108,8 +116,8 @@ def read_covariance(path: Path) -> tuple[dict[str, Any], tuple[str, ...]]:
     names, columns = csv.labels("name", "every row needs one").tolist(), [n for n in csv.columns if n != "name"]
     if missing := [n for n in (*names, *columns) if n not in names or n not in columns]:
         raise InputError(
-            f"{csv.source}: '{missing[0]}' is named in {'a row' if missing[0] in names else 'the header'} only; expected a square "
-            "matrix whose rows and columns have the same names"
+            f"{csv.source}: '{missing[0]}' is named in {'a row' if missing[0] in names else 'the header'} only; expected a "
+            "square matrix whose rows and columns have the same names"
         )
     values = np.stack([csv.numbers(n, "mm²", "a covariance matrix has no empty cell") for n in names], axis=1)
     return {"names": names, "values": values.tolist()}, csv.notes
