@@ -262,7 +262,7 @@ def plate_points(
     return {n: [*(np.array([pitch * i, pitch * j, 0.0]) + off[i, j]).tolist(), u, u, u] for n, (i, j) in at.items()}
 
 
-def _plate(points: dict[str, list[float]], places=PLATE_AT, **options):
+def _plate(points: dict[str, list[float]], places=PLATE_AT, tools=TOOLS, **options):
     """A plate placed somewhere several times, each point seen with every tool vector; rotary axes stand differently each time."""
 
     def make(machine):
@@ -275,7 +275,7 @@ def _plate(points: dict[str, list[float]], places=PLATE_AT, **options):
             q[:, [i for i, a in enumerate(machine.axes) if not a.is_linear]] = (
                 20.0 * rng.normal(size=2)[: 2 * (len(q[0]) > 3)]
             )
-            tool = TOOLS[np.arange(len(names)) % 3]
+            tool = tools[np.arange(len(names)) % len(tools)]
             middle = nominal_point(machine, q, tool, body).mean(axis=0)
             q = _reached(machine, q, tool, middle + (xyz - xyz.mean(axis=0)) @ turn.T, body)
             labels = {"artefact": "plate", "point": np.array(names), "placement": str(k + 1)}
@@ -354,7 +354,7 @@ EXAMPLES = {
     "artefact, of unknown scale": Example("artefact", THREE, _plate(plate_points(), scale_u=np.inf)),
     "artefact, holes": Example("artefact", THREE, _plate(plate_points(height=0.0), components="XY")),
     "artefact, a beam": Example("artefact", THREE, _plate(BEAM, places=BEAM_AT)),
-    "artefact, on the bed": Example("artefact", THREE, _plate(plate_points(), body="bed", places=PLATE_AT[1:2])),
+    "artefact, on the bed": Example("artefact", THREE, _plate(plate_points(), body="bed", places=PLATE_AT[1:2], tools=TOOLS[:2])),
     "artefact, table and head": Example("artefact", FIVE, _plate(plate_points())),
     "length": Example("length", THREE, _lengths(), ((METRES, IN_METRES), (MICRO, IN_MICRO))),
     "length, relative": Example("length", THREE, _lengths(relative=True, scale_u=np.inf)),

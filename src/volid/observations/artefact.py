@@ -7,17 +7,17 @@ In the frame of the body that the artefact stands on, its point i in placement k
 P_i the calibrated coordinates, P̄ their mean, δ_i their deviation (`volid.observations.calibration`), s the deviation of the
 calibrated scale. c_k and R_k are the nominal place, of any orientation; shift t_k and rotation o_k are unknown. The readings are
 
-    d = a in the frame of the tool - tool vector:
+    d = Q (a - p),
 
-where the point stands as seen from the functional point, along the directions of the tool frame, which are those of the machine
-unless a rotary axis in the head is turned. Centres found by a probe are d = 0 at the axis positions that it reports
-(`centres = true`). A simulated reading is what a measuring probe would show at the commanded positions; the axis positions at
-which a touching probe would find the centre are the commanded ones plus it, to products of it and angular errors.
+p the actual functional point in that frame, Q the nominal rotation to the machine frame: how far the point lies from where the
+axes were sent, in the machine's directions, as found minus commanded position. Centres that a probe found are d = 0 at the axis
+positions that it reports (`centres = true`), which is exact; readings d are so to products of d and of angles between the actual
+and the nominal directions of the axes, 0.03 µm for 0.3 mm at 100 µrad. Simulated readings are d at the positions of the plan.
 
 With `components = "XY"` only these calibrated coordinates count, in the frame of the artefact: a hole was probed at a depth that
 is unknown, one unknown for every row. The tilt of such a plate is that of the places where its holes were probed, so probe them
-at one depth. What moves no reading, such as the roll of a beam, is held. Not modelled: bending of the artefact under its weight, thermal
-expansion, form errors of balls and the probe. CONVENTIONS 6; ISO 10360-2; ISO/TR 16907:2015, 7.
+at one depth. What moves no reading, such as the roll of a beam, is held. Not modelled: bending of the artefact under its weight,
+thermal expansion, form errors of balls and the probe. CONVENTIONS 6; ISO 10360-2; ISO/TR 16907:2015, 7.
 
 Options of a set: `points` and `covariance` name CSV files of the calibration, `scale_u` is the prior u of its scale, a ratio (inf
 when unknown), shared by all placements: the traceable length. `body` is what the artefact stands on. An artefact of the same name
@@ -35,9 +35,9 @@ from volid.backend.elementary import in_rows
 from volid.campaign import Campaign, ObservationSet
 from volid.exceptions import InputError
 from volid.model.geometry import Vector, add, rotate_exactly, subtract
-from volid.model.kinematics import nominal_point, to_tool_frame, transform
-from volid.model.machine import Machine
-from volid.observations.artefact_places import UNNAMED, body_of, places_of
+from volid.model.kinematics import functional_point, transform
+from volid.model.machine import BED, Machine
+from volid.observations.artefact_places import UNNAMED, body_of, found_places, places_of
 from volid.observations.artefact_slips import check_placement
 from volid.observations.artefact_unknowns import Unknowns
 from volid.observations.base import Group, Kind, NuisanceTable, takes_large_errors
@@ -60,7 +60,7 @@ class Artefact(Kind):
 
     name = "artefact"
     readings = ("x", "y", "z")
-    doc = "calibrated point as seen from the functional point, along the directions of the tool frame [mm]"
+    doc = "calibrated point as seen from the functional point, machine frame [mm]"
     labels: Mapping[str, str | None] = {"artefact": UNNAMED, "point": None, "placement": "1", "run": "1"}
     options: Mapping[str, Any] = {"points": {}, "scale_u": 0.0, "components": ALL, "body": "workpiece"}
     optional: Mapping[str, Any] = {"covariance": {}}
@@ -74,7 +74,7 @@ class Artefact(Kind):
     def predict(
         machine: Machine, settings: ArtefactSettings, q: Any, tool: Vector, errors: Any, slots: Any, constants: Any
     ) -> Any:
-        """Predicted readings x, y, z in the tool frame, shape (3, m) [mm]."""
+        """Predicted readings x, y, z in the machine frame, shape (3, m) [mm]."""
         arm, used = _three(constants, 3), 6
         if settings.scale:
             factor = 1.0 + slots[used]
@@ -84,8 +84,9 @@ class Artefact(Kind):
             size = slots[used + j]
             arm = add(arm, (size * effect[0], size * effect[1], size * effect[2]))
         place = add(rotate_exactly(_three(slots, 0), arm), add(_three(constants, 0), _three(slots, 3)))
-        seen = transform(machine, q, errors, place, start=settings.body, stop=len(machine.axes))
-        return in_rows(subtract(to_tool_frame(machine, errors, seen), tool), np.shape(q[0]))
+        gap = subtract(place, functional_point(machine, q, tool, errors, settings.body))
+        bed = machine.body_index(BED)
+        return in_rows(transform(machine, q, None, gap, start=settings.body, stop=bed, is_vector=True), np.shape(q[0]))
 
     def groups(self, observations: ObservationSet, campaign: Campaign, table: NuisanceTable) -> list[Group]:
         """All rows of a set as one group: placements, scale, calibration and depths."""
@@ -138,9 +139,7 @@ class Artefact(Kind):
         self, observations: ObservationSet, machine: Machine, positions: np.ndarray | None = None
     ) -> np.ndarray | None:
         """Place of every point on its body, (m, 3) [mm]."""
-        positions = observations.positions if positions is None else positions
-        tool = observations.tool + np.nan_to_num(observations.readings)
-        return nominal_point(machine, positions, tool, body_of(observations, machine))
+        return found_places(observations, machine, positions)
 
     def advice(self, sets: Sequence[ObservationSet], campaign: Campaign) -> list[str]:
         """How many placements there are, in which planes, and with which tool vectors."""

@@ -14,15 +14,33 @@ import numpy as np
 from volid.campaign import Campaign, ObservationSet
 from volid.exceptions import InputError
 from volid.model.geometry import RigidMotion, best_rigid_motion, skew
-from volid.model.kinematics import nominal_point
+from volid.model.kinematics import nominal_point, nominal_rotation
 from volid.model.machine import BED, TOOL, WORKPIECE, Machine
 from volid.observations.base import NuisanceTable
 from volid.observations.calibration import Calibration, calibration_of
-from volid.observations.response import MOTIONS, Key, Linear, PlaceOf, Response, TurnOf, TurnOfLine
+from volid.observations.response import (
+    MOTIONS,
+    Key,
+    Linear,
+    PlaceOf,
+    Remainder,
+    Response,
+    TurnOf,
+    TurnOfLine,
+    remainder,
+)
 from volid.observations.stations import Seen
 
 UNNAMED = "1"  # artefact of a set that names none: its own
-TURN_SPREAD, SHIFT_SPREAD = 3e-4, 0.05  # rad, mm: how far a virtual artefact is off its nominal place
+TURN_SPREAD, SHIFT_SPREAD = (
+    1e-4,
+    0.02,
+)  # rad, mm: how far a virtual artefact is off its nominal place once it is aligned
+_TURNS = (
+    "the new datum turns what the artefact of set '{name}' stands on, and its readings are deviations along the machine's "
+    "nominal directions. Give the axis positions at which the centres were found instead (centres = true), or fit in that datum: "
+    "[datum] of the machine file"
+)
 UNKNOWNS = (("turn", "ABC"), ("shift", "XYZ"))
 LEVER = 1e-6  # mm: what moves readings by less per unit, beside the other unknowns, moves none
 SAME_DEPTH = (
@@ -49,6 +67,20 @@ def body_of(observations: ObservationSet, machine: Machine) -> int:
             f"set '{observations.name}': body is '{body}'; expected what the artefact stands on, one of {', '.join(known)}"
         )
     return machine.body_index(body)
+
+
+def found_places(observations: ObservationSet, machine: Machine, positions: np.ndarray | None = None) -> np.ndarray:
+    """Nominal functional points moved by the readings, in the frame of the body, (m, 3) [mm]; `positions` instead of its own."""
+    positions, body = observations.positions if positions is None else positions, body_of(observations, machine)
+    return nominal_point(machine, positions, observations.tool, body) + readings_on_body(
+        observations, machine, positions
+    )
+
+
+def readings_on_body(observations: ObservationSet, machine: Machine, positions: np.ndarray) -> np.ndarray:
+    """Readings in the frame of the body, (m, 3) [mm]; 0 in a plan."""
+    turn = nominal_rotation(machine, positions, machine.body_index(BED), body_of(observations, machine))
+    return np.einsum("mij,mj->mi", turn, np.nan_to_num(observations.readings))
 
 
 class Rows:
@@ -79,9 +111,9 @@ class Rows:
     def nominal(self, readings: bool) -> np.ndarray:
         """Nominal functional points in the frame of the body, (m, 3) [mm]; with `readings`, the places found."""
         own = self.observations
-        offset = np.nan_to_num(own.readings[self.rows]) if readings else 0.0
-        body = body_of(own, self.machine)
-        return nominal_point(self.machine, own.positions[self.rows], own.tool[self.rows] + offset, body)
+        if readings:
+            return found_places(own, self.machine)[self.rows]
+        return nominal_point(self.machine, own.positions[self.rows], own.tool[self.rows], body_of(own, self.machine))
 
 
 class Place:
@@ -196,15 +228,23 @@ class Place:
         body, turns, shifts = body_name(part), self._keys[:3], self._keys[3:]
         seen, centre = Seen(part, self.campaign, rows, body, TOOL), tuple(self.centre.tolist())
         if not self.whole:
-            left = [seen.not_followed, *[None] * 5]
+            left = [seen.not_followed, self._remainder(part, rows), *[None] * 4]
             answers = self.answers(np.array(seen.tool))
             return [Linear(body, left[i], tuple(row.tolist())) for i, row in enumerate(answers)]
         held = np.flatnonzero(~self.moves[:3])
         along = tuple((self.rotation @ np.linalg.svd(self._arms)[2][0]).tolist())
-        found: list[Response] = [TurnOf(body, of=turns, component=i, sense=1.0) for i in range(3)]
+        kept = self._remainder(part, rows)
+        found: list[Response] = [TurnOf(body, kept, turns, i, sense=1.0) for i in range(3)]
         if len(held) == 1:
-            found = [TurnOfLine(body, of=turns, component=i, along=along, held=int(held[0])) for i in range(3)]
+            found = [TurnOfLine(body, kept, turns, i, along, int(held[0])) for i in range(3)]
         return found + [PlaceOf(body, seen.not_followed, shifts, i, centre, seen.tool, seen.u) for i in range(3)]
+
+    def _remainder(self, part: ObservationSet, rows: np.ndarray) -> Remainder | None:
+        """Readings keep the nominal directions of the machine when the body turns: ω × d."""
+        gaps = readings_on_body(part, self.campaign.machine, part.positions)[rows]
+        change = np.zeros((len(gaps), 3, MOTIONS))
+        change[:, :, 3:6] = skew(-gaps)
+        return remainder(change.reshape(-1, MOTIONS), part.u[rows].ravel(), _TURNS.format(name=part.name))
 
     def answers(self, tool: np.ndarray) -> np.ndarray:
         """How rotations and shifts follow motions (t, ω, h) of their body as far as depths do not, first order, (6, 9).

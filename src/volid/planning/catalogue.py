@@ -14,12 +14,14 @@ from volid.campaign import Campaign
 from volid.exceptions import InputError
 from volid.model.machine import Machine
 from volid.planning.ball_bar import cone_frustum
+from volid.planning.ball_plate import ball_plate
 from volid.planning.circles import circles
 from volid.planning.rtest import iso10791_path, rtest_static_grid
 from volid.planning.standard import standard_plan
 from volid.planning.step_gauge import step_gauge
 
 GRID, CONE, STANDARD, CIRCLES, GAUGE = "static-grid", "cone-frustum", "standard", "circles", "step-gauge"
+PLATE = "ball-plate"
 ISO = ("K1", "K2", "K4")
 LAYOUTS = ("A", "B", "C")  # two rotary axes in the head, two in the table, one on each side
 
@@ -104,6 +106,14 @@ def _gauge(machine: Machine, **given: Any) -> Campaign:
     return step_gauge(machine, **given)
 
 
+def _plate(machine: Machine, **given: Any) -> Campaign:
+    if "points" in given:
+        given["points"] = (given["points"][0], given["points"][-1])
+    if "tool" in given:
+        given["tools"] = given.pop("tool")
+    return ball_plate(machine, **given)
+
+
 def _iso(test: str, machine: Machine, **given: Any) -> Campaign:
     given = one_count(given, "n", test)
     if "tool" in given:
@@ -169,6 +179,20 @@ _ENTRIES = (
             "points": "5 lengths a line",
             "length": "the longest, 0.9 of the line",
             "calibrated_u": "0.0002",
+            "scale_u": "5e-7",
+            "tool": "0,0,-150",
+            "u": "0.0005",
+        },
+    ),
+    Plan(
+        PLATE,
+        "centres of a ball plate in four places, flat at two heights, upright along X and along Y;\n"
+        "points N1,N2 along its sides",
+        _plate,
+        {
+            "points": "5,5",
+            "length": "the longer side, 0.8 of the smallest travel",
+            "calibrated_u": "0.0003",
             "scale_u": "5e-7",
             "tool": "0,0,-150",
             "u": "0.0005",
