@@ -59,7 +59,9 @@ def test_ten_steps_on_the_cross_bed_machine(seed, tmp_path):
 @pytest.mark.slow
 def test_a_vertical_machine_with_its_axes_in_another_order(tmp_path):
     """Z vertical on the tool side: the levels change sides, the square stands along Z."""
-    plan = direct_plan(volid_machine(VERTICAL), "Z", (0.0, 40.0, -120.0), {"X": 100.0, "Y": 300.0, "Z": -50.0}, points=13)
+    plan = direct_plan(
+        volid_machine(VERTICAL), "Z", (0.0, 40.0, -120.0), {"X": 100.0, "Y": 300.0, "Z": -50.0}, points=13
+    )
     assert_recovered(measured(plan, tmp_path / "c", seed=5))
 
 
@@ -130,7 +132,10 @@ MISSING = {
     "levels": (("levels",), "no line reads EAX, ECX, EAY, ECY, EAZ, ECZ; levels in pairs"),
     "laser": (("laser",), "no line reads EXX, EYY, EZZ; linear optics give positioning"),
     "square": (("square XY",), "EC0Y: .*no artefact in one place has lines along X and Y; both legs of a square"),
-    "level on the square": (("level on",), "EBY: read by lines apart on artefacts whose tilts are unknown; a level on the"),
+    "level on the square": (
+        ("level on",),
+        "EBY: read by lines apart on artefacts whose tilts are unknown; a level on the",
+    ),
     "square in two places": (("level on", "square here", "square there"), "no line reads EBY; levels in pairs"),
 }
 
@@ -145,5 +150,7 @@ def test_an_instrument_that_is_missing_is_named_with_what_it_would_give(name, wh
 
 
 def test_a_level_on_a_square_that_no_line_reads_is_named(whole):
-    with pytest.raises(InputError, match=r"level_on_the_square.csv, row 2: no line that is read on 'square here' tells"):
+    with pytest.raises(
+        InputError, match=r"level_on_the_square.csv, row 2: no line that is read on 'square here' tells"
+    ):
         fit(without(whole.campaign, "square here"))

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from exact_chain import ExactMachine, Truth, random_truth
 from exact_chain.instruments import Instruments, Virtual, measure
-from support.machines import exact_of
 
+from support.machines import exact_of
 from volid.campaign import Campaign
 from volid.fitting.solution import Solution
 from volid.io import load_campaign, write_manifest

@@ -272,6 +272,65 @@ def _levels(on_square: bool = False, **options):
     return make
 
 
+PLATE_AT = (  # directions of the plate's x and y: flat, upright, upright across, inclined
+    ((1, 0, 0), (0, 1, 0)),
+    ((0, 0, 1), (1, 0, 0)),
+    ((0, 1, 0), (0, 0, 1)),
+    ((0.8, 0, 0.6), (0, 1, 0)),
+)
+
+
+def plate_points(
+    nx: int = 3, ny: int = 3, pitch: float = 60.0, u: float = 0.0, height: float = 0.02
+) -> dict[str, list[float]]:
+    """Coordinates of a plate's points, off their grid by some 20 µm and off their plane by some `height`, with u."""
+    off = np.random.default_rng(4).normal(size=(nx, ny, 3)) * [0.02, 0.02, height]
+    at = {f"{'ABCDEFGH'[j]}{i + 1}": (i, j) for j in range(ny) for i in range(nx)}
+    return {n: [*(np.array([pitch * i, pitch * j, 0.0]) + off[i, j]).tolist(), u, u, u] for n, (i, j) in at.items()}
+
+
+def _plate(points: dict[str, list[float]], places=PLATE_AT, tools=TOOLS, **options):
+    """A plate placed somewhere several times, each point seen with every tool vector; rotary axes stand differently each time."""
+
+    def make(machine):
+        rng, names = np.random.default_rng(8), list(points)
+        xyz = np.array([points[n][:3] for n in names])
+        sets, body = [], machine.body_index(options.get("body", "workpiece"))
+        for k, (x, y) in enumerate(places):
+            turn = np.stack([x, y, np.cross(x, y)], axis=1).astype(float)
+            q = np.tile([0.5 * sum(a.travel) for a in machine.axes], (len(names), 1))
+            q[:, [i for i, a in enumerate(machine.axes) if not a.is_linear]] = (
+                20.0 * rng.normal(size=2)[: 2 * (len(q[0]) > 3)]
+            )
+            tool = tools[np.arange(len(names)) % len(tools)]
+            middle = nominal_point(machine, q, tool, body).mean(axis=0)
+            q = _reached(machine, q, tool, middle + (xyz - xyz.mean(axis=0)) @ turn.T, body)
+            labels = {"artefact": "plate", "point": np.array(names), "placement": str(k + 1)}
+            sets.append(plan_set("own", "artefact", q, tool, labels, points={"plate": points}, **options))
+        rows = {
+            n: np.concatenate([getattr(s, n) for s in sets])
+            for n in ("positions", "directions", "tool", "readings", "u")
+        }
+        labels = {n: np.concatenate([s.labels[n] for s in sets]) for n in sets[0].labels}
+        m = len(rows["u"])
+        return (), (replace(sets[0], labels=labels, time=np.arange(float(m)), temperature=np.full(m, 20.0), **rows),)
+
+    return make
+
+
+BEAM = {f"B{i}": [30.0 * i + 0.01 * i * i, 0.0, 0.0, 0.0, 0.0, 0.0] for i in range(7)}  # its roll moves nothing
+BEAM_AT = (((0, 0, 1), (1, 0, 0)), ((0.6, 0.8, 0), (-0.8, 0.6, 0)))
+
+
+def _reached(machine, q, tool, target, body):
+    """Positions whose linear axes bring the nominal functional point to places on a body."""
+    q, linear = q.copy(), [i for i, a in enumerate(machine.axes) if a.is_linear]
+    at = nominal_point(machine, q, tool, body)
+    steps = [nominal_point(machine, q + np.eye(len(machine.axes))[i], tool, body) - at for i in linear]
+    q[:, linear] += (np.linalg.pinv(np.stack(steps, axis=-1)) @ (target - at)[..., None])[..., 0]
+    return q
+
+
 METRES, MICRO = 1e-3, 1e3
 IN_METRES, IN_MICRO = "seem.* to be in metres", "seem.* to be in micrometres"
 SQUARE = (Alignment("square"),)
@@ -326,6 +385,15 @@ EXAMPLES = {
     "level on a square on the table": Example(
         "level", FIVE, _levels(on_square=True), alignments=(Alignment("here"), Alignment("there"))
     ),
+    "artefact": Example("artefact", THREE, _plate(plate_points(), scale_u=0.0), ((MICRO, IN_MICRO),)),
+    "artefact, calibrated": Example("artefact", THREE, _plate(plate_points(u=5e-4), scale_u=1e-6), loose=1.0),
+    "artefact, of unknown scale": Example("artefact", THREE, _plate(plate_points(), scale_u=np.inf)),
+    "artefact, holes": Example("artefact", THREE, _plate(plate_points(height=0.0), components="XY")),
+    "artefact, a beam": Example("artefact", THREE, _plate(BEAM, places=BEAM_AT)),
+    "artefact, on the bed": Example(
+        "artefact", THREE, _plate(plate_points(), body="bed", places=PLATE_AT[1:2], tools=TOOLS[:2])
+    ),
+    "artefact, table and head": Example("artefact", FIVE, _plate(plate_points())),
     "length": Example("length", THREE, _lengths(), ((METRES, IN_METRES), (MICRO, IN_MICRO))),
     "length, relative": Example("length", THREE, _lengths(relative=True, scale_u=np.inf)),
     "length, calibrated": Example("length", THREE, _lengths(calibrated_u=1e-3, scale_u=1e-5), loose=0.5),

@@ -1,6 +1,7 @@
 """Observation kinds: one file each; this table is the only place that knows them all."""
 
 from volid.campaign import Campaign, ObservationSet
+from volid.observations.artefact import ARTEFACT
 from volid.observations.base import Kind
 from volid.observations.component import COMPONENT
 from volid.observations.displacement import DISPLACEMENT
@@ -9,9 +10,11 @@ from volid.observations.length import LENGTH
 from volid.observations.level import LEVEL
 from volid.observations.point import POINT, POLAR
 
-KINDS: dict[str, Kind] = {kind.name: kind for kind in (DISTANCE, POINT, POLAR, DISPLACEMENT, COMPONENT, LEVEL, LENGTH)}
+KINDS: dict[str, Kind] = {
+    kind.name: kind for kind in (DISTANCE, POINT, POLAR, DISPLACEMENT, COMPONENT, LEVEL, LENGTH, ARTEFACT)
+}
 
-LATER_KINDS = ("projection", "artefact")  # of CONVENTIONS 6, not supported yet
+LATER_KINDS = ("projection",)  # of CONVENTIONS 6, not supported yet
 
 
 def sets_by_kind(campaign: Campaign) -> dict[Kind, list[ObservationSet]]:

@@ -147,6 +147,28 @@ class TurnOf(Response):
 
 
 @dataclass(frozen=True)
+class TurnOfLine(Response):
+    """Component of the rotation vector o of a straight thing that the body carries, x -> R(o) x, whose roll is not determined.
+
+    `of`: keys of o. `along`: direction of the line where o = 0. `held`: the component of o that stays what it is, because a roll
+    about the line makes up for what it would have to be.
+    """
+
+    of: tuple[Key, ...] = ()
+    component: int = 0
+    along: tuple[float, ...] = (1.0, 0.0, 0.0)
+    held: int = 0
+
+    def row(self, value: Values) -> np.ndarray:
+        """L - r L_held / r_held with L = 1 - [o]×/2 for the motion, r = (1 + [o]×/2) along for a roll, to second order."""
+        a, b, c = (value(key) for key in self.of)
+        twist = np.array([[0.0, -c, b], [c, 0.0, -a], [-b, a, 0.0]])
+        left, roll = np.eye(3) - 0.5 * twist, (np.eye(3) + 0.5 * twist) @ np.array(self.along)
+        turned = left - np.outer(roll, left[self.held]) / roll[self.held]
+        return np.concatenate([np.zeros(3), turned[self.component], np.zeros(3)])
+
+
+@dataclass(frozen=True)
 class GapOf(Response):
     """Offset of a surface on the body, whose normal R n turns with a rotation vector o and which is read along e.
 
@@ -179,6 +201,7 @@ _FORMS: dict[str, type[Response]] = {
     "row": Linear,
     "point": PlaceOf,
     "rotation": TurnOf,
+    "rotation of a line": TurnOfLine,
     "gap": GapOf,
 }
 

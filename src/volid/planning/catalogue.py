@@ -14,6 +14,7 @@ from volid.campaign import Campaign
 from volid.exceptions import InputError
 from volid.model.machine import Machine
 from volid.planning.ball_bar import cone_frustum
+from volid.planning.ball_plate import ball_plate
 from volid.planning.circles import circles
 from volid.planning.direct import direct_plan
 from volid.planning.rtest import iso10791_path, rtest_static_grid
@@ -22,6 +23,7 @@ from volid.planning.step_gauge import step_gauge
 
 GRID, CONE, STANDARD, CIRCLES, GAUGE = "static-grid", "cone-frustum", "standard", "circles", "step-gauge"
 DIRECT = "direct"
+PLATE = "ball-plate"
 ISO = ("K1", "K2", "K4")
 LAYOUTS = ("A", "B", "C")  # two rotary axes in the head, two in the table, one on each side
 
@@ -113,6 +115,14 @@ def _direct(machine: Machine, **given: Any) -> Campaign:
     return direct_plan(machine, **given)
 
 
+def _plate(machine: Machine, **given: Any) -> Campaign:
+    if "points" in given:
+        given["points"] = (given["points"][0], given["points"][-1])
+    if "tool" in given:
+        given["tools"] = given.pop("tool")
+    return ball_plate(machine, **given)
+
+
 def _iso(test: str, machine: Machine, **given: Any) -> Campaign:
     given = one_count(given, "n", test)
     if "tool" in given:
@@ -189,6 +199,20 @@ _ENTRIES = (
         "a square in two places; vertical is needed, levels see no turn about it",
         _direct,
         {"vertical": "", "points": "11 per travel", "form_u": "0.0005", "tool": "0,0,-150", "u": "0.0005"},
+    ),
+    Plan(
+        PLATE,
+        "centres of a ball plate in four places, flat at two heights, upright along X and along Y;\n"
+        "points N1,N2 along its sides",
+        _plate,
+        {
+            "points": "5,5",
+            "length": "the longer side, 0.8 of the smallest travel",
+            "calibrated_u": "0.0003",
+            "scale_u": "5e-7",
+            "tool": "0,0,-150",
+            "u": "0.0005",
+        },
     ),
     *(
         Plan(name, _ISO_WORDS, partial(_iso, name), _ISO_PARAMETERS)

@@ -130,7 +130,7 @@ def scatter(readings: ObservationSet, machine: Machine, positions: np.ndarray) -
     """Root mean square distance [mm] of places on the workpiece from their mean, by what stands there; None for other kinds."""
     kind = KINDS[readings.kind]
     places = kind.places(readings, machine, positions)
-    if places is None:
+    if places is None or not kind.standing:
         return None
     distances = np.zeros(len(places))
     for name in np.unique(readings.labels[kind.standing]):

@@ -15,6 +15,7 @@ from volid.io.basics.atomic import atomic_folder, atomic_with_companions
 from volid.io.basics.cells import CellWriter
 from volid.io.basics.csv_form import CsvForm
 from volid.io.basics.toml_table import Table, check_format, format_lines, read_toml
+from volid.io.campaign import calibration
 from volid.io.campaign.named_stations import with_named
 from volid.io.campaign.reach import read_machine_of, refuse_other_types, refuse_outside
 from volid.io.campaign.rules import FORMAT, STATION_FRAMES, check_consistent
@@ -97,9 +98,10 @@ def write_manifest(campaign: Campaign, place: str | Path, *, overwrite: bool = F
     """
     place = Path(place)
     if place.suffix.lower() == ".toml":
-        names = [f"{place.stem}.{name}" for name in (MACHINE, *_file_names(campaign))]
-        with atomic_with_companions(place, names, overwrite) as temporary:
-            _write(campaign, temporary, place.name, names[0], names[1:])
+        machine, *names = [f"{place.stem}.{name}" for name in (MACHINE, *_file_names(campaign))]
+        companions = [machine, *names, *(n for files in _calibrations(campaign, names) for n in files.values())]
+        with atomic_with_companions(place, companions, overwrite) as temporary:
+            _write(campaign, temporary, place.name, machine, names)
         return place
     with atomic_folder(place, overwrite) as temporary:
         _write(campaign, temporary, MANIFEST, MACHINE, _file_names(campaign))
@@ -112,6 +114,9 @@ def _write(campaign: Campaign, folder: Path, manifest: str, machine: str, names:
         (folder / machine).write_text(format_machine(campaign.machine), encoding="utf-8")
         for readings, name in zip(campaign.sets, names, strict=True):
             _write_csv(readings, campaign.machine, folder / name)
+        for readings, files in zip(campaign.sets, _calibrations(campaign, names), strict=True):
+            for key, name in files.items():
+                calibration.write_file(key, readings.options, folder / name)
     except TypeError as error:
         raise OutputError(f"{manifest} cannot be written: {error}; keep the campaign in HDF5") from None
 
@@ -126,6 +131,12 @@ def _file_names(campaign: Campaign) -> list[str]:
     return names
 
 
+def _calibrations(campaign: Campaign, names: list[str]) -> list[dict[str, str]]:
+    """Names of the files that hold calibrated points, of every set by key."""
+    pairs = zip(campaign.sets, names, strict=True)
+    return [calibration.files_of(s.options, name, names) if KINDS[s.kind].calibrated else {} for s, name in pairs]
+
+
 def _manifest(campaign: Campaign, machine: str, names: list[str]) -> str:
     head = {"format": FORMAT, "machine": machine, "title": campaign.title or None}
     lines = format_lines(head | {"warnings": campaign.warnings or None})
@@ -136,9 +147,9 @@ def _manifest(campaign: Campaign, machine: str, names: list[str]) -> str:
         lines += ["", "[[station]]", *format_lines(keys)]
     for alignment in campaign.alignments:
         lines += ["", "[[alignment]]", *format_lines({k: v or None for k, v in asdict(alignment).items()})]
-    for readings, name in zip(campaign.sets, names, strict=True):
+    for readings, name, files in zip(campaign.sets, names, _calibrations(campaign, names), strict=True):
         keys = {"name": readings.name, "kind": KINDS[readings.kind].file_kind or readings.kind, "file": name}
-        lines += ["", "[[set]]", *format_lines(keys | dict(readings.options))]
+        lines += ["", "[[set]]", *format_lines(keys | dict(readings.options) | files)]
         for effect in readings.effects:
             keys = {"name": effect.name, "type": effect.type, "u": effect.u, "per": effect.per}
             lines += ["[[set.effect]]", *format_lines(keys | dict(effect.options))]

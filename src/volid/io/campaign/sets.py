@@ -14,7 +14,7 @@ from volid.exceptions import InputError
 from volid.io.basics.csv_form import PLAIN, CsvForm
 from volid.io.basics.csv_table import CsvTable, read_csv
 from volid.io.basics.toml_table import Table, is_number
-from volid.io.campaign import probe_centres
+from volid.io.campaign import calibration, probe_centres
 from volid.io.campaign.effects import read_effect
 from volid.io.campaign.rules import check_constant, check_unique, find_kind
 from volid.model.machine import TOOL, Machine
@@ -35,7 +35,7 @@ def read_set(
 
     With `plan`, the columns of the readings may all be absent. The readings are then NaN, and the key of a proportional
     uncertainty stays in `options`, to be evaluated once there are readings. The key `columns` renames columns of the file, and
-    `ignore` leaves columns out. With `centres = true` a displacement set reads sphere centres (`probe_centres`). Raises
+    `ignore` leaves columns out. With `centres = true` a set reads centres that a probe found (`probe_centres`). Raises
     `InputError` naming file, row or key.
     """
     csv = _csv(table, folder, form.with_stated(table))
@@ -63,7 +63,7 @@ def read_set(
         rows=csv.rows,
         to=second[0] if second else None,
     )
-    return found, csv.notes
+    return calibration.with_files(found, table, folder, csv.notes) if kind.calibrated else (found, csv.notes)
 
 
 def _ends(table: Table, csv: CsvTable, kind: Kind, machine: Machine, content: _Content) -> list[End]:
@@ -149,14 +149,14 @@ def _content(table: Table, csv: CsvTable, kind: Kind, machine: Machine, purpose:
 
 
 def _centres(table: Table, csv: CsvTable, kind: Kind, machine: Machine, purpose: str, plan: bool) -> _Content | None:
-    """Sphere centres as displacements of 0 at their axis positions; None for a set of other readings."""
+    """Centres as readings of 0 at their axis positions; None for a set of other readings."""
     if not kind.takes_centres or not probe_centres.asked_for(table):
         return None
     if plan:
         raise InputError(f"{table.where}: centres = true is for centres that were found; a plan holds none, remove it")
     tip = probe_centres.gives_tip(csv, machine, table)
     named = [a.letter for a in machine.axes if not (tip and a.is_linear)]
-    required = [*named, *(probe_centres.TIP if tip else ())]
+    required = [*named, *(probe_centres.TIP if tip else ()), *(n for n, d in kind.labels.items() if d is None)]
     known = (*required, *(f"{a}_dir" for a in machine.letters), *TOOL_COLUMNS, *kind.labels, "u", *_RECORDED)
     known = (*known, *(key for key in uncertainty_keys(kind.readings) if key != "u"))
     csv.require(required, "every row of centres needs one", known)
@@ -166,8 +166,9 @@ def _centres(table: Table, csv: CsvTable, kind: Kind, machine: Machine, purpose:
         positions = probe_centres.axis_positions(csv, machine, tool, table, purpose)
     else:
         positions = np.stack([csv.numbers(a.letter, a.unit, purpose) for a in machine.axes], axis=1)
-    found = probe_centres.places(machine, positions, tool, labels[kind.standing])
-    options = {} if kind.standing in table.data else {kind.standing: found}
+    options: dict[str, Any] = {}
+    if kind.standing and kind.standing not in table.data:
+        options[kind.standing] = probe_centres.places(machine, positions, tool, labels[kind.standing])
     return _Content(positions, tool, np.zeros((len(csv), len(kind.readings))), labels, options)
 
 
