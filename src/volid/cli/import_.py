@@ -35,8 +35,8 @@ may name a file of another program: file = "x.rtl", as = "rtl", and the keys bel
 other FILEs: each becomes one set. --machine and what the file does not say are stated by options, which are keys of its
 [[set]]: --axis X, --at Y=300,Z=-250 (where the others stood), --tool 0,0,-150 (where the reflector or probe was), --u 0.0005,
 --key NAME=VALUE for any other. The type is recognised by content, or stated by --as; --formats lists the types, what is
-read of each, what is assumed, and its keys. What is imported, and by which keys, is kept in the campaign's conditions. A file that holds another program's results instead
-of readings makes no campaign: its table is shown, or written as CSV with -o.
+read of each, what is assumed, and its keys. What is imported, and by which keys, is kept in the campaign's conditions. A file
+that holds another program's results instead of readings makes no campaign: its table is shown, or written as CSV with -o.
 
 CAMPAIGN is one HDF5 file; ending in .toml a manifest with its CSV files beside it, or a folder for them, ending in /.
 

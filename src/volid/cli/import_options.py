@@ -44,7 +44,11 @@ class _Formats(argparse.Action):
 
         for name, known in FORMATS.items():
             keys = f" Keys: {', '.join(known.keys)}." if known.keys else ""
-            print(textwrap.fill(f"{known.words}. {known.about}{keys}", 100, initial_indent=f"{name}: ", subsequent_indent="  "))
+            print(
+                textwrap.fill(
+                    f"{known.words}. {known.about}{keys}", 100, initial_indent=f"{name}: ", subsequent_indent="  "
+                )
+            )
         parser.exit()
 
 
