@@ -7,10 +7,13 @@ from volid.observations.displacement import DISPLACEMENT
 from volid.observations.distance import DISTANCE
 from volid.observations.length import LENGTH
 from volid.observations.point import POINT, POLAR
+from volid.observations.projection import PROJECTION
 
-KINDS: dict[str, Kind] = {kind.name: kind for kind in (DISTANCE, POINT, POLAR, DISPLACEMENT, COMPONENT, LENGTH)}
+KINDS: dict[str, Kind] = {
+    kind.name: kind for kind in (DISTANCE, POINT, POLAR, DISPLACEMENT, COMPONENT, LENGTH, PROJECTION)
+}
 
-LATER_KINDS = ("projection", "artefact")  # of CONVENTIONS 6, not supported yet
+LATER_KINDS = ("artefact",)  # of CONVENTIONS 6, not supported yet
 
 
 def sets_by_kind(campaign: Campaign) -> dict[Kind, list[ObservationSet]]:
