@@ -21,8 +21,8 @@ RETRO, FLAT = "retro", "flat"
 MIRRORS, SIDES = (RETRO, FLAT), ("tool", "body")
 _TURNS = (
     "the new datum turns the frame of the body '{body}', in which the beam of line {line} of set '{name}' is said to have its "
-    "nominal direction, and readings lie beside the beam. Set misalignment = true and fit again, or fit in that datum: [datum] of the "
-    "machine file"
+    "nominal direction, and readings lie beside the beam. Set misalignment = true and fit again, or fit in that datum: [datum] "
+    "of the machine file"
 )
 
 

@@ -4,6 +4,7 @@
 """
 
 from volid.planning.ball_bar import cone_frustum
+from volid.planning.diagonals import diagonals, parallel_lines, step_diagonals
 from volid.planning.rtest import iso10791_path, rtest_static_grid
 
-__all__ = ["cone_frustum", "iso10791_path", "rtest_static_grid"]
+__all__ = ["cone_frustum", "diagonals", "iso10791_path", "parallel_lines", "rtest_static_grid", "step_diagonals"]
