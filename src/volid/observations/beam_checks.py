@@ -9,6 +9,7 @@ from volid.observations.beam_lines import FLAT, BeamLine
 
 UNITS = {1e-3: "metres", 1e3: "micrometres", 1.0 / 25.4: "inches"}
 BESIDE = {FLAT: 300.0, "retro": 20.0}  # mm that the tool may be beside the beam before the mirror has lost it
+ON_BEAM = 0.1  # mm across a beam: less shows no angle
 TURNED = 1e-2  # that a flat mirror may turn nominally along its line, as a sine
 SHORT = 1.0  # mm: shorter displacements tell neither sign nor unit
 LARGEST, SHARE = 1.0, 0.003  # mm, and of the displacement: how far readings may be from the commanded positions
@@ -35,6 +36,17 @@ def check_beam(line: BeamLine) -> None:
                 f"{line.seen.where(i)}: a rotary axis turns the flat mirror by {np.rad2deg(off[i]):.3g}° from the beam of line "
                 f"'{line.name}'; expected the same rotary positions along a line, or another line for others"
             )
+
+
+def check_beside(line: BeamLine) -> None:
+    """Raises `InputError` where no reading stands beside the others across the beam, so that nothing shows its angles."""
+    across = line.places @ line.frame[1:].T
+    if np.ptp(across, axis=0).max() < ON_BEAM:
+        raise InputError(
+            f"{line.observations.file_and_set}: all positions of line '{line.name}' lie on its beam, where unknown angles act by "
+            "the cosine error alone and cannot be found. Leave them known and state an effect with type = 'scale', per = 'line' "
+            "and u = 5e-7 (for 1 mrad), or state misalignment_u (rad)"
+        )
 
 
 def _really(line: BeamLine) -> str:

@@ -14,12 +14,12 @@ At Δ beside the beam a tilt δn of the machine or the mirror adds δn·Δ: what
 `point` of its line, or the nominal functional point of its first row. With mirror_on = "body" the flat mirror stands on the body
 and the beam leaves the tool: d is then the mirror's normal, and the first formula holds.
 
-misalignment = true: two angles of every beam against its nominal direction are unknown, tangents of any size, with a prior u of
-`misalignment_u` (1 mrad unless it is stated; inf for none). A flat mirror on the tool is taken to be adjusted across its beam, so
-that both have the same two angles; being δ off that would act by δ²/2 of the displacement, and is not modelled. Beams that share
-an `alignment`, such as those of one laser and its optical squares, are turned together by its three rotations, with that prior.
-Where all readings lie on their beam, its angles show by the cosine error alone: the prior decides about them, and 1 mrad makes
-displacements 0.5 µm/m too short, which an uncertainty of first order does not show.
+misalignment = true: two angles of every beam against its nominal direction are unknown, tangents of any size; `misalignment_u`
+is their prior u [rad] where it is stated. A flat mirror on the tool is taken to be adjusted across its beam, so that both have
+the same two angles; being δ off that would act by δ²/2 of the displacement, and is not modelled. Beams that share an
+`alignment`, such as those of one laser and its optical squares, are turned together by its three rotations. Angles are found
+from readings beside the beam. Where there are none they act by the cosine error alone, 0.5 µm/m for 1 mrad: state that as an
+effect of type "scale" per "line", whose u is 5e-7 then.
 
 `segment` is the uninterrupted beam, with one unknown offset per line, as for distances: give an interferometer that was zeroed
 anew, or lost its beam, another segment. `run` only names repetitions. Not modelled: a mirror that is not flat, a second pass of
@@ -42,11 +42,9 @@ from volid.model.kinematics import from_tool_frame, functional_point, transform
 from volid.model.machine import BED, WORKPIECE, Machine
 from volid.observations.base import Group, Kind, NuisanceTable, takes_large_errors
 from volid.observations.beam_advice import advice
-from volid.observations.beam_checks import check_beam, check_displacements
+from volid.observations.beam_checks import check_beam, check_beside, check_displacements
 from volid.observations.beam_lines import FLAT, MIRRORS, RETRO, SIDES, beams_of, described_beam
 from volid.observations.beam_unknowns import angle_keys, angle_slots, offset_key, offset_slots, segments
-
-MISALIGNED_U = 1e-3  # rad: 1 mm per metre, what aligning by sight of the returning beam leaves
 
 
 class ProjectionSettings(NamedTuple):
@@ -69,7 +67,7 @@ class Projection(Kind):
         "mirror": RETRO,
         "mirror_on": "tool",
         "misalignment": False,
-        "misalignment_u": MISALIGNED_U,
+        "misalignment_u": np.inf,
         "body": WORKPIECE,
     }
     optional: Mapping[str, Any] = {"alignment": ""}
@@ -162,6 +160,8 @@ class Projection(Kind):
             )
         for line in beams_of(observations, campaign):
             check_beam(line)
+            if angle_keys(line) and np.isinf(float(observations.options["misalignment_u"])):
+                check_beside(line)
             if not takes_large_errors(observations):
                 for _, own in segments(line):
                     check_displacements(line, own)

@@ -151,7 +151,7 @@ def parallel_lines(
     checked_count("lines", lines, 1, 4)
     ask_plan("parallel lines", 24 * n * max(len(tools), 1))
     share, corners, found = np.linspace(0.0, 1.0, n), _Corners(machine), []
-    places = [(0.5, 0.5)] if lines == 1 else list(product((0.0, 1.0), repeat=2))
+    places = np.array([(0.5, 0.5)] if lines == 1 else list(product((0.0, 1.0), repeat=2)))
     for axis in LINEAR_AXES:
         for number, place in enumerate(places[:lines], start=1):
             found.append(_Line(f"{axis}_{number}", corners.along(axis, place, share)))
@@ -189,7 +189,7 @@ class _Corners:
                 shares[:, LINEAR_AXES.index(letter)] = share if sense == "P" else 1.0 - share
             yield _Line(f"{letters}_{senses}", self.at(shares))
 
-    def along(self, axis: str, place: tuple[float, float], share: np.ndarray) -> np.ndarray:
+    def along(self, axis: str, place: np.ndarray, share: np.ndarray) -> np.ndarray:
         """Along an axis, the others at shares of their travels."""
         shares = np.empty((len(share), 3))
         own = LINEAR_AXES.index(axis)
