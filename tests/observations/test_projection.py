@@ -212,6 +212,13 @@ def test_an_interrupted_beam_has_an_offset_of_its_own_and_a_new_run_has_none():
     assert [e.key[2:] for e in table.entries] == [(n, s) for n in own.options["lines"] for s in "12"]
     assert table.entries[0].name == "offset own line PPP segment 1"
     assert PROJECTION.runs_by(own) == ("line", "segment")
+    table = NuisanceTable()
+    zeroed = replace(own, labels=labels, options={**own.options, "offset_per": "run"})
+    PROJECTION.groups(zeroed, plan, table)
+    assert len(table.entries) == 4 * 2 * 3 and PROJECTION.runs_by(zeroed) == ("line", "run", "segment")
+    assert table.entries[0].name == "offset own line PPP run 1 segment 1"
+    starts = PROJECTION.starts(replace(plan, sets=(replace(zeroed, readings=np.zeros((len(own), 1))),)))
+    assert starts.keys() == table.keys.keys() and PROJECTION.dead_paths(zeroed, starts).shape == (len(own), 1)
 
 
 def test_a_cosine_error_is_an_effect_of_the_line():
@@ -328,6 +335,7 @@ OPTIONS = {
     "no such mirror": ({"mirror": "prism"}, "mirror is 'prism'; expected retro or flat"),
     "no such side": ({"mirror_on": "table"}, "mirror_on is 'table'; expected tool or body"),
     "a reflector on the body": ({"mirror_on": "body"}, "mirror_on = 'body' is for a flat mirror"),
+    "no such offset": ({"offset_per": "day"}, "offset_per is 'day'; expected line or run"),
     "no direction": (
         {"lines": {"PPP": [1, 1, 1]}},
         "line 'NPP': nothing among PPP; expected the direction of the beam",

@@ -38,7 +38,7 @@ PLANS = {
     "one line of every axis": (lambda m: parallel_lines(m, lines=1), 12),
     "two lines of every axis": (lambda m: parallel_lines(m, lines=2), 20),
     "four lines of every axis": (parallel_lines, 24),
-    "four lines of every axis, three tools": (lambda m: parallel_lines(m, tools=THREE_TOOLS), 36),
+    "four lines of every axis, three tools": (lambda m: parallel_lines(m, 6, THREE_TOOLS), 36),
 }
 
 

@@ -4,21 +4,30 @@ from __future__ import annotations
 
 import numpy as np
 
+from volid.campaign import ObservationSet
 from volid.observations.base import NuisanceTable
 from volid.observations.beam_lines import BeamLine
-from volid.observations.response import TOOL_VECTORS, DirectionOf, Response, TurnOf, as_rows
+from volid.observations.response import TOOL_VECTORS, DirectionOf, Key, Response, TurnOf, as_rows
 
+LINE, RUN = "line", "run"  # what has an offset of its own
 SPREAD = {"offset": 0.1, "angle": 1e-3}  # mm, rad: of a virtual instrument
 
 
-def segments(line: BeamLine) -> list[tuple[str, np.ndarray]]:
-    """Names of the segments of a line, and which of its rows are theirs."""
-    labels = line.seen.labels["segment"]
-    return [(str(name), labels == name) for name in dict.fromkeys(labels.tolist())]
+def counted_by(observations: ObservationSet) -> tuple[str, ...]:
+    """Labels of an uninterrupted beam, which has one offset."""
+    return ("line", "segment") if observations.options.get("offset_per", LINE) == LINE else ("line", RUN, "segment")
 
 
-def offset_key(line: BeamLine, segment: str) -> tuple[str, ...]:
-    return ("offset", line.observations.name, line.name, segment)
+def offset_keys(observations: ObservationSet) -> list[Key]:
+    """Key of the offset of every row."""
+    columns = [observations.labels[label].tolist() for label in counted_by(observations)]
+    return [("offset", observations.name, *map(str, names)) for names in zip(*columns, strict=True)]
+
+
+def uninterrupted(line: BeamLine) -> list[tuple[Key, np.ndarray]]:
+    """Keys of the offsets of a line, and which of its rows are theirs."""
+    keys = offset_keys(line.seen)
+    return [(key, np.array([k == key for k in keys])) for key in dict.fromkeys(keys)]
 
 
 def angle_keys(line: BeamLine) -> tuple[tuple[str, ...], ...]:
@@ -32,10 +41,11 @@ def angle_keys(line: BeamLine) -> tuple[tuple[str, ...], ...]:
 def offset_slots(line: BeamLine, table: NuisanceTable) -> np.ndarray:
     """Number of the offset of every row of a line, (m,)."""
     response, found = line.offset_response(angle_keys(line)), np.zeros(len(line.rows), dtype=np.int64)
-    several = len(segments(line)) > 1
-    for segment, own in segments(line):
-        name = f"offset {line.observations.name} line {line.name}" + (f" segment {segment}" if several else "")
-        found[own] = table.index(offset_key(line, segment), name, spread=SPREAD["offset"], response=response)
+    parts, labels = uninterrupted(line), counted_by(line.observations)
+    for key, own in parts:
+        words = [f" {label} {name}" for label, name in zip(labels, key[2:], strict=True)]
+        name = f"offset {line.observations.name}{''.join(words if len(parts) > 1 else words[:1])}"
+        found[own] = table.index(key, name, spread=SPREAD["offset"], response=response)
     return found
 
 

@@ -21,10 +21,10 @@ the same two angles; being δ off that would act by δ²/2 of the displacement, 
 from readings beside the beam. Where there are none they act by the cosine error alone, 0.5 µm/m for 1 mrad: state that as an
 effect of type "scale" per "line", whose u is 5e-7 then.
 
-`segment` is the uninterrupted beam, with one unknown offset per line, as for distances: give an interferometer that was zeroed
-anew, or lost its beam, another segment. `run` only names repetitions. Not modelled: a mirror that is not flat, a second pass of
-the beam (10 nm for 100 µrad and 1 m), air. CONVENTIONS 6; ISO 230-6; ISO 230-2; on step diagonals M. A. V. Chapman, Precision
-Engineering 27 (2003) 401.
+`segment` is the uninterrupted beam, with one unknown offset per line, as for distances: where it was lost another one begins. All
+runs of a line share its offset, unless offset_per = "run" says that the interferometer was zeroed before every run. Not modelled:
+a mirror that is not flat, a second pass of the beam (10 nm for 100 µrad and 1 m), air. CONVENTIONS 6; ISO 230-6; ISO 230-2; on
+step diagonals M. A. V. Chapman, Precision Engineering 27 (2003) 401.
 """
 
 from __future__ import annotations
@@ -44,7 +44,16 @@ from volid.observations.base import Group, Kind, NuisanceTable, takes_large_erro
 from volid.observations.beam_advice import advice
 from volid.observations.beam_checks import check_beam, check_beside, check_displacements
 from volid.observations.beam_lines import FLAT, MIRRORS, RETRO, SIDES, beams_of, described_beam
-from volid.observations.beam_unknowns import angle_keys, angle_slots, offset_key, offset_slots, segments
+from volid.observations.beam_unknowns import (
+    LINE,
+    RUN,
+    angle_keys,
+    angle_slots,
+    counted_by,
+    offset_keys,
+    offset_slots,
+    uninterrupted,
+)
 
 
 class ProjectionSettings(NamedTuple):
@@ -70,7 +79,7 @@ class Projection(Kind):
         "misalignment_u": np.inf,
         "body": WORKPIECE,
     }
-    optional: Mapping[str, Any] = {"alignment": ""}
+    optional: Mapping[str, Any] = {"alignment": "", "offset_per": LINE}
     scopes: Mapping[str, tuple[str, ...]] = {"line": ("line",), "run": ("line", "run"), "beam": ("line", "segment")}
     tested_by = ("line",)
     named_by = ("line",)
@@ -116,17 +125,18 @@ class Projection(Kind):
         for s in campaign.sets:
             for line in beams_of(s, campaign) if s.kind == self.name else ():
                 along = (line.places - line.point) @ line.beam.along
-                for segment, own in segments(line):
+                for key, own in uninterrupted(line):
                     left = (line.seen.readings[:, 0] - along)[own]
-                    found[offset_key(line, segment)] = float(np.mean(left)) if np.isfinite(left).all() else 0.0
+                    found[key] = float(np.mean(left)) if np.isfinite(left).all() else 0.0
         return found
 
     def check(self, observations: ObservationSet) -> None:
         """Raises `InputError` for options that are none or do not go together, or a line without direction."""
         where, options = f"set '{observations.name}'", observations.options
-        for key, known in (("mirror", MIRRORS), ("mirror_on", SIDES)):
-            if options[key] not in known:
-                raise InputError(f"{where}: {key} is '{options[key]}'; expected {' or '.join(known)}")
+        stated = {**self.optional, **options}
+        for key, known in (("mirror", MIRRORS), ("mirror_on", SIDES), ("offset_per", (LINE, RUN))):
+            if stated[key] not in known:
+                raise InputError(f"{where}: {key} is '{stated[key]}'; expected {' or '.join(known)}")
         if options["mirror"] == RETRO and options["mirror_on"] != "tool":
             raise InputError(
                 f"{where}: mirror_on = 'body' is for a flat mirror; where a retro-reflector stands makes no difference, remove it"
@@ -163,7 +173,7 @@ class Projection(Kind):
             if angle_keys(line) and np.isinf(float(observations.options["misalignment_u"])):
                 check_beside(line)
             if not takes_large_errors(observations):
-                for _, own in segments(line):
+                for _, own in uninterrupted(line):
                     check_displacements(line, own)
 
     def is_whole(self, observations: ObservationSet) -> bool:
@@ -172,12 +182,11 @@ class Projection(Kind):
 
     def dead_paths(self, observations: ObservationSet, starts: Mapping[Any, float]) -> np.ndarray:
         """Start values of the offsets, (m, 1) [mm]."""
-        labels = zip(observations.labels["line"].tolist(), observations.labels["segment"].tolist(), strict=True)
-        return np.array([[starts.get(("offset", observations.name, *names), 0.0)] for names in labels])
+        return np.array([[starts.get(key, 0.0)] for key in offset_keys(observations)])
 
     def runs_by(self, observations: ObservationSet) -> tuple[str, ...]:
-        """A segment of a line has one offset."""
-        return ("line", "segment")
+        """A segment of a line, or of a run along it, has one offset."""
+        return counted_by(observations)
 
     def advice(self, sets: Sequence[ObservationSet], campaign: Campaign) -> list[str]:
         """Which planes no beam is inclined in, and how many tool vectors there are."""
