@@ -8,7 +8,17 @@ import numpy as np
 import pytest
 from exact_chain import LINEAR, MICRO, Smooth, Truth, random_truth
 from exact_chain.beams import flat_lengths, retro_lengths
-from support.kinds import EXAMPLES, THREE, TOOLS, exact_parameters, exact_truth, machine_of, plan_set, positions_of
+from support.kinds import (
+    EXAMPLES,
+    THREE,
+    TOOLS,
+    distances,
+    exact_parameters,
+    exact_truth,
+    machine_of,
+    plan_set,
+    positions_of,
+)
 from support.machines import LAYOUTS, VERTICAL, exact_machine, fixed, volid_machine
 
 from volid.campaign import Alignment, Campaign, Effect
@@ -232,6 +242,34 @@ def test_a_cosine_error_is_an_effect_of_the_line():
     for line in beams_of(plan.sets[0], plan):
         change = (found[0].sets[0].readings - plain[0].sets[0].readings)[line.rows, 0]
         np.testing.assert_allclose(change, drawn[f"cosine error {line.name}"] * line.nominal, rtol=2e-3, atol=1e-7)
+
+
+def beside_distances(seed: int = 3) -> Campaign:
+    """Simulated diagonals beside distances from four stations that see every tool vector."""
+    machine = machine_of(THREE)
+    stations, volume = distances(machine, 60)
+    plan = Campaign(machine, stations, (volume, *diagonals(machine, 21, TOOLS[0]).sets))
+    return simulate(plan, exact_truth(machine), seed=seed, station_error=1.0)[0]
+
+
+def with_readings(campaign: Campaign, readings: np.ndarray) -> Campaign:
+    """The campaign with other readings in its last set."""
+    return replace(campaign, sets=(*campaign.sets[:-1], replace(campaign.sets[-1], readings=readings)))
+
+
+def test_a_wrong_refractive_index_and_a_lost_beam_are_named():
+    """20 µm/m too long, and 20 µm more from the 26th row of a line on: said, and the latter cured by a robust fit."""
+    campaign = beside_distances()
+    assert not fit(campaign).adequacy.rejected
+    own = campaign.sets[-1]
+    cause = fit(with_readings(campaign, own.readings * (1.0 + 2e-5))).adequacy.causes[0]
+    assert cause.what == "lengths of set 'diagonals' have another scale" and 'per = "set"' in cause.cure
+    jumped = own.readings + 0.02 * ((own.labels["line"] == "PPP") & (np.arange(len(own)) >= 25))[:, None]
+    solution = fit(with_readings(campaign, jumped), robust=True)
+    assert not solution.adequacy.rejected
+    said, found = solution.notes[0].split(" (by ")
+    assert said == "beam of line PPP segment 1 was broken before diagonals plan, row 26"
+    assert abs(float(found.split()[0]) - 20.0) < 1.0, "two means of ten readings and more of 0.5 µm"
 
 
 # --------------------------------------------------------------------------------------------------------- messages
