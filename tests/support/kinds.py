@@ -23,6 +23,7 @@ from volid.model.error_model import ErrorModel, build_model
 from volid.model.kinematics import nominal_point
 from volid.model.machine import Machine
 from volid.observations import KINDS
+from volid.planning.following import follow
 from volid.virtual.truth import Truth
 
 THREE = """format = "volid-machine/1"
@@ -272,6 +273,40 @@ def _levels(on_square: bool = False, **options):
     return make
 
 
+BEAMS = {"PPP": (0.6, 0.5, 0.4), "NPP": (-0.6, 0.5, 0.4), "PNP": (0.6, -0.5, 0.4), "along": (0.0, 0.3, 0.0)}
+
+
+UNKNOWN_BEAMS = {"misalignment": True, "misalignment_u": np.inf}
+IN_XZ = {"PP": (0.6, 0.0, 0.4), "NP": (-0.6, 0.0, 0.4), "X": (1.0, 0.0, 0.0), "Z": (0.0, 0.0, 0.3)}
+
+
+def _beams(beside: float = 0.0, clamped: tuple[dict[str, float], ...] = ({},), beams=BEAMS, **options):
+    """Displacements along four beams through a common point, there and back after an interruption, `beside` the beam [mm].
+
+    `clamped`: positions of the rotary axes, one line after the other.
+    """
+
+    def make(machine):
+        m, rng = 24, np.random.default_rng(12)
+        centre = np.array([300.0, 200.0, -300.0] if machine.letters == ("Y", "X", "Z") else [0.0, 0.0, -60.0])
+        along = np.concatenate([np.linspace(-180.0, 180.0, m // 2), np.linspace(180.0, -180.0, m // 2)])
+        positions, names, tool = [], [], []
+        for i, (name, direction) in enumerate(beams.items()):
+            unit = np.array(direction) / np.linalg.norm(direction)
+            points = centre + np.outer(along, unit) + beside * rng.uniform(-1.0, 1.0, (m, 3))
+            rotary = clamped[i % len(clamped)]
+            start = np.tile([rotary.get(letter, 0.0) for letter in machine.letters], (m, 1))
+            positions.append(follow(machine, start, TOOLS[i % 3], points))
+            names += [name] * m
+            tool.append(np.tile(TOOLS[i % 3], (m, 1)))
+        labels = {"line": np.array(names), "segment": np.tile(np.repeat(["1", "2"], m // 2), len(beams))}
+        stated = {"lines": {n: list(d) for n, d in beams.items()}} | options
+        own = plan_set("own", "projection", np.concatenate(positions), np.concatenate(tool), labels, **stated)
+        return (), (own,)
+
+    return make
+
+
 PLATE_AT = (  # directions of the plate's x and y: flat, upright, upright across, inclined
     ((1, 0, 0), (0, 1, 0)),
     ((0, 0, 1), (1, 0, 0)),
@@ -334,6 +369,7 @@ def _reached(machine, q, tool, target, body):
 METRES, MICRO = 1e-3, 1e3
 IN_METRES, IN_MICRO = "seem.* to be in metres", "seem.* to be in micrometres"
 SQUARE = (Alignment("square"),)
+ROTARY = ({}, {"C": 35.0}, {"C": -20.0, "B": 25.0})
 EXAMPLES = {
     "distance": Example(
         "distance", THREE, _seen_from("distance", "workpiece"), ((METRES, IN_METRES), (MICRO, IN_MICRO))
@@ -400,6 +436,26 @@ EXAMPLES = {
     "length, two tool vectors": Example("length", THREE, _lengths(True)),
     "length, table and head": Example("length", FIVE, _lengths(True)),
     "length, table and head, relative": Example("length", FIVE, _lengths(relative=True)),
+    "projection": Example("projection", THREE, _beams(), ((METRES, IN_METRES), (MICRO, IN_MICRO), (-1.0, "decrease"))),
+    "projection, misaligned beams": Example("projection", THREE, _beams(5.0, **UNKNOWN_BEAMS)),
+    "projection, flat mirror": Example("projection", THREE, _beams(15.0, mirror="flat")),
+    "projection, flat mirror tilted": Example("projection", THREE, _beams(15.0, mirror="flat", **UNKNOWN_BEAMS)),
+    "projection, flat mirror on the workpiece": Example(
+        "projection", THREE, _beams(15.0, mirror="flat", mirror_on="body", **UNKNOWN_BEAMS)
+    ),
+    "projection, flat mirror on the bed": Example(
+        "projection", THREE, _beams(beams=IN_XZ, mirror="flat", mirror_on="body", body="bed")
+    ),
+    "projection, beams on one artefact": Example(
+        "projection", THREE, _beams(5.0, alignment="laser", misalignment_u=np.inf), alignments=(Alignment("laser"),)
+    ),
+    "projection, table and head": Example("projection", FIVE, _beams(clamped=ROTARY)),
+    "projection, flat mirror, table and head": Example(
+        "projection", FIVE, _beams(15.0, ROTARY, mirror="flat", **UNKNOWN_BEAMS)
+    ),
+    "projection, beams on the bed, table and head": Example(
+        "projection", FIVE, _beams(0.0, ({}, {"B": 25.0}), IN_XZ, body="bed")
+    ),
 }
 
 

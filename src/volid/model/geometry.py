@@ -6,6 +6,7 @@ on a CPU. Only `skew`, `across_pair` and `best_rigid_motion` take vectors as row
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -91,6 +92,20 @@ def rotate_about(direction: tuple[float, float, float], angle: Any, x: Vector) -
         c * x[1] + s * turned[1] + direction[1] * along,
         c * x[2] + s * turned[2] + direction[2] * along,
     )
+
+
+def turned_direction(frame: Sequence[Any], angles: Sequence[Any]) -> Vector:
+    """The unit vector `frame`[0], turned by two tangents towards `frame`[1] and [2], by a rotation vector, or not.
+
+    With two, (d + β1 a + β2 b) / sqrt(1 + β1² + β2²), for d, a, b at right angles.
+    """
+    if not len(angles):
+        return tuple(frame[0])  # type: ignore[return-value]
+    if len(angles) == 3:
+        return rotate_exactly(tuple(angles), tuple(frame[0]))  # type: ignore[arg-type]
+    size = sqrt(1.0 + angles[0] * angles[0] + angles[1] * angles[1])
+    along, first, second = frame
+    return tuple((along[i] + angles[0] * first[i] + angles[1] * second[i]) / size for i in range(3))  # type: ignore[return-value]
 
 
 def rotation_vector(columns: tuple[Vector, Vector, Vector]) -> Vector:

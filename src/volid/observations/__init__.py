@@ -9,12 +9,11 @@ from volid.observations.distance import DISTANCE
 from volid.observations.length import LENGTH
 from volid.observations.level import LEVEL
 from volid.observations.point import POINT, POLAR
+from volid.observations.projection import PROJECTION
 
 KINDS: dict[str, Kind] = {
-    kind.name: kind for kind in (DISTANCE, POINT, POLAR, DISPLACEMENT, COMPONENT, LEVEL, LENGTH, ARTEFACT)
+    kind.name: kind for kind in (DISTANCE, POINT, POLAR, DISPLACEMENT, COMPONENT, LEVEL, LENGTH, PROJECTION, ARTEFACT)
 }
-
-LATER_KINDS = ("projection",)  # of CONVENTIONS 6, not supported yet
 
 
 def sets_by_kind(campaign: Campaign) -> dict[Kind, list[ObservationSet]]:
@@ -23,4 +22,4 @@ def sets_by_kind(campaign: Campaign) -> dict[Kind, list[ObservationSet]]:
     return {kind: sets for kind, sets in found.items() if sets}
 
 
-__all__ = ["KINDS", "LATER_KINDS", "Kind", "sets_by_kind"]
+__all__ = ["KINDS", "Kind", "sets_by_kind"]

@@ -24,7 +24,7 @@ class Placement:
 
     def __init__(self, campaign: Campaign, alignment: Alignment) -> None:
         self.campaign, self.alignment = campaign, alignment
-        sets = [s for s in campaign.sets if s.options.get("alignment") == alignment.name]
+        sets = [s for s in campaign.sets if s.options.get("alignment") == alignment.name and "component" in s.labels]
         self.lines = [line for s in sets for line in lines_of(s, campaign)]
         self.own_offset = [bool(line.observations.options.get("offset", True)) for line in self.lines]
 
@@ -97,7 +97,7 @@ class Placement:
 def alignment_starts(campaign: Campaign) -> dict[Any, float]:
     """Start values of all placements and their lines' offsets: a linear fit to readings of a machine without errors."""
     starts: dict[Any, float] = {}
-    used = {str(s.options.get("alignment", "")) for s in campaign.sets}
+    used = {str(s.options.get("alignment", "")) for s in campaign.sets if "component" in s.labels}
     for alignment in campaign.alignments if used else ():
         if alignment.name in used:
             starts |= _fitted(Placement(campaign, alignment))

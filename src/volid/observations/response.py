@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from volid.model.geometry import rotate_exactly, skew
+from volid.model.geometry import rotate_exactly, skew, turned_direction
 
 TOOL_VECTORS = "tool vectors"  # the frame in which they are given, as a body
 MOTIONS = 9  # t [mm], ω [rad] of the body's frame, and h [rad] of the tool
@@ -191,6 +191,42 @@ class GapOf(Response):
         return np.asarray(whole / (normal @ np.array(self.read)))
 
 
+@dataclass(frozen=True)
+class DirectionOf(Response):
+    """Tangent number `component` of a direction d0 + β1 a + β2 b that the body carries. `of`: keys of β; `frame`: d0, a, b."""
+
+    of: tuple[Key, ...] = ()
+    component: int = 0
+    frame: Rows = _NO_TURN
+
+    def row(self, value: Values) -> np.ndarray:
+        """v × e - β (v × d0) with v = d0 + β1 a + β2 b and e its own a or b: exact for β of any size."""
+        along, *across = np.array(self.frame)
+        angles = np.array([value(key) for key in self.of])
+        v = along + angles @ np.array(across)
+        turned = np.cross(v, across[self.component]) - angles[self.component] * np.cross(v, along)
+        return np.concatenate([np.zeros(3), turned, np.zeros(3)])
+
+
+@dataclass(frozen=True)
+class ReachOf(Response):
+    """Offset of a length along a direction d on the body, from `point` p to a reflector, or to a plane across d on the tool.
+
+    A motion that beam and reflector follow changes the length by d·(t + ω × p + T h). `of`: keys of the angles of d in `frame`
+    (rows: nominal direction and two across it); `turned` T (3, 3): as in `GapOf`.
+    """
+
+    of: tuple[Key, ...] = ()
+    frame: Rows = _NO_TURN
+    point: tuple[float, ...] = (0.0, 0.0, 0.0)
+    turned: Rows = _NO_TURN
+
+    def row(self, value: Values) -> np.ndarray:
+        """-(d, p × d, -d T)."""
+        d = np.array(turned_direction(self.frame, [value(key) for key in self.of]))
+        return np.concatenate([-d, -np.cross(self.point, d), d @ np.array(self.turned)])
+
+
 UNMOVED = Unmoved()
 SEVERAL_TOOLS = (
     "the new datum turns the tool, whose rotation the model leaves out or holds at 0, and the readings see several tool vectors. "
@@ -203,6 +239,8 @@ _FORMS: dict[str, type[Response]] = {
     "rotation": TurnOf,
     "rotation of a line": TurnOfLine,
     "gap": GapOf,
+    "direction": DirectionOf,
+    "reach": ReachOf,
 }
 
 

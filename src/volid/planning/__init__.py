@@ -6,7 +6,19 @@
 from volid.planning.ball_bar import cone_frustum
 from volid.planning.ball_plate import ball_plate, plate_plan
 from volid.planning.circles import circles
+from volid.planning.diagonals import diagonals, parallel_lines, step_diagonals
 from volid.planning.rtest import iso10791_path, rtest_static_grid
 from volid.planning.step_gauge import step_gauge
 
-__all__ = ["ball_plate", "circles", "cone_frustum", "iso10791_path", "plate_plan", "rtest_static_grid", "step_gauge"]
+__all__ = [
+    "ball_plate",
+    "circles",
+    "cone_frustum",
+    "diagonals",
+    "iso10791_path",
+    "parallel_lines",
+    "plate_plan",
+    "rtest_static_grid",
+    "step_diagonals",
+    "step_gauge",
+]

@@ -16,6 +16,7 @@ from volid.model.machine import Machine
 from volid.planning.ball_bar import cone_frustum
 from volid.planning.ball_plate import ball_plate
 from volid.planning.circles import circles
+from volid.planning.diagonals import diagonals, parallel_lines, step_diagonals
 from volid.planning.direct import direct_plan
 from volid.planning.rtest import iso10791_path, rtest_static_grid
 from volid.planning.standard import standard_plan
@@ -24,6 +25,7 @@ from volid.planning.step_gauge import step_gauge
 GRID, CONE, STANDARD, CIRCLES, GAUGE = "static-grid", "cone-frustum", "standard", "circles", "step-gauge"
 DIRECT = "direct"
 PLATE = "ball-plate"
+BODY_DIAGONALS, DIAGONALS, STEP_DIAGONALS, PARALLEL = "body-diagonals", "diagonals", "step-diagonals", "parallel-lines"
 ISO = ("K1", "K2", "K4")
 LAYOUTS = ("A", "B", "C")  # two rotary axes in the head, two in the table, one on each side
 
@@ -123,6 +125,20 @@ def _plate(machine: Machine, **given: Any) -> Campaign:
     return ball_plate(machine, **given)
 
 
+def _along_beams(name: str, make: Callable[..., Campaign], machine: Machine, **given: Any) -> Campaign:
+    given = one_count(given, "n", name)
+    if "tool" in given:
+        given["tool"] = _one(given["tool"], "tool", name)
+    return make(machine, **given)
+
+
+def _parallel(machine: Machine, **given: Any) -> Campaign:
+    given = one_count(given, "n", PARALLEL)
+    if "tool" in given:
+        given["tools"] = given.pop("tool")
+    return parallel_lines(machine, **given)
+
+
 def _iso(test: str, machine: Machine, **given: Any) -> Campaign:
     given = one_count(given, "n", test)
     if "tool" in given:
@@ -136,6 +152,7 @@ _ISO_WORDS = """paths of ISO 10791-6 with the sphere in the nest, there and back
 axis turns, K2: the first, K4: both; A two rotary axes in the head, B in the table, C one on
 each side"""
 _ISO_PARAMETERS = {"points": "73 each way", "sphere": "", "sensor_on": "tool", "tool": "", "u": "0.0005"}
+_BEAM = {"tool": "0,0,-150", "u": "0.0005"}
 _ENTRIES = (
     Plan(
         GRID,
@@ -213,6 +230,31 @@ _ENTRIES = (
             "tool": "0,0,-150",
             "u": "0.0005",
         },
+    ),
+    Plan(
+        BODY_DIAGONALS,
+        "laser displacements along the four body diagonals of ISO 230-6, there and back, retro-reflector",
+        partial(_along_beams, BODY_DIAGONALS, partial(diagonals, faces=False)),
+        {"points": "11 of a line", **_BEAM},
+    ),
+    Plan(
+        DIAGONALS,
+        "the same with two diagonals of each of three planes in the middle of the volume",
+        partial(_along_beams, DIAGONALS, diagonals),
+        {"points": "11 of a line", **_BEAM},
+    ),
+    Plan(
+        STEP_DIAGONALS,
+        "sequential step diagonals: along the body diagonals by steps of X, then Y, then Z, there and\n"
+        "back, flat mirror of unknown tilt; points: steps of each axis",
+        partial(_along_beams, STEP_DIAGONALS, step_diagonals),
+        {"points": "10", **_BEAM},
+    ),
+    Plan(
+        PARALLEL,
+        "laser displacements along every linear axis, on four parallel lines, there and back",
+        _parallel,
+        {"points": "11 of a line", **_BEAM},
     ),
     *(
         Plan(name, _ISO_WORDS, partial(_iso, name), _ISO_PARAMETERS)

@@ -13,7 +13,7 @@ from volid.effects.prediction import check_effects
 from volid.exceptions import InputError
 from volid.io.basics.toml_table import nearest
 from volid.model.machine import BED, TOOL, WORKPIECE, Machine
-from volid.observations import KINDS, LATER_KINDS, Kind
+from volid.observations import KINDS, Kind
 
 FORMAT = "volid-campaign/1"
 LARGEST = 1e9  # mm, rad or degrees: a thousand kilometres
@@ -33,12 +33,8 @@ def find_kind(name: str, where: str) -> Kind:
     """The observation kind called `name`. Raises `InputError` listing the kinds there are."""
     if name in KINDS:
         return KINDS[name]
-    here = f"this version reads {', '.join(KINDS)}"
-    if name in LATER_KINDS:
-        raise InputError(f"{where}: kind '{name}' is not supported yet; {here}")
     raise InputError(
-        f"{where}: unknown kind '{name}'{nearest(name, [*KINDS, *LATER_KINDS]) or ';'} {here}; "
-        f"{', '.join(k for k in LATER_KINDS if k not in KINDS)} come later"
+        f"{where}: unknown kind '{name}'{nearest(name, [*KINDS]) or ';'} expected one of {', '.join(KINDS)}"
     )
 
 

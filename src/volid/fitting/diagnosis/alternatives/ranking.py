@@ -21,7 +21,17 @@ from volid.fitting.diagnosis.alternatives.functions import (
     pitches,
     reversals,
 )
-from volid.fitting.diagnosis.alternatives.readings import OUTLIERS, RANGE, SCALE, TOOL, outliers, ranges, scales, tools
+from volid.fitting.diagnosis.alternatives.readings import (
+    OUTLIERS,
+    RANGE,
+    SCALE,
+    SCALE_OF_SET,
+    TOOL,
+    outliers,
+    ranges,
+    scales,
+    tools,
+)
 from volid.fitting.diagnosis.alternatives.refits import judged_others, refitted, some_rows
 from volid.fitting.diagnosis.alternatives.slips import EXPLAINS, GROSS, SLIPS, possible_slips
 from volid.fitting.diagnosis.alternatives.time import BREAK, DRIFT, GROWTH, WARMTH, breaks, drifts, growths
@@ -50,6 +60,7 @@ TRIED = (
     FINER,
     TOOL,
     SCALE,
+    SCALE_OF_SET,
     RANGE,
     ORDER,
     *SLIPS,
@@ -87,7 +98,7 @@ def _best(tested: list[Judged]) -> Judged | None:
     """The one with the best score; growth instead of scales of instruments, where it explains the misfit nearly as well."""
     certain = _certain(tested)
     best = max(certain, key=lambda j: j.score, default=None)
-    if best is None or best.alternative.cause not in (SCALE, RANGE):
+    if best is None or best.alternative.cause not in (SCALE, SCALE_OF_SET, RANGE):
         return best
     growing = [j for j in certain if j.alternative.cause in (GROWTH, WARMTH) and j.score > COMMON * best.score]
     return max(growing, key=lambda j: j.score, default=best)
@@ -100,7 +111,9 @@ def _certain(tested: list[Judged]) -> list[Judged]:
 
 def _is_possible(j: Judged) -> bool:
     """Whether such an error can be: no refraction changes lengths by a hundredth."""
-    return j.alternative.cause != SCALE or float(np.max(np.abs(j.values), initial=0.0)) < LARGEST_SCALE
+    return (
+        j.alternative.cause not in (SCALE, SCALE_OF_SET) or float(np.max(np.abs(j.values), initial=0.0)) < LARGEST_SCALE
+    )
 
 
 def _rivals(best: Judged, tested: list[Judged]) -> list[Judged]:

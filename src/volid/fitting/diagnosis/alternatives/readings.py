@@ -1,4 +1,4 @@
-"""Alternatives in the readings: the length of one tool, the scale of a station, outliers."""
+"""Alternatives in the readings: the length of one tool, the scale of a station or of an interferometer without one, outliers."""
 
 from __future__ import annotations
 
@@ -17,12 +17,13 @@ from volid.observations import KINDS
 from volid.observations.base import STATION
 
 TOOL, SCALE, RANGE, OUTLIERS = "tool length", "scale of a station", "error along the range", "outliers"
+SCALE_OF_SET = "scale of a set"
 DEGREES = 8  # of an error along the range
 STEPS, NOISES = 64, 50.0  # of the range, in which lengths are told apart; u, which a step is at least
 LEAST_LENGTHS = DEGREES + 1  # that differ
 WHOLE, PART, NONE = "u as a whole", "u of a part of the readings", "none of these"
 SCALE_CURE = (
-    'campaign, [[set.effect]]: name = "scale", type = "scale", per = "station", u = {size:.1e}; and check the refractive index '
+    'campaign, [[set.effect]]: name = "scale", type = "scale", per = "{per}", u = {{size:.1e}}; and check the refractive index '
     "that the readings were corrected with"
 )
 MOST_TOOLS = 24
@@ -53,12 +54,24 @@ def scales(around: Around) -> Iterator[Alternative]:
     lengths = np.concatenate(
         [lengths_of(s).ravel() if STATION in KINDS[s.kind].labels else 0.0 * s.u.ravel() for s in sets]
     )
-    columns = []
+    columns, cure = [], SCALE_CURE.format(per="station")
     for name in sorted(set(around.standing[lengths != 0.0].tolist()) - {""}):
         columns.append(np.where(around.standing == name, around.weight * lengths, 0.0)[:, None])
-        yield Alternative(SCALE, f"lengths from {name} have another scale", SCALE_CURE, columns[-1])
+        yield Alternative(SCALE, f"lengths from {name} have another scale", cure, columns[-1])
     if len(columns) > 1:
-        yield Alternative(SCALE, "lengths from several stations have other scales", SCALE_CURE, np.hstack(columns))
+        yield Alternative(SCALE, "lengths from several stations have other scales", cure, np.hstack(columns))
+    yield from _scales_of_sets(around)
+
+
+def _scales_of_sets(around: Around) -> Iterator[Alternative]:
+    """Displacements that an interferometer without a station counts have a scale error of their own."""
+    for i, s in enumerate(around.campaign.sets):
+        if STATION not in KINDS[s.kind].labels and KINDS[s.kind].runs_by(s):
+            column = np.zeros(len(around.weight))
+            own = np.flatnonzero(around.set_number == i)
+            column[own] = around.weight[own] * lengths_of(s).ravel()
+            cure = SCALE_CURE.format(per="set")
+            yield Alternative(SCALE_OF_SET, f"lengths of set '{s.name}' have another scale", cure, column[:, None])
 
 
 def ranges(around: Around) -> Iterator[Alternative]:
