@@ -1,17 +1,20 @@
-"""Repeatability of the machine, from readings that come back to one commanded position from the same direction with the same tool.
+"""Repeatability of the machine, from readings that come back to one commanded position from the same direction with the same
+tool.
 
 Of a reading y of one place g at visit k, with the sensitivity a of the reading to what scatters and the instrument's u,
 
     y / a = place_g + drift_k + s ε + (u / a) η,     ε, η independent with unit variance,
 
-and with M the projection that takes out places (and drift), E[|M y / a|²] = Σ M_ii (s² + u_i² / a_i²). This gives s² without bias,
+and with M the projection that takes out places (and drift), E[|M y / a|²] = Σ M_ii (s² + u_i² / a_i²). This gives s² without
+bias,
 the stated u taken out (a variance component; equal to restricted maximum likelihood where a and u do not vary); what several sets
 say is combined by their degrees of freedom at that s. A drift between visits that all places of a line (a station, a segment)
 share is a part of `long_term` and not of `s`; one place alone does not show it. ISO 230-2:2014 3.11, 3.12: its s_i of a position
 contains instrument and drift, and the RMS of all s_i is `observed`. ISO/TR 16907:2015 8.4.
 
 Attribution: readings of a line along which one axis moves are that axis's, by direction of approach: those of one component under
-its symbol ("EXX", "EYX"), lengths along the axis as positioning. All others are the scatter of the functional point, alike in X, Y
+its symbol ("EXX", "EYX"), lengths along the axis as positioning. All others are the scatter of the functional point, alike in
+X, Y
 and Z, all axes together. Not modelled: correlation between readings of one visit; repeatability that differs from place to place;
 drift within a visit; rotations other than those that are read directly.
 """
@@ -19,7 +22,7 @@ drift within a visit; rotations other than those that are read directly.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
@@ -51,9 +54,12 @@ class Repeatability:
     Args:
         what: ISO 230-1 symbol of the error motion whose values scatter, or "functional point".
         direction: Approach direction of the axis, +1 (up) or -1 (down); 0: unknown, or of all axes together.
-        s: Standard deviation of the machine, the instrument's u and drift between visits taken out; 0 where nothing is seen above u.
+        s: Standard deviation of the machine, the instrument's u and drift between visits taken out; 0 where nothing is seen
+            above u.
         u: Standard uncertainty of s.
-        lower, upper: One-sided 95 % limits of s, by chi-square, the stated u taken as right.
+        lower, upper: One-sided 95 % limits of s, by chi-square, the stated u taken as right; where the readings scatter by
+            less than
+            that u, so that it is no scatter of theirs, `upper` is that of all that they show.
         degrees_of_freedom: Readings less places less drift.
         long_term: The same with the drift between visits in it.
         observed: What the readings show, instrument and drift included: RMS of ISO 230-2's s_i over the positions.
@@ -122,11 +128,12 @@ class _Moments(NamedTuple):
     shared: bool
 
 
-def repeatability(campaign: Campaign) -> tuple[Repeatability, ...]:
+def repeatability(campaign: Campaign, outliers: Sequence[np.ndarray] = ()) -> tuple[Repeatability, ...]:
     """Repeatability by axis, component and direction, and that of the functional point, as far as readings come back to a place.
 
     Args:
         campaign: A campaign with readings.
+        outliers: Readings set aside by set, each of shape (m, k), as `Solution.readings` has them; none by default.
 
     Source: ISO 230-2:2014 3.11; ISO/TR 16907:2015 8.4.
 
@@ -137,7 +144,7 @@ def repeatability(campaign: Campaign) -> tuple[Repeatability, ...]:
     ('functional point', True, True)
     """
     found: dict[tuple[str, int], list[_Block]] = {}
-    for key, block in _blocks(campaign):
+    for key, block in _blocks(campaign if not outliers else _without(campaign, outliers)):
         found.setdefault(key, []).append(block)
     order = sorted(found, key=lambda k: (k[0] == FUNCTIONAL_POINT, k[0][2:], k[0], -k[1]))
     results = (_estimated(what, way, found[what, way]) for what, way in order)
@@ -151,6 +158,13 @@ def stated_repeatability(campaign: Campaign) -> dict[str, float]:
         for letter, value in REPEATABILITY.by_axis(effect, campaign.machine).items():
             stated[letter] = max(stated.get(letter, 0.0), value)
     return stated
+
+
+def _without(campaign: Campaign, outliers: Sequence[np.ndarray]) -> Campaign:
+    """The campaign without rows that hold a reading set aside."""
+    kept = [np.flatnonzero(~o.any(axis=1)) for o in outliers]
+    sets = zip(campaign.sets, kept, strict=True)
+    return replace(campaign, sets=tuple(s if len(rows) == len(s) else s.rows_of(rows) for s, rows in sets))
 
 
 # --------------------------------------------------------------------------------------------- which readings, and whose
@@ -181,11 +195,12 @@ class _Lines:
         self.sensitivity = sensitivity
         self.readings = centres_as_readings(observations, self.machine)
         self.component = KINDS[observations.kind].components(observations)
-        self.variance = observations.u**2 + sum(
-            variance
-            for effect, variance in random_parts(observations, self.machine, lambda: tuple(sensitivity))
-            if effect.type != REPEATABILITY.name
-        )
+        self.variance = observations.u**2
+        for effect, variance in random_parts(
+            observations, self.machine, lambda: (sensitivity.by_axis, sensitivity.by_tool)
+        ):
+            if effect.type != REPEATABILITY.name:
+                self.variance = self.variance + variance
 
     def blocks(
         self, place: np.ndarray, visit: np.ndarray, repeated: np.ndarray
@@ -206,9 +221,7 @@ class _Lines:
                     if len(kept):
                         yield (what, int(way)), self._block(rows[kept], column, a[kept], place, visit)
 
-    def _block(
-        self, rows: np.ndarray, column: int, a: np.ndarray, place: np.ndarray, visit: np.ndarray
-    ) -> _Block:
+    def _block(self, rows: np.ndarray, column: int, a: np.ndarray, place: np.ndarray, visit: np.ndarray) -> _Block:
         y, variance = self.readings.readings[rows, column] / a, self.variance[rows, column] / a**2
         return _Block(y, variance, place[rows], visit[rows], self.set.name)
 
@@ -302,16 +315,16 @@ class _Pooled(NamedTuple):
     instrument: float
 
     def limits(self) -> tuple[float, float]:
-        """One-sided 95 % limits of s: total = s² + instrument is distributed as chi-square over its degrees of freedom."""
+        """One-sided 95 % limits of s: the total s² + instrument is distributed as chi-square over its degrees of freedom."""
         from scipy.special import chdtri  # of the upper tail
 
         total = max(self.s2 + self.instrument, 0.0)
         if not total > 0.0:
             return 0.0, 0.0
-        nu = 2.0 * total**2 / self.variance
-        ends = (nu * total / float(chdtri(nu, p)) - self.instrument for p in (1.0 - COMMON, COMMON))
-        low, high = (float(np.sqrt(max(x, 0.0))) for x in ends)
-        return low, high
+        nu = 2.0 * (max(self.s2, 0.0) + self.instrument) ** 2 / self.variance
+        low, high = (nu * total / float(chdtri(nu, p)) for p in (1.0 - COMMON, COMMON))
+        most = high - self.instrument if high > self.instrument else high
+        return float(np.sqrt(max(low - self.instrument, 0.0))), float(np.sqrt(most))
 
 
 def _pooled(squares: np.ndarray, freedom: np.ndarray, instrument: np.ndarray) -> _Pooled:

@@ -21,9 +21,9 @@ RUN = "run"  # label that numbers the runs along a line
 def centres_as_readings(readings: ObservationSet, machine: Machine) -> ObservationSet:
     """A set of sphere centres with their nominal places as readings and linear positions 0; any other set as it is."""
     places = None if readings.readings.any() else KINDS[readings.kind].places(readings, machine)
-    if places is None:
-        return readings
     rotary = [not axis.is_linear for axis in machine.axes]
+    if places is None or not any(rotary):
+        return readings
     return replace(readings, positions=readings.positions * rotary, readings=places)
 
 

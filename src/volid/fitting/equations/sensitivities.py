@@ -36,7 +36,9 @@ def sensitivities_of(
         axes, tools = engine.sensitivities(chain, group.form, *arrays)
         by_axis[:, rows], by_tool[:, rows] = axes.transpose(0, 2, 1), tools.transpose(0, 2, 1)
     component = KINDS[observations.kind].components(observations)
-    if component is not None:  # a deviation is actual less commanded: what an axis does more than commanded is all in it
+    if (
+        component is not None
+    ):  # a deviation is actual less commanded: what an axis does more than commanded is all in it
         moved = axis_rows(machine, observations.positions, observations.tool)
         by_axis[:, :, 0] = moved[np.arange(len(observations)), component].T
     return Sensitivities(by_axis, by_tool)
