@@ -61,8 +61,8 @@ def repeats_lines(repeats: Repeats, machine: Machine, rms: float | None) -> list
     lines: list[str] = []
     if repeats.is_known:
         alone = "" if rms is None else f": alone it leaves {1e3 * rms:.2f} µm RMS, which no compensation removes"
-        text = f"repeatability, in all rows, one approach to each place{alone}; {_parts(repeats, machine)} (from
-        {repeats.source})"
+        text = f"repeatability, in all rows, one approach to each place{alone}; {_parts(repeats, machine)}"
+        text += f" (from {repeats.source})"
         lines += paragraph(text)
     for text in repeats.not_included:
         lines += paragraph(text)
@@ -83,7 +83,7 @@ def _parts(repeats: Repeats, machine: Machine) -> str:
 def _thermal_words(repeats: Repeats) -> str:
     if repeats.thermal is None:
         return (
-            "thermal change: not known and not included; state what tests after ISO 230-3 give, [conditions] thermal_limit in mm, "
-            "to have it here"
+            "thermal change: not known and not included; state what tests after ISO 230-3 give, [conditions] thermal_limit in "
+            "mm, to have it here"
         )
     return f"thermal change: up to {1e3 * repeats.thermal:.2f} µm on top of every row, as [conditions] thermal_limit states"
