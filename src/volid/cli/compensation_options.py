@@ -37,6 +37,17 @@ def limits(text: str) -> dict[str, float]:
     return found
 
 
+def scatter(text: str) -> dict[str, float] | float:
+    """ "0.0004", or "X=0.0004,Y=0.0005" by axis letter, numbers of 0 or more, for argparse."""
+    if "=" not in text:
+        return number("mm", least=0.0)(text)
+    found = assignments(text)
+    wrong = next((f"{letter}={value:g}" for letter, value in found.items() if value < 0.0), None)
+    if wrong:
+        raise argparse.ArgumentTypeError(f"{wrong}: expected a number >= 0")
+    return found
+
+
 def _refuse_twice(letter: str, found: dict[str, Any]) -> None:
     """Raises `ArgumentTypeError` for an axis that already has a value, which the new one would replace unseen."""
     if letter in found:

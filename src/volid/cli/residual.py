@@ -30,6 +30,7 @@ from volid.cli.compensation_options import (
     prepared,
     ranges_from,
     rule_from,
+    scatter,
 )
 from volid.cli.numbers import add_unusual, count, number, seed, tool_vector
 from volid.cli.progress import Progress
@@ -51,6 +52,11 @@ others, all tool vectors of the campaign; RMS and 95 % over the volume. 95 % int
 Monte Carlo samples of the solution (volid uncertainty), else from its covariance. --tools adds other
 tool vectors with the same compensation; --tool-error gives the control a wrong one. --rigid makes
 tables and grids from single-axis functions; what remains is that of the full model.
+
+The machine's repeatability is in every row: as readings show it that come back to a place from the
+same direction with the same tool, the instrument's u and drift between visits taken out, else as the
+campaign states it. --repeatability states it: one number for the functional point, or by axis; 0
+leaves it out. Thermal change is on top, as far as [conditions] thermal_limit (mm) states it.
 
 Limits: --limit and --speed-limit refuse a compensation that asks an axis for more; speeds for axes
 that move one at a time with --feed (linear, mm/min) and --turn (rotary, degrees/min).
@@ -85,6 +91,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_range(parser, "nodes and points")
     _add_motion(parser)
+    parser.add_argument(
+        "--repeatability",
+        metavar="S|X=..",
+        type=scatter,
+        help="standard deviation of the functional point, mm, or by axis, mm or degrees; default: as the campaign shows it",
+    )
     parser.add_argument("--figure", metavar="FILE", help="a figure, .png, .svg or .pdf (needs matplotlib)")
     parser.add_argument("--seed", metavar="N", type=seed, default=0, help="of points and draws")
     add_unusual(parser)
@@ -186,6 +198,7 @@ def _forecast(solution: Solution, args: argparse.Namespace) -> tuple[Forecast, l
         judged, lists, base_from(made_from, args, tool), np.array(tools), points=args.points, rule=rule_from(args.rule),
         form="tables" if args.tables else None, control=control, tool_error=args.tool_error, seed=args.seed,
         ranges=ranges_from(made_from, args), made_from=made_from, every_tool=args.tool is None and not args.tools,
+        repeatability=args.repeatability,
     )  # fmt: skip
     return found, [*notes, *([FULL] if args.rigid else []), f"lack of fit: {lack_of_fit(solution)}"]
 

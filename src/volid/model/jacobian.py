@@ -165,6 +165,27 @@ def axis_directions(machine: Machine, positions: Float[np.ndarray, "m axes"]) ->
     return directions
 
 
+def axis_rows(
+    machine: Machine, positions: Float[np.ndarray, "m axes"], tool: Float[np.ndarray, "*m 3"]
+) -> Float[np.ndarray, "m 6 axes"]:
+    """What moving one axis a little does to functional point and orientation, machine frame, (m, 6, n_axes).
+
+    [1 and rad/mm for a linear axis, mm/° and rad/° for a rotary one.] Nominal chain, by central differences over 1 mm or 0.001°,
+    exact for linear axes and to 1e-10 of the arm for rotary ones. `positions` (m, n_axes) [mm, °], `tool` (m, 3) or (3,) [mm].
+    """
+    back = side_rotation(machine, positions, True).transpose(0, 2, 1)
+    rows = np.zeros((len(positions), 6, len(machine.axes)))
+    directions = axis_directions(machine, positions)
+    for i, axis in enumerate(machine.axes):
+        half = np.zeros(len(machine.axes))
+        half[i] = 0.5 if axis.is_linear else 0.0005
+        moved = nominal_point(machine, positions + half, tool) - nominal_point(machine, positions - half, tool)
+        rows[:, :3, i] = (back @ moved[:, :, None])[:, :, 0] / (2.0 * half[i])
+        if not axis.is_linear:
+            rows[:, 3:, i] = np.deg2rad(directions[:, :, i]) * (-1.0 if axis.primed else 1.0)
+    return rows
+
+
 def rigid_motion_rows(
     machine: Machine, positions: Float[np.ndarray, "m axes"], tool: Float[np.ndarray, "*m 3"]
 ) -> Float[np.ndarray, "m 6 6"]:

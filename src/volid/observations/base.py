@@ -223,6 +223,17 @@ class Kind(ABC):
         if not self.units:
             yield Part(words, self.unit, np.ones(len(observations), dtype=bool))
 
+    def components(self, observations: ObservationSet) -> np.ndarray | None:
+        """Row 0 … 5 of the deviation (X … C) that every reading is, (m,), for a kind that reads one directly; else None.
+
+        Such a reading answers to how the axes really stand, although a deviation is no function of where they are commanded to.
+        """
+        return None
+
+    def points_read(self, observations: ObservationSet) -> tuple[np.ndarray, np.ndarray] | None:
+        """Coordinates of the functional point in the station's frame (m, 3) [mm], and their covariance (m, 3, 3) [mm²]; else None."""
+        return None
+
     # ------------------------------------------------------------------------------------------------- what must be right
 
     def check(self, observations: ObservationSet) -> None:

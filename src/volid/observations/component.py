@@ -91,6 +91,10 @@ class Component(Kind):
         """Placements of artefacts and offsets of their lines."""
         return alignment_starts(campaign)
 
+    def components(self, observations: ObservationSet) -> np.ndarray | None:
+        """Row of the deviation that every reading is."""
+        return np.array([DIRECTIONS.index(str(c)) for c in observations.labels["component"]], dtype=np.int64)
+
     def check(self, observations: ObservationSet) -> None:
         """Raises `InputError` for options that do not fit each other or the lines."""
         check_offset_per(observations)

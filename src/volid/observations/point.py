@@ -83,6 +83,10 @@ class Point(Kind):
         """Rows of a set by station: its position, shared with other kinds, and its orientation."""
         return _groups(observations, campaign, table)
 
+    def points_read(self, observations: ObservationSet) -> tuple[np.ndarray, np.ndarray]:
+        """The readings themselves."""
+        return observations.readings, np.eye(3) * observations.u[:, :, None] ** 2
+
     def check_values(self, observations: ObservationSet, campaign: Campaign) -> None:
         """Raises `InputError` for coordinates in metres, micrometres or inches."""
         check_units(observations, _nominal(observations, campaign), coordinates, _UNITS)
@@ -116,6 +120,16 @@ class Polar(Kind):
         """As `Point.groups`, with the azimuths read as constants."""
         azimuth = np.nan_to_num(observations.readings[:, 1])
         return [group._replace(constants=azimuth[None, group.rows]) for group in _groups(observations, campaign, table)]
+
+    def points_read(self, observations: ObservationSet) -> tuple[np.ndarray, np.ndarray]:
+        """The readings as coordinates, to first order in their u."""
+        r, azimuth, elevation = observations.readings.T * np.array([[1.0], [1.0 / IN_DEGREES], [1.0 / IN_DEGREES]])
+        along = coordinates(observations) / r[:, None]
+        zero = np.zeros_like(r)
+        across = np.stack([-np.sin(azimuth), np.cos(azimuth), zero], axis=1) * (r * np.cos(elevation))[:, None]
+        up = np.stack([-along[:, 2] * np.cos(azimuth), -along[:, 2] * np.sin(azimuth), np.cos(elevation)], axis=1)
+        turned = np.stack([along, across / IN_DEGREES, up * (r / IN_DEGREES)[:, None]], axis=2) * observations.u[:, None]
+        return coordinates(observations), turned @ turned.transpose(0, 2, 1)
 
     def check_values(self, observations: ObservationSet, campaign: Campaign) -> None:
         """Raises `InputError` for ranges that are not positive, elevations beyond a right angle, and readings in other units."""

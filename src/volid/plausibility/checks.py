@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,12 +13,12 @@ from volid.exceptions import InputError
 from volid.model.machine import Machine
 from volid.observations import KINDS
 from volid.observations.base import takes_large_errors
+from volid.plausibility.repeats import centres_as_readings, combine, first_of, repeats
 from volid.plausibility.rotary import check_motion, check_radians, scattered
 from volid.plausibility.tools import check_stations, check_tools
 from volid.plausibility.travels import check_digits, check_far, check_metres, check_outside
 from volid.plausibility.units import check_lengths, positions_look_small
 
-SAME_POSITION = {True: 1e-3, False: 1e-6}  # linear [mm], rotary [degrees]: commanded positions nearer are the same
 _ROWS_NAMED = 5
 _ZEROS = 3  # positions at which a beam may read 0
 _HOTTEST = 150.0  # °C
@@ -177,8 +177,8 @@ def _duplicates(readings: ObservationSet, machine: Machine) -> Iterable[str]:
     """
     columns = [*(column for values in readings.side_by_side for column in values.T), *readings.readings.T]
     columns += [*readings.labels.values(), *([] if readings.time is None else [readings.time])]
-    ids = _combine(columns)
-    first = _first_of(ids, np.arange(len(ids)))
+    ids = combine(columns)
+    first = first_of(ids, np.arange(len(ids)))
     rows = np.flatnonzero(first != np.arange(len(ids)))
     if not len(rows):
         return
@@ -197,7 +197,7 @@ def _duplicates(readings: ObservationSet, machine: Machine) -> Iterable[str]:
 
 def _expected_coincidences(readings: ObservationSet, machine: Machine) -> float:
     """Number of repeated readings expected to agree in all digits: n · resolution / RMS of the differences."""
-    later, earlier = _repeats(readings, machine)
+    later, earlier = repeats(readings, machine)
     differences = np.abs(readings.readings[later] - readings.readings[earlier])
     differences = differences[differences > 0.0]
     if not len(differences):
@@ -236,20 +236,11 @@ def closures(campaign: Campaign) -> tuple[Closure, ...]:
     """
     result: list[Closure] = []
     for readings in campaign.sets:
-        readings = _centres_as_readings(readings, campaign.machine)
-        later, earlier = _repeats(readings, campaign.machine)
+        readings = centres_as_readings(readings, campaign.machine)
+        later, earlier = repeats(readings, campaign.machine)
         columns = KINDS[readings.kind].readings
         result += [_closure(readings, i, name, later, earlier) for i, name in enumerate(columns) if len(later)]
     return tuple(result)
-
-
-def _centres_as_readings(readings: ObservationSet, machine: Machine) -> ObservationSet:
-    """A set of sphere centres with their nominal places as readings and linear positions 0; any other set as it is."""
-    places = None if readings.readings.any() else KINDS[readings.kind].places(readings, machine)
-    if places is None:
-        return readings
-    rotary = [not axis.is_linear for axis in machine.axes]
-    return replace(readings, positions=readings.positions * rotary, readings=places)
 
 
 def _closure(readings: ObservationSet, i: int, name: str, later: np.ndarray, earlier: np.ndarray) -> Closure:
@@ -269,47 +260,3 @@ def _closure(readings: ObservationSet, i: int, name: str, later: np.ndarray, ear
         max_ratio=float(ratio[np.argmax(np.abs(ratio))]),
         rows=(int(numbers[earlier[worst]]), int(numbers[later[worst]])),
     )
-
-
-def _repeats(readings: ObservationSet, machine: Machine) -> tuple[np.ndarray, np.ndarray]:
-    """Rows that repeat an earlier place, and the earliest row at that place, both (n,)."""
-    seen, ends = readings.side_by_side, len(readings.ends)
-    tolerance = ([SAME_POSITION[axis.is_linear] for axis in machine.axes] + [SAME_POSITION[True]] * 3) * ends
-    places = np.hstack([np.hstack([end.positions, end.tool]) for end in readings.ends])
-    clusters = [_cluster(values, t) for values, t in zip(places.T, tolerance, strict=True)]
-    ids = _combine([*clusters, *seen.directions.T, *readings.labels.values()])
-    first = _first_of(ids, _order(readings))
-    later = np.flatnonzero(first != np.arange(len(ids)))
-    same = (np.abs(places[later] - places[first[later]]) <= 1.001 * np.array(tolerance)).all(axis=1)
-    return later[same], first[later[same]]
-
-
-def _order(readings: ObservationSet) -> np.ndarray:
-    """Row numbers in order of time, or of the file when a time is missing."""
-    if readings.time is None or np.isnan(readings.time).any():
-        return np.arange(len(readings))
-    return np.argsort(readings.time, kind="stable")
-
-
-def _cluster(values: np.ndarray, tolerance: float) -> np.ndarray:
-    """Number of the cluster of each value, (m,): sorted neighbours within the tolerance share one."""
-    order = np.argsort(values, kind="stable")
-    result = np.empty(len(values), dtype=np.int64)
-    result[order] = np.concatenate([[0], np.cumsum(np.diff(values[order]) > tolerance)])
-    return result
-
-
-def _combine(columns: Iterable[np.ndarray]) -> np.ndarray:
-    """Number of the combination of values in each row, (m,); rows have the same number when all columns are equal."""
-    ids = np.zeros(1, dtype=np.int64)
-    for column in columns:
-        codes = np.unique(column, return_inverse=True)[1]
-        ids = np.unique(ids * (codes.max() + 1) + codes, return_inverse=True)[1]
-    return ids
-
-
-def _first_of(ids: np.ndarray, order: np.ndarray) -> np.ndarray:
-    """For each row, the row of the same number that comes first in `order`, (m,)."""
-    first = np.zeros(ids.max() + 1, dtype=np.int64)
-    first[ids[order[::-1]]] = order[::-1]
-    return first[ids]

@@ -16,6 +16,7 @@ from volid.compensation.residual.fields import ANGLES, LENGTHS, QUANTITIES
 from volid.compensation.residual.forecast import Column, Forecast
 from volid.compensation.residual.prediction import Prediction
 from volid.model.machine import Machine
+from volid.report.repeats import repeats_data, repeats_lines
 from volid.report.text import paragraph, table, vector
 
 if TYPE_CHECKING:
@@ -45,9 +46,9 @@ def forecast_text(found: Forecast, machine: Machine, feeds: np.ndarray, shown: i
     lines += paragraph(
         f"95 % coverage intervals [ ] from {found.draws} draws of {found.source}; X … C: largest of each component. "
         "Largest values are those of the whole volume, corners, edges and both approach directions included; RMS and 95 % are "
-        "over its inside. A rigid motion of the workpiece frame is taken out. Repeatability and thermal change of the machine "
-        "come on top."
+        "over its inside. A rigid motion of the workpiece frame is taken out."
     )
+    lines += repeats_lines(found.repeats, machine, None if found.repeats_rms is None else float(found.repeats_rms[0]))
     lines += found.notes
     return [*lines, "", *_motion(found.columns, machine, feeds), *_pole_lines(found, machine)]
 
@@ -146,6 +147,7 @@ def forecast_data(found: Forecast, machine: Machine, feeds: np.ndarray) -> dict[
         },
         "draws": found.draws,
         "source": found.source,
+        "repeatability": repeats_data(found.repeats, None if found.repeats_rms is None else found.repeats_rms.tolist()),
         "columns": columns,
         "poles": named,
     }

@@ -28,6 +28,7 @@ from volid.compensation.residual.volume import (
 from volid.exceptions import InputError, NotDeterminedError
 from volid.fitting.diagnosis.adequacy import ACCEPTED, ENLARGED, SuspectReading
 from volid.fitting.diagnosis.hold_out import by_angle, total
+from volid.fitting.repeatability import repeatability
 from volid.fitting.results import FunctionValue
 from volid.fitting.solution import Solution
 from volid.fitting.tabulation import constant
@@ -37,6 +38,7 @@ from volid.model.iso230 import DIRECTIONS, LINEAR_AXES, ROTARY_AXES, SPINDLE, de
 from volid.observations import KINDS
 from volid.observations.base import DEGREES
 from volid.plausibility.checks import closures
+from volid.report.repeats import repeatability_data
 from volid.report.squareness import angle_in_words, squareness_symbol
 from volid.report.summary_text import format_summary
 from volid.uncertainty.lack_of_fit import lack_of_fit
@@ -66,6 +68,7 @@ def summary_data(solution: Solution, tool: Sequence[float] | None = None) -> dic
         "outliers": [_reading(r) for r in solution.readings.outlier_readings],
         "suspects": [_reading(r) for r in solution.adequacy.suspects],
         "repeats": _repeats(solution.campaign),
+        "repeatability": repeatability_data(repeatability(solution.campaign, solution.readings.outliers)),
         "held_out": _held_out(solution),
         "notes": list(solution.notes),
         "provenance": dict(solution.provenance),

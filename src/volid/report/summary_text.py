@@ -8,6 +8,7 @@ from typing import Any
 
 from volid.model.axis_lines import AXIS_LINE, MACHINE, PARAMETER
 from volid.model.iso230 import DIRECTIONS, ROTATIONS
+from volid.report.repeats import repeatability_lines
 from volid.report.text import bullets, micro, paragraph, table, unit_of, vector
 
 _LISTED = {"outliers": 10, "suspects": 6}  # readings
@@ -122,7 +123,7 @@ def _set_lines(data: dict[str, Any]) -> list[str]:
         for s in data["sets"]
     ]
     lines = table(["set", "kind", "readings", "outliers", "stated u (RMS)", "residual RMS"], rows, left=2)
-    return [*lines, *_fit_lines(data), *_repeat_lines(data["repeats"])]
+    return [*lines, *_fit_lines(data), *_repeat_lines(data["repeats"]), *repeatability_lines(data["repeatability"])]
 
 
 def _fit_lines(data: dict[str, Any]) -> list[str]:

@@ -14,7 +14,7 @@ from volid.compensation.types import LINE
 from volid.exceptions import NotDeterminedError
 from volid.fitting.solution import Solution
 from volid.model.iso230 import DIRECTIONS
-from volid.plausibility.checks import SAME_POSITION
+from volid.plausibility.repeats import SAME_POSITION
 
 
 def require_determined(solution: Solution, request: GridRequest, side: str, found: Evaluated) -> None:

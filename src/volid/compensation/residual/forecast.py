@@ -2,14 +2,16 @@
 
 Over the working volume, for every draw of the parameters,
 
-    remaining = e(draw) + what the altered command moves,    the command from tables and grids of the estimate, as a control
-    holds them,
+    remaining = e(draw) + what the altered command moves + repeatability,    the command from tables and grids of the estimate,
+    as a control holds them,
 
-so that the result includes the uncertainty of the solution, interpolation, least increment, wrong tool data, poles, and all
-errors that a type does not correct. Where the compensation is made from a simpler solution, e is still that of the full one. The
+so that the result includes the uncertainty of the solution, interpolation, least increment, wrong tool data, poles, all errors
+that a type does not correct, and the repeatability of the machine for one approach to each place (see `repeats`). Where the
+compensation is made from a simpler solution, e is still that of the full one. The
 least-squares rigid motion of the workpiece frame is subtracted from the translations of the functional point, and its rotation
 from the orientation. The draws are the Monte Carlo samples of the solution when it has them, else normal draws from its
-covariance. Not included: repeatability and thermal change of the machine, which limit what can be reached.
+covariance. Not included: thermal change of the machine, which limits what can be reached; a limit that the campaign's conditions
+state is passed on. Repeatability of what no reading came back to is not included either, and named.
 """
 
 from __future__ import annotations
@@ -26,6 +28,7 @@ from volid.compensation.motion import Motion, asked_motion
 from volid.compensation.package import Compensation, CompensationRequest, compensation_of
 from volid.compensation.residual.fields import Field, field_over
 from volid.compensation.residual.prediction import Prediction, parameter_draws, prediction, with_worst_places
+from volid.compensation.residual.repeats import Repeats, repeats_of
 from volid.compensation.residual.tools import campaign_tools
 from volid.compensation.residual.volume import volumetric_summary
 from volid.compensation.reversal import NONE as NO_REVERSAL
@@ -66,6 +69,9 @@ class Forecast:
         in_datum: Largest deviation before compensation in the stated datum, its rigid motion included, as `volumetric_summary`
             finds it, shape (k,) [mm]; NaN where the data do not determine it.
         notes: What else a user should know.
+        repeats: The repeatability that is in the predictions, and the thermal limit that is not.
+        repeats_rms: What repeatability alone leaves of the functional point, RMS length over the inside of the volume, shape (k,)
+            [mm].
 
     >>> import numpy as np
     >>> Forecast((), np.zeros((1, 3)), 400, "the covariance of the solution", np.array([0.058])).draws
@@ -78,6 +84,8 @@ class Forecast:
     source: str
     in_datum: Float[np.ndarray, " k"]
     notes: tuple[str, ...] = field(default_factory=tuple)
+    repeats: Repeats = field(default_factory=Repeats)
+    repeats_rms: Float[np.ndarray, " k"] | None = None
 
 
 def forecast(
@@ -98,6 +106,7 @@ def forecast(
     ranges: Mapping[str, tuple[float, float]] | None = None,
     made_from: Solution | None = None,
     every_tool: bool = False,
+    repeatability: Mapping[str, float] | float | None = None,
 ) -> Forecast:
     """Predictions for each list of types, after "none", for each tool vector.
 
@@ -116,6 +125,9 @@ def forecast(
             `solution` itself. What remains is always that of `solution`.
         every_tool: Whether the predictions are made for the other tool vectors of the campaign too, at most 8 in all, as far as
             the data determine the deviation for them.
+        repeatability: Standard deviation of the functional point [mm], or of positions by axis letter [mm or degrees], in
+            place of
+            what the campaign shows; 0 leaves it out.
 
     Raises:
         InputError: as `compensate` and `Control` raise it.
@@ -135,12 +147,21 @@ def forecast(
     _ask(solution, given, tool_error)
     fields, notes = _fields(solution, places, given, every_tool)
     draws, source = parameter_draws(solution, seed)
-    task = _Task(fields, draws, _Believed(control or {}, np.asarray(tool_error)), places is None)
+    repeats = repeats_of(solution, repeatability)
+    task = _Task(fields, draws, _Believed(control or {}, np.asarray(tool_error)), places is None, repeats)
     source_of_values = solution if made_from is None else made_from
     columns = [_column(names, compensation_of(source_of_values, names, request), task) for names in ((), *lists)]
     used = np.array([f.tool for f in fields])
     in_datum = np.array([volumetric_summary(solution, tuple(t)).before_max for t in used.tolist()])
-    return Forecast(tuple(columns), used, len(draws), source, in_datum, (*notes, *_notes(solution, columns)))
+    alone = np.array([_rms_of(repeats, f) for f in fields])
+    notes = [*notes, *_notes(solution, columns)]
+    return Forecast(tuple(columns), used, len(draws), source, in_datum, tuple(notes), repeats, alone)
+
+
+def _rms_of(repeats: Repeats, field: Field) -> float:
+    """RMS length of what repeatability alone does to the functional point, over the places spread evenly [mm]."""
+    found = repeats.columns(field.machine, field.places, field.tool)[field.places.even, :3]
+    return float(np.sqrt((found**2).sum(axis=(1, 2)).mean()))
 
 
 def _ask(solution: Solution, tools: np.ndarray, tool_error: Sequence[float]) -> None:
@@ -184,12 +205,13 @@ def _notes(solution: Solution, columns: Sequence[Column]) -> tuple[str, ...]:
 
 class _Task(NamedTuple):
     """What all columns share: fields, one per tool vector; draws of θ less its estimate (s, n); what a control believes; whether
-    to `search` for the largest."""
+    to `search` for the largest; the repeatability."""
 
     fields: Sequence[Field]
     draws: np.ndarray
     believed: _Believed
     search: bool
+    repeats: Repeats
 
 
 def _column(names: Sequence[str], made: Compensation, task: _Task) -> Column:
@@ -198,7 +220,7 @@ def _column(names: Sequence[str], made: Compensation, task: _Task) -> Column:
     for plain in task.fields:
         acting = made.control(machine, **believed.of(plain.tool))
         of_tool = with_worst_places(plain, acting) if task.search else plain
-        found.append(prediction(of_tool, acting, task.draws))
+        found.append(prediction(of_tool, acting, task.draws, task.repeats))
         moved = np.linalg.norm(acting.unintended_motion(of_tool.places.positions, of_tool.tool), axis=1)
         unintended = max(unintended, float(moved.max()))
     # without the steps of the least increment, which have no speed

@@ -1,6 +1,6 @@
 """What a control leaves of a deviation field: largest, RMS and more, with intervals from draws of the parameters.
 
-    remaining = e(draw) + what the altered command moves,    the command from tables and grids of the estimate.
+    remaining = e(draw) + what the altered command moves + repeatability,    the command from tables and grids of the estimate.
 
 The largest values are those over the whole working volume: over places spread evenly, corners, edges and faces, and where a
 search finds what the solution itself leaves to be largest. RMS, 95 % quantile and the rigid motion of the workpiece frame, which
@@ -23,6 +23,7 @@ from volid.compensation.residual.fields import (
     sizes,
     tool_axes,
 )
+from volid.compensation.residual.repeats import Repeats
 from volid.fitting.prediction.deviations import deviation_values
 from volid.fitting.prediction.largest import Places, axes_with_reversal, largest_places
 from volid.fitting.prediction.spread import covariance_root
@@ -40,7 +41,8 @@ class Prediction(NamedTuple):
 
     `value`: mean over the draws of the largest and RMS length, the length that 95 % of the points keep, the largest |X|, |Y|,
     |Z| and the largest |A|, |B|, |C| of the orientation and the largest tilt of the tool axis, which is what a turning tool
-    feels; `low`, `high`: 95 % coverage interval; `exact`: if the solution were exact. NaN: not determined by the data.
+    feels; `low`, `high`: 95 % coverage interval; `exact`: if the solution were exact and the machine repeated perfectly. NaN: not
+    determined by the data.
     """
 
     value: np.ndarray
@@ -94,8 +96,9 @@ def with_worst_places(field: Field, acting: Control) -> Field:
     return field.and_also(largest_places(machine, values, field.places, axes_with_reversal(solution.model)))
 
 
-def prediction(field: Field, acting: Control, draws: np.ndarray) -> Prediction:
-    """What a control leaves over the places of a field; `draws`: of θ less its estimate, (s, n)."""
+def prediction(field: Field, acting: Control, draws: np.ndarray, repeats: Repeats) -> Prediction:
+    """What a control leaves over the places of a field, one approach to each; `draws`: of θ less its estimate, (s, n)."""
+    scattering = repeats.columns(field.machine, field.places, field.tool)
     centre, even = left_by(field, acting)[None], field.places.even
     axis, without = tool_axes(field.machine, field.places.positions), field.motion().removed_from
     exact = quantities(without(centre), axis, even)[0]
@@ -105,6 +108,9 @@ def prediction(field: Field, acting: Control, draws: np.ndarray) -> Prediction:
         part = draws[start : start + AT_ONCE]
         spread = (part @ rows).reshape(len(part), -1, 6)
         spread += scatter * rng.standard_normal(spread.shape)
+        if scattering.shape[2]:
+            drawn = rng.standard_normal((len(part), len(scattering), scattering.shape[2]))
+            spread += np.einsum("mck,smk->smc", scattering, drawn)
         found.append(quantities(without(centre + spread), axis, even))
     values = np.concatenate(found)
     bounds = coverage_intervals(values)

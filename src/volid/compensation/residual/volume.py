@@ -12,6 +12,7 @@ from volid.compensation.control import Control
 from volid.compensation.grids.grid import Grid, RotaryGrid
 from volid.compensation.residual.fields import Field, field_over, quantities, tool_axes
 from volid.compensation.residual.prediction import mean_left_by, parameter_draws, prediction, with_worst_places
+from volid.compensation.residual.repeats import repeats_of
 from volid.fitting.prediction.largest import values_at, whole_volume, with_largest
 from volid.fitting.solution import Solution
 
@@ -33,8 +34,10 @@ class VolumeSummary(NamedTuple):
 class ResidualPrediction(NamedTuple):
     """Deviation (3-D length, [mm]) expected to remain after a grid is active, a rigid motion of the workpiece removed.
 
-    It comes from the uncertainty of the solution, the grid's linear interpolation, and the half of the reversal that a grid
-    leaves. `rms` and `maximum` are means over the draws, `interval` is the 95 % coverage interval of the maximum, and
+    It comes from the uncertainty of the solution, the grid's linear interpolation, the half of the reversal that a grid
+    leaves, and
+    the machine's repeatability as far as the campaign shows it. `rms` and `maximum` are means over the draws, `interval` is
+    the 95 % coverage interval of the maximum, and
     `interpolation` is the largest interpolation deviation alone. They are those of the column "L-VOL" of `forecast` for the
     same grids.
     """
@@ -77,8 +80,8 @@ def predict_residual(
     """The deviation that is expected to remain when a control applies `grid`, from uncertainty and interpolation together.
 
     e_after = e_true - e_interpolated, with e_true from the Monte Carlo samples of the solution or drawn from its covariance, for
-    the tool vector of `grid` and both approach directions, because a grid does not compensate reversal. Least increment,
-    repeatability and temperature are not included.
+    the tool vector of `grid` and both approach directions, because a grid does not compensate reversal. The repeatability that
+    the campaign shows or states is in it, as in `forecast`; least increment and temperature are not.
 
     Args:
         solution: A solution, as `volid.fit` makes it.
@@ -114,7 +117,7 @@ def predict_uncompensated(solution: Solution, tool: tuple[float, float, float]) 
 
 def _predicted(solution: Solution, tool: np.ndarray, acting: Control, seed: int) -> ResidualPrediction:
     field = with_worst_places(field_over(solution, whole_volume(solution.model), tool), acting)
-    found = prediction(field, acting, parameter_draws(solution, seed)[0])
+    found = prediction(field, acting, parameter_draws(solution, seed)[0], repeats_of(solution))
     (largest, _, mean, *_), (low, *_), (high, *_) = found.value, found.low, found.high
     return ResidualPrediction(float(mean), float(largest), (float(low), float(high)), _interpolation(field, acting))
 

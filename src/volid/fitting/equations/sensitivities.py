@@ -9,8 +9,10 @@ import numpy as np
 from volid.campaign import ObservationSet
 from volid.effects.prediction import Extended
 from volid.fitting.equations.engine import Engine
+from volid.model.jacobian import axis_rows
 from volid.model.kinematics import chain_of
 from volid.model.machine import Machine
+from volid.observations import KINDS
 
 
 class Sensitivities(NamedTuple):
@@ -33,4 +35,10 @@ def sensitivities_of(
         arrays = (seen.positions[rows].T, seen.tool[rows].T, values[group.slots], group.constants)
         axes, tools = engine.sensitivities(chain, group.form, *arrays)
         by_axis[:, rows], by_tool[:, rows] = axes.transpose(0, 2, 1), tools.transpose(0, 2, 1)
+    component = KINDS[observations.kind].components(observations)
+    if (
+        component is not None
+    ):  # a deviation is actual less commanded: what an axis does more than commanded is all in it
+        moved = axis_rows(machine, observations.positions, observations.tool)
+        by_axis[:, :, 0] = moved[np.arange(len(observations)), component].T
     return Sensitivities(by_axis, by_tool)

@@ -1,0 +1,194 @@
+"""Interpolation between measured places: one Gaussian process for each of X, Y and Z, of which no kinematics is assumed.
+
+A component of the deviation is a free linear function of the axis positions plus a Matérn process of order 5/2,
+
+    cov(f(q), f(q')) = s² (1 + √5 r + 5 r²/3) exp(-√5 r),   r² = Σ_j ((q_j - q_j') / (l_j · range_j))²,
+
+with one length l_j for each axis, plus what is independent from place to place (n). s, l and n have the largest marginal
+likelihood times wide priors: s around 5 µm, l around half a range, n around a third of the readings' u. Rasmussen and Williams,
+Gaussian Processes for Machine Learning, 2006, 2.7, 4.2.1, 5.4. Order 5/2, two derivatives, is rougher than error functions are:
+the interpolation between places is trusted less than with the smoothness of `volid fit`.
+
+Not modelled: a field that is smoother in one part than in another (a step within a smooth field gets too small a u near it).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
+
+from volid.compensation.measured.points import MeasuredPoints
+
+SIZE, SIZE_SPREAD = 5e-3, 1.5  # mm: median of s; standard deviation of log s
+LENGTH, LENGTH_SPREAD = 0.5, 0.7  # ranges; of log l
+SHARE, SHARE_SPREAD = 0.3, 1.0  # median of n over the readings' RMS u; of log n
+BOUNDS = 5.0  # standard deviations of the priors
+FREE = 10.0  # standard deviation of what is free, over the largest deviation; at least FREE_LEAST
+FREE_LEAST = 1.0  # mm
+FEWEST = 8  # places with one tool vector
+LEARNT = 300  # places that s, l and n are estimated from
+
+
+class Smoothness(NamedTuple):
+    """Of one component: size s [mm], lengths l by varying axis (d,) [ranges], and n [mm]."""
+
+    size: float
+    lengths: np.ndarray
+    scatter: float
+
+
+@dataclass(frozen=True, eq=False)
+class Scale:
+    """Axis positions as numbers of order 1. `columns`: of the axes that vary; `middle`, `range_`: (d,) [mm]."""
+
+    columns: tuple[int, ...]
+    middle: np.ndarray
+    range_: np.ndarray
+
+    @classmethod
+    def of(cls, positions: np.ndarray) -> Scale:
+        """From the measured places (m, n_axes)."""
+        low, high = positions.min(axis=0), positions.max(axis=0)
+        columns = tuple(np.flatnonzero(high - low > 1e-3).tolist())
+        return cls(columns, 0.5 * (low + high)[list(columns)], (high - low)[list(columns)])
+
+    def __call__(self, positions: np.ndarray) -> np.ndarray:
+        """Positions (m, n_axes) as (m, d), within ±½ where measured."""
+        return np.asarray((positions[:, list(self.columns)] - self.middle) / self.range_)
+
+
+def matern(one: np.ndarray, other: np.ndarray, smooth: Smoothness) -> np.ndarray:
+    """Covariance of a component between places (a, d) and (b, d), (a, b) [mm²], the free part not included."""
+    r = np.sqrt(_squares(one, other, smooth.lengths).sum(axis=0))
+    return np.asarray(smooth.size**2 * (1.0 + r + r * r / 3.0) * np.exp(-r))
+
+
+def _squares(one: np.ndarray, other: np.ndarray, lengths: np.ndarray) -> np.ndarray:
+    """5 ((q_j - q_j') / l_j)², (d, a, b)."""
+    return np.array([5.0 * ((a[:, None] - b[None]) / l) ** 2 for a, b, l in zip(one.T, other.T, lengths, strict=True)])
+
+
+def free_part(x: np.ndarray) -> np.ndarray:
+    """What is free: a constant and a line in every varying axis, (m, d + 1)."""
+    return np.hstack([np.ones((len(x), 1)), x])
+
+
+def freedom_of(values: np.ndarray) -> float:
+    """Standard deviation of the coefficients of what is free [mm]: wide beside the deviations."""
+    return max(FREE_LEAST, FREE * float(np.abs(values).max(initial=0.0)))
+
+
+def smoothness_of(points: MeasuredPoints, scale: Scale) -> tuple[Smoothness, Smoothness, Smoothness]:
+    """s, l and n of X, Y and Z, from all tool vectors together."""
+    groups = [points.with_tool(t) for t in points.tools]
+    share = max(1, -(-len(points) // LEARNT))
+    groups = [g[::share] for g in groups if len(g[::share]) > len(scale.columns) + 1]
+    found = [_learnt(points, scale, groups, k) for k in range(3)]
+    return found[0], found[1], found[2]
+
+
+def _learnt(points: MeasuredPoints, scale: Scale, groups: list[np.ndarray], k: int) -> Smoothness:
+    from scipy.optimize import minimize
+
+    variance = np.diag(points.covariance)[k * len(points) : (k + 1) * len(points)]
+    blocks = [_Block.of(scale(points.positions[g]), points.deviation[g, k], variance[g]) for g in groups]
+    u = max(float(np.sqrt(np.mean(variance))), 1e-7)
+    d = len(scale.columns)
+    centre = np.log(np.array([SIZE, *[LENGTH] * d, SHARE * u]))
+    spread = np.array([SIZE_SPREAD, *[LENGTH_SPREAD] * d, SHARE_SPREAD])
+
+    def cost(z: np.ndarray) -> tuple[float, np.ndarray]:
+        parts = [b.cost(centre + spread * z) for b in blocks]
+        value = sum(p[0] for p in parts) + 0.5 * float(z @ z)
+        return value, spread * sum(p[1] for p in parts) + z
+
+    best = minimize(cost, np.zeros(d + 2), jac=True, method="L-BFGS-B", bounds=[(-BOUNDS, BOUNDS)] * (d + 2))
+    phi = np.exp(centre + spread * best.x)
+    return Smoothness(float(phi[0]), phi[1:-1], float(phi[-1]))
+
+
+class _Block(NamedTuple):
+    """Places (m, d), deviations (m,) and variances (m,) of one component with one tool vector; what is free (m, m)."""
+
+    x: np.ndarray
+    y: np.ndarray
+    variance: np.ndarray
+    free: np.ndarray
+
+    @classmethod
+    def of(cls, x: np.ndarray, y: np.ndarray, variance: np.ndarray) -> _Block:
+        columns = freedom_of(y) * free_part(x)
+        return cls(x, y, variance, columns @ columns.T)
+
+    def cost(self, phi: np.ndarray) -> tuple[float, np.ndarray]:
+        """-log marginal likelihood and its gradient by φ = (log s, log l, log n)."""
+        size, lengths, scatter = np.exp(phi[0]), np.exp(phi[1:-1]), np.exp(phi[-1])
+        squares = _squares(self.x, self.x, lengths)
+        r = np.sqrt(squares.sum(axis=0))
+        fall = size**2 * np.exp(-r)
+        kernel, slope = fall * (1.0 + r + r * r / 3.0), fall * (1.0 + r) / 3.0
+        total = kernel + self.free
+        total[np.diag_indices(len(r))] += self.variance + scatter**2
+        factor = cho_factor(total, lower=True)
+        alpha = cho_solve(factor, self.y)
+        weight = np.outer(alpha, alpha) - cho_solve(factor, np.eye(len(r)))
+        gradient = [np.sum(weight * kernel), *(0.5 * np.sum(weight * slope * s) for s in squares)]
+        gradient.append(scatter**2 * np.trace(weight))
+        value = 0.5 * float(self.y @ alpha) + float(np.log(np.diag(factor[0])).sum())
+        return value, -np.array(gradient)
+
+
+class Process:
+    """The field given the measured points: values and covariances at any places of a measured tool vector.
+
+    What is known of the frame: the rigid motion of the workpiece frame that fits the field at all measured places of all tool
+    vectors best is taken out once. A second station's frame is unknown beside the first's.
+    """
+
+    def __init__(self, points: MeasuredPoints, scale: Scale, smooth: tuple[Smoothness, Smoothness, Smoothness]) -> None:
+        self.points, self.scale, self.smooth = points, scale, smooth
+        self.freedom = freedom_of(points.deviation)
+        self.x = scale(points.positions)
+        m = len(points)
+        self.own = [points.with_tool(t) for t in points.tools]
+        prior = np.zeros((3 * m, 3 * m))
+        for g in self.own:
+            for k in range(3):
+                rows = g + k * m
+                prior[np.ix_(rows, rows)] = self._prior(self.x[g], self.x[g], k)
+        noise = points.covariance + np.diag(np.repeat([s.scatter**2 for s in smooth], m))
+        frames = self.freedom * points.frame_columns(range(1, len(points.stations)))
+        total = prior + noise + frames @ frames.T
+        self.factor = np.linalg.cholesky(total)
+        rows = points.motion_rows()
+        unit = np.maximum(np.abs(rows).max(axis=0), 1e-9)
+        self.motion = np.linalg.pinv(rows / unit, rcond=1e-9) / unit[:, None]
+        self.across = prior @ self.motion.T  # covariance of all places with the motion taken out, (3m, 6)
+        self.half = solve_triangular(self.factor, self.across, lower=True)
+        self.white = solve_triangular(self.factor, points.values, lower=True)
+        self.mean_motion = self.half.T @ self.white
+        self.motion_covariance = self.motion @ self.across - self.half.T @ self.half
+
+    def _prior(self, one: np.ndarray, other: np.ndarray, k: int) -> np.ndarray:
+        return matern(one, other, self.smooth[k]) + self.freedom**2 * free_part(one) @ free_part(other).T
+
+    def at(self, positions: np.ndarray, tool: np.ndarray, motion_rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Values and u (a, 3) [mm] at places (a, n_axes) with a measured tool vector; `motion_rows` (a, 3, 6) of these places."""
+        x, own, m = self.scale(positions), self.points.with_tool(tool), len(self.points)
+        values, u = np.empty((len(x), 3)), np.empty((len(x), 3))
+        for k in range(3):
+            prior = self._prior(x, self.x[own], k)
+            full = np.zeros((3 * m, len(x)))
+            full[own + k * m] = prior.T
+            half = solve_triangular(self.factor, full, lower=True, overwrite_b=True, check_finite=False)
+            rows = motion_rows[:, k]
+            values[:, k] = half.T @ self.white - rows @ self.mean_motion
+            own_variance = self.smooth[k].size ** 2 + self.freedom**2 * (free_part(x) ** 2).sum(axis=1)
+            variance = own_variance - (half**2).sum(axis=0)
+            across = prior @ self.motion[:, own + k * m].T - half.T @ self.half
+            variance += np.einsum("ai,ij,aj->a", rows, self.motion_covariance, rows) - 2.0 * (rows * across).sum(axis=1)
+            u[:, k] = np.sqrt(np.maximum(variance, 0.0) + self.smooth[k].scatter ** 2)
+        return values, u
