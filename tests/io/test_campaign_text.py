@@ -190,8 +190,8 @@ def test_existing_folder_is_not_overwritten(tmp_path):
         ),
         (
             '"component"',
-            '"artefact"',
-            r"set 'levels': kind 'artefact' is not supported yet; this version reads distance",
+            '"artefakt"',
+            r"set 'levels': unknown kind 'artefakt'; did you mean 'artefact'\?.* expected one of distance",
         ),
         (
             'file = "volume.csv"',
