@@ -5,10 +5,9 @@ orthogonal distance fit, Forbes 1989, "Least-squares best-fit geometric elements
 normals n = (p - c)/r, the cofactor matrix of (c, r) is Q = (AᵀA)⁻¹ with rows A = (-n, -1), or (-n) where r is known; the
 covariance is u² Q, with u the standard uncertainty of one touch along the normal.
 
-A touch probe reports the centre of its ball: then r is the radius of the sphere plus that of the ball. Not modelled: form errors
-of sphere and ball, and a pre-travel of the probe that depends on the direction; they show as scatter, and u contains them only as
-far as they change from touch to touch.
-"""
+A touch probe reports the centre of its ball: then r is the radius of the sphere plus that of the ball. Not modelled: form
+errors of sphere and ball, and a pre-travel of the probe that depends on the direction; they show as scatter, and u contains
+them only as far as they change from touch to touch."""
 
 from __future__ import annotations
 
@@ -127,9 +126,8 @@ def _check(p: np.ndarray, radius: float | None) -> None:
 def _best(p: np.ndarray, radius: float | None) -> tuple[np.ndarray, float]:
     """Centre and radius of least Σ v²; `p` is centred.
 
-    With a known radius, touches near one circle fit a centre on either side of it. Raises `NotDeterminedError` where the ratio of
-    the two Σ v² can be chance (F distribution, 0.1 %).
-    """
+    With a known radius, touches near one circle fit a centre on either side of it. Raises `NotDeterminedError` where the
+    ratio of the two Σ v² can be chance (F distribution, 0.1 %)."""
     start = _algebraic(p)
     found = _refined(p, start, radius)
     if radius is None:

@@ -1,9 +1,10 @@
-"""Many spheres touched with one probe: the scatter of a touch from all of them together, and touches that contradict the others.
+"""Many spheres touched with one probe: the scatter of a touch from all of them together, and touches that contradict the
+others.
 
-The scatter is s² = Σ v² / f over all spheres, with f = Σ (touches - unknowns) degrees of freedom: a sphere with five touches has one
-degree of freedom, a hundred of them have a hundred. A touch is left out when its residual is too large for chance: v/√ρ, with ρ its
-redundancy, is compared with the scatter of all others (externally studentized, Cook and Weisberg 1982), at 1 % for the whole file
-(Bonferroni). What several touches of a sphere explain alike is not decided: the sphere is left out then.
+The scatter is s² = Σ v² / f over all spheres, with f = Σ (touches - unknowns) degrees of freedom: a sphere with five touches
+has one degree of freedom, a hundred of them have a hundred. A touch is left out when its residual is too large for chance:
+v/√ρ, with ρ its redundancy, is compared with the scatter of all others (externally studentized, Cook and Weisberg 1982), at 1
+% for the whole file (Bonferroni). What several touches of a sphere explain alike is not decided: the sphere is left out then.
 """
 
 from __future__ import annotations

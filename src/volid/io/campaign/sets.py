@@ -14,7 +14,7 @@ from volid.exceptions import InputError
 from volid.io.basics.csv_form import PLAIN, CsvForm
 from volid.io.basics.csv_table import CsvTable, read_csv
 from volid.io.basics.toml_table import Table, is_number
-from volid.io.campaign import probe_centres
+from volid.io.campaign import probe_centres, touches
 from volid.io.campaign.effects import read_effect
 from volid.io.campaign.rules import check_constant, check_unique, find_kind
 from volid.model.machine import TOOL, Machine
@@ -35,10 +35,10 @@ def read_set(
 
     With `plan`, the columns of the readings may all be absent. The readings are then NaN, and the key of a proportional
     uncertainty stays in `options`, to be evaluated once there are readings. The key `columns` renames columns of the file, and
-    `ignore` leaves columns out. With `centres = true` a displacement set reads sphere centres (`probe_centres`). Raises
-    `InputError` naming file, row or key.
+    `ignore` leaves columns out. With `centres = true` a displacement set reads sphere centres (`probe_centres`), with
+    `touches = true` the touches that they are fitted to (`touches`). Raises `InputError` naming file, row or key.
     """
-    csv = _csv(table, folder, form.with_stated(table))
+    table, csv = touches.as_centres(table, _csv(table, folder, form.with_stated(table)), machine)
     kind = _form(find_kind(table.text("kind"), table.where), table, csv)
     extra = probe_centres.KEYS if kind.takes_centres else ()
     table.only((*_SET_KEYS, *extra, *uncertainty_keys(kind.readings), *kind.options, *kind.further))
