@@ -21,6 +21,7 @@ import pytest
 from support.places import ROOT, SOURCE
 
 from volid.effects import TYPES
+from volid.io.instruments import FORMATS
 from volid.observations import KINDS
 
 PACKAGE = SOURCE / "volid"
@@ -133,7 +134,7 @@ def test_few_layers_and_every_room_in_one():
     assert not [c["name"] for c in contracts() if c.get("ignore_imports")]
 
 
-@pytest.mark.parametrize(("room", "table"), [("observations", KINDS), ("effects", TYPES)])
+@pytest.mark.parametrize(("room", "table"), [("observations", KINDS), ("effects", TYPES), ("io.instruments", FORMATS)])
 def test_every_kind_stands_in_the_contract_of_independence(room, table):
     """One file per kind; none may import another, and only what the contract lists is checked for that."""
     files = {type(entry).__module__ for entry in table.values()}

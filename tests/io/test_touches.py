@@ -109,7 +109,7 @@ def test_a_record_of_what_was_done(head, tmp_path):
         "639 touches as 80 sphere centres, radius 15.69" in note
         and "scatter of a touch 1.5 µm with 319 degrees" in note
     )
-    assert "the touch in row 102 left out, +" in note  # line 1 is the header
+    assert "touches.csv: the touch in row 102 left out, +" in left_out  # line 1 is the header
     again = read_manifest(write_manifest(campaign, tmp_path / "copy"))
     np.testing.assert_array_equal(again.sets[0].positions, campaign.sets[0].positions)
     np.testing.assert_array_equal(again.sets[0].u, campaign.sets[0].u)

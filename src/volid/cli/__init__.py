@@ -28,7 +28,10 @@ from volid.exceptions import NotDeterminedError, VolidError, shown
 VERBS = {
     "plan": ("plan", "what to measure: a standard path or grid as a manifest without readings"),
     "simulate": ("simulate", "a campaign measured on a virtual machine, with the truth stored beside it"),
-    "import": ("import_", "a campaign from text (a manifest and CSV files) to one HDF5 file"),
+    "import": (
+        "import_",
+        "a campaign from text (manifest and CSV files), or from files of instruments and other programs",
+    ),
     "fit": ("fit", "identify the machine's error model from one or more campaigns"),
     "uncertainty": (
         "uncertainty",

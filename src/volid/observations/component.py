@@ -64,7 +64,7 @@ class Component(Kind):
     readings = ("value",)
     doc = "component of the deviation + offset of the line (+ slope of the artefact) [mm or rad]"
     unit = "mm or rad"
-    labels: Mapping[str, str | None] = {"component": None, "line": "1"}
+    labels: Mapping[str, str | None] = {"component": None, "line": "1", "run": "1"}
     choices: Mapping[str, tuple[str, ...]] = {"component": tuple(DIRECTIONS)}
     options: Mapping[str, Any] = {"slope": False}
     optional: Mapping[str, Any] = OPTIONS

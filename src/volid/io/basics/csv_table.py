@@ -35,7 +35,8 @@ class CsvTable:
     """`columns`: name -> cells as text, each (m,). `rows`: (m,) line numbers in the file, the first line being 1.
 
     `form`: the form of the file, decimal sign and all; `units`: name -> unit that the file or its manifest gives; `said`: what
-    was recognised or stated, in words, which grows as columns are converted; `underscores`: whether cells hold some.
+    was recognised or stated, in words, which grows as columns are converted; `underscores`: whether cells hold some; `remarks`:
+    what else there is to say of the file.
     """
 
     source: str
@@ -45,6 +46,7 @@ class CsvTable:
     units: Mapping[str, str] = field(default_factory=dict)
     said: list[str] = field(default_factory=list)
     underscores: bool = False
+    remarks: tuple[str, ...] = ()
 
     def __contains__(self, name: str) -> bool:
         return name in self.columns
@@ -54,9 +56,10 @@ class CsvTable:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """How the file was read, where it has not the plain form; else nothing."""
+        """How the file was read, where it has not the plain form, and what else there is to say; else nothing."""
         said = list(dict.fromkeys(self.said))
-        return (f"{self.source}: read with {'; '.join(said)}",) if said else ()
+        how = (f"{self.source}: read with {'; '.join(said)}",) if said else ()
+        return (*how, *(f"{self.source}: {remark}" for remark in self.remarks))
 
     def renamed(self, columns: Mapping[str, str], ignored: Iterable[str], where: str) -> CsvTable:
         """The table with other names: `columns`, name -> what stands in the header; `ignored` ones are left out.

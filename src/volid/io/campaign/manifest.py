@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -15,10 +16,11 @@ from volid.io.basics.atomic import atomic_folder, atomic_with_companions
 from volid.io.basics.cells import CellWriter
 from volid.io.basics.csv_form import CsvForm
 from volid.io.basics.toml_table import Table, check_format, format_lines, read_toml
+from volid.io.campaign.foreign import IMPORTED
 from volid.io.campaign.named_stations import with_named
 from volid.io.campaign.reach import read_machine_of, refuse_other_types, refuse_outside
 from volid.io.campaign.rules import FORMAT, STATION_FRAMES, check_consistent
-from volid.io.campaign.sets import TO, TOOL_COLUMNS, read_set, uncertainty_key_of
+from volid.io.campaign.sets import TO, TOOL_COLUMNS, ReadSet, read_set, uncertainty_key_of
 from volid.io.machines import format_machine
 from volid.model.machine import Machine
 from volid.observations import KINDS
@@ -36,19 +38,24 @@ def read_manifest(path: str | Path, *, plan: bool = False, allow_outside: bool =
     """
     path = Path(path)
     top = Table(read_toml(path), str(path))
+    return campaign_of(top, path.parent, plan=plan, allow_outside=allow_outside)
+
+
+def campaign_of(top: Table, folder: Path, *, plan: bool = False, allow_outside: bool = False) -> Campaign:
+    """The campaign that a manifest's `top` table describes, with its files in `folder`. Raises `InputError`."""
     check_format(top, FORMAT)
     top.only(("format", "machine", "title", "warnings", "conditions", "csv", "station", "alignment", "set"))
     refuse_other_types(top)
     if not allow_outside:
-        refuse_outside(top, path.parent)
-    machine = read_machine_of(top, path.parent)
+        refuse_outside(top, folder)
+    machine = read_machine_of(top, folder)
     sets = top.tables("set")
     if not sets:
-        raise InputError(f"{path}: there is no [[set]]; add one for each file of readings")
+        raise InputError(f"{top.where}: there is no [[set]]; add one for each file of readings")
     form = CsvForm().with_stated(top)
-    read = [read_set(table, path.parent, machine, plan=plan, form=form) for table in sets]
+    read = [read_set(table, folder, machine, plan=plan, form=form) for table in sets]
     form.check_units(top)
-    readings = tuple(found for found, _ in read)
+    readings = tuple(found.readings for found in read)
     stations, remarks = with_named(tuple(_station(table, machine) for table in top.tables("station")), readings)
     return check_consistent(
         Campaign(
@@ -57,11 +64,21 @@ def read_manifest(path: str | Path, *, plan: bool = False, allow_outside: bool =
             alignments=tuple(_alignment(table) for table in top.tables("alignment")),
             sets=readings,
             title=top.text("title", "", one_line=False),
-            conditions=dict(top.table("conditions", {}).data),
-            warnings=(*_warnings(top), *(note for _, notes in read for note in notes), *remarks),
-            source=str(path),
+            conditions=_conditions(top, read),
+            warnings=(*_warnings(top), *(note for found in read for note in found.notes), *remarks),
+            source=top.where,
         )
     )
+
+
+def _conditions(top: Table, read: Sequence[ReadSet]) -> dict[str, Any]:
+    """The record of conditions, with that of imported files under their sets' names."""
+    given = dict(top.table("conditions", {}).data)
+    imported = {found.readings.name: dict(found.record) for found in read if found.record}
+    if not imported:
+        return given
+    earlier = top.table("conditions", {}).table(IMPORTED, {}).data
+    return {**given, IMPORTED: {**earlier, **imported}}
 
 
 def _warnings(top: Table) -> tuple[str, ...]:

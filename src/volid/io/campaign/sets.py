@@ -16,6 +16,7 @@ from volid.io.basics.csv_table import CsvTable, read_csv
 from volid.io.basics.toml_table import Table, is_number
 from volid.io.campaign import probe_centres, touches
 from volid.io.campaign.effects import read_effect
+from volid.io.campaign.foreign import is_foreign, read_foreign
 from volid.io.campaign.rules import check_constant, check_unique, find_kind
 from volid.model.machine import TOOL, Machine
 from volid.observations import KINDS, Kind
@@ -26,10 +27,16 @@ _SET_KEYS = ("name", "kind", "file", "csv", "columns", "ignore", "tool", "effect
 _RECORDED = {"time": "s", "temperature": "°C"}
 
 
-def read_set(
-    table: Table, folder: Path, machine: Machine, *, plan: bool, form: CsvForm = PLAIN
-) -> tuple[ObservationSet, tuple[str, ...]]:
-    """Readings of one set, keys from `table`, rows from the CSV file that it names in `folder`; and how that file was read.
+class ReadSet(NamedTuple):
+    """A set, how its file was read, and what is recorded of a file that another program wrote (nothing for a CSV)."""
+
+    readings: ObservationSet
+    notes: tuple[str, ...]
+    record: Mapping[str, Any]
+
+
+def read_set(table: Table, folder: Path, machine: Machine, *, plan: bool, form: CsvForm = PLAIN) -> ReadSet:
+    """Readings of one set, keys from `table`, rows from the file that it names in `folder`, a CSV or, with `as`, another one.
 
     `form`: how the campaign's CSV files are written, as far as it is stated; `[csv]` of the set goes before it.
 
@@ -38,7 +45,12 @@ def read_set(
     `ignore` leaves columns out. With `centres = true` a displacement set reads sphere centres (`probe_centres`), with
     `touches = true` the touches that they are fitted to (`touches`). Raises `InputError` naming file, row or key.
     """
-    table, csv = touches.as_centres(table, _csv(table, folder, form.with_stated(table)), machine)
+    record: Mapping[str, Any] = {}
+    if is_foreign(table):
+        csv, table, record = read_foreign(table, folder, machine)
+    else:
+        csv = _csv(table, folder, form.with_stated(table))
+    table, csv = touches.as_centres(table, csv, machine)
     kind = _form(find_kind(table.text("kind"), table.where), table, csv)
     extra = probe_centres.KEYS if kind.takes_centres else ()
     table.only((*_SET_KEYS, *extra, *uncertainty_keys(kind.readings), *kind.options, *kind.further))
@@ -63,7 +75,7 @@ def read_set(
         rows=csv.rows,
         to=second[0] if second else None,
     )
-    return found, csv.notes
+    return ReadSet(found, csv.notes, record)
 
 
 def _ends(table: Table, csv: CsvTable, kind: Kind, machine: Machine, content: _Content) -> list[End]:

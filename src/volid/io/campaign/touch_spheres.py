@@ -125,8 +125,8 @@ def fitted(touches: Touches, groups: list[np.ndarray], probe: Probe) -> Fitted:
     if fits.scatter > max(_LARGEST_SCATTER, 10.0 * (probe.touch_u or 0.0)):
         raise InputError(
             f"{touches.source}: the touches lie {fits.scatter:.3g} mm (rms) beside the spheres that fit them best; do groups "
-            "hold touches of several spheres, or of something else? Tell spheres apart by a column path or sphere, by count = … or "
-            "gap = … (mm)"
+            "hold touches of several spheres, or of something else? Tell spheres apart by a column path or sphere, by count "
+            "= … or gap = … (mm)"
         )
     found = Fitted(touches, groups, fits)
     if not found.kept:

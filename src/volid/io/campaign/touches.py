@@ -47,7 +47,6 @@ def as_centres(table: Table, csv: CsvTable, machine: Machine) -> tuple[Table, Cs
         return table, csv
     touches = _touches(table, csv, machine)
     found = fitted(touches, groups_of(touches, _count(table), _gap(table)), _probe(table, csv))
-    csv.said.extend(found.said())
     extra = table.number("u", above=0.0) if "u" in table.data else 0.0
     columns = found.columns(machine, extra)
     if not any(name in csv for name in TOOL_COLUMNS):
@@ -56,7 +55,9 @@ def as_centres(table: Table, csv: CsvTable, machine: Machine) -> tuple[Table, Cs
         columns[name] = found.means(values)
     rows = touches.rows[found.first]
     data = {key: value for key, value in table.data.items() if key not in KEYS} | {"centres": True}
-    return Table(data, table.where), replace(csv, columns=columns, rows=rows, form=PLAIN, units={}, underscores=False)
+    remarks = (*csv.remarks, *found.said())
+    csv = replace(csv, columns=columns, rows=rows, form=PLAIN, units={}, underscores=False, remarks=remarks)
+    return Table(data, table.where), csv
 
 
 def _count(table: Table) -> int | None:
