@@ -34,10 +34,9 @@ may name a file of another program: file = "x.rtl", as = "rtl", and the keys bel
 
 other FILEs: each becomes one set. --machine and what the file does not say are stated by options, which are keys of its
 [[set]]: --axis X, --at Y=300,Z=-250 (where the others stood), --tool 0,0,-150 (where the reflector or probe was), --u 0.0005,
---key NAME=VALUE for any other. The type is recognised by content, or stated by --as:
-{formats}
-What is imported, and by which keys, is kept in the campaign's conditions. A file that holds another program's results instead
-of readings makes no campaign: its table is shown, or written as CSV with -o.
+--key NAME=VALUE for any other. The type is recognised by content, or stated by --as; --formats lists the types, what is
+read of each, what is assumed, and its keys. What is imported, and by which keys, is kept in the campaign's conditions. A file
+that holds another program's results instead of readings makes no campaign: its table is shown, or written as CSV with -o.
 
 CAMPAIGN is one HDF5 file; ending in .toml a manifest with its CSV files beside it, or a folder for them, ending in /.
 
@@ -51,11 +50,7 @@ exit status: 0 good, with odd readings named on standard error; 2 bad input
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
-    from volid.io.instruments import FORMATS
-
-    width = max(map(len, FORMATS))
-    listed = "\n".join(f"  {name:{width}}  {known.words}: {known.about}" for name, known in FORMATS.items())
-    explain(parser, _EPILOG.format(formats=listed))
+    explain(parser, _EPILOG)
     parser.add_argument("files", metavar="FILE", nargs="+", help="campaign as text, or a file of another program")
     add_foreign(parser)
     parser.add_argument(
@@ -84,15 +79,16 @@ def _is_campaign(name: str) -> bool:
     """Whether a file is a campaign of volid's own, or meant to be one."""
     from volid.exceptions import VolidError
     from volid.io.basics.hdf5_values import is_hdf5
-    from volid.io.instruments.recognition import open_foreign, volids_own
+    from volid.io.instruments.recognition import fitting, open_foreign, volids_own
 
     path = Path(name)
     if path.suffix.lower() in (*HDF5, ".toml") or path.is_dir() or not path.exists() or is_hdf5(path):
         return True
     try:
-        return bool(volids_own(open_foreign(path).text))
+        file = open_foreign(path)
     except VolidError:
         return False
+    return bool(volids_own(file.text)) or (path.suffix.lower() == ".csv" and not fitting(file))
 
 
 def _foreign(args: argparse.Namespace, keys: dict[str, Any]) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import textwrap
 from typing import Any
 
 from volid.cli.numbers import finite, number, tool_vector
@@ -12,6 +13,7 @@ def add_foreign(parser: argparse.ArgumentParser) -> None:
     """--as, --machine and the keys of a set."""
     group = parser.add_argument_group("files of other programs")
     group.add_argument("--as", dest="format", metavar="TYPE", help="type of the files; default: by their content")
+    group.add_argument("--formats", action=_Formats, nargs=0, help="list the types that are read, and exit")
     group.add_argument("--machine", metavar="MACHINE.toml", help="the machine that was measured")
     group.add_argument("--axis", metavar="X", help="the axis that moved, where the file does not say")
     group.add_argument(
@@ -31,6 +33,23 @@ def add_foreign(parser: argparse.ArgumentParser) -> None:
         default=[],
         help="any other key of the set, its value as in TOML",
     )
+
+
+class _Formats(argparse.Action):
+    """Lists the types of files, as --version shows the version: importing them takes time that --help must not take."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *args: Any, **kwargs: Any) -> None:
+        """Print and exit."""
+        from volid.io.instruments import FORMATS
+
+        for name, known in FORMATS.items():
+            keys = f" Keys: {', '.join(known.keys)}." if known.keys else ""
+            print(
+                textwrap.fill(
+                    f"{known.words}. {known.about}{keys}", 100, initial_indent=f"{name}: ", subsequent_indent="  "
+                )
+            )
+        parser.exit()
 
 
 def keys_of(args: argparse.Namespace) -> dict[str, Any]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from volid.exceptions import InputError
 from volid.io.basics.units import NAMES, conversion, spelled
-from volid.io.instruments.base import ForeignFile, Found, Request
+from volid.io.instruments.base import Found, Request
 from volid.io.instruments.numerals import decimal_of, number
 from volid.io.instruments.runs import Runs
 from volid.io.instruments.sections import ENVIRONMENT, USER, Sections
@@ -89,7 +89,15 @@ def _others(request: Request, axis: Axis) -> dict[str, float]:
     return {letter: given.number(letter) for letter in others}
 
 
-def found_on(line: Line, runs: Runs, file: ForeignFile, sections: Sections, unit: str) -> Found:
+def check_linear(line: Line, request: Request) -> None:
+    """Raises `InputError` for a rotary axis."""
+    if not line.axis.is_linear:
+        raise InputError(
+            f"{request.table.where}: axis {line.axis.letter} is rotary; linear readings need a linear axis"
+        )
+
+
+def found_on(line: Line, runs: Runs, sections: Sections, unit: str) -> Found:
     """The readings as rows of kind `component`, `unit` being that of the deviations."""
     n = len(runs.value)
     environment, left_out = _environment(sections)

@@ -61,11 +61,16 @@ def format_called(name: str, where: str) -> Format:
     return FORMATS[name]
 
 
-def recognised(file: ForeignFile) -> Format:
-    """The type of a file, by its content. Raises `InputError` where it is none of them, or could be several."""
+def fitting(file: ForeignFile) -> list[Format]:
+    """The types that a file can be, by its content; where one content fits several, the ending of its name decides."""
     found = [f for f in FORMATS.values() if f.recognises(file.text)]
     ending = file.path.suffix.lower().lstrip(".")
-    found = [f for f in found if f.name == ending] or found  # one content may fit several types
+    return [f for f in found if f.name == ending] or found
+
+
+def recognised(file: ForeignFile) -> Format:
+    """The type of a file, by its content. Raises `InputError` where it is none of them, or could be several."""
+    found = fitting(file)
     if len(found) == 1:
         return found[0]
     if found:

@@ -40,7 +40,7 @@ class Rta(ReadingsFormat):
         sections = sections_of(file.text)
         line = line_of(request, sections, ROTATIONS)
         unit = unit_of(request, _UNIT, "rad")
-        found = found_on(line, read_runs(file, sections, request.table), file, sections, unit)
+        found = found_on(line, read_runs(file, sections, request.table), sections, unit)
         return found if "unit" in request.table.data else found.with_notes(_ASSUMED)
 
 

@@ -5,9 +5,8 @@ Targets in mm, deviation = measured - target in µm.
 
 from __future__ import annotations
 
-from volid.exceptions import InputError
 from volid.io.instruments.base import FROM_DESCRIPTIONS, ForeignFile, Format, Found, ReadingsFormat, Request
-from volid.io.instruments.laser_line import KEYS, found_on, line_of, unit_of
+from volid.io.instruments.laser_line import KEYS, check_linear, found_on, line_of, unit_of
 from volid.io.instruments.runs import KEYS as RUN_KEYS
 from volid.io.instruments.runs import read_runs
 from volid.io.instruments.sections import is_run_file, sections_of
@@ -30,12 +29,8 @@ class Rtl(ReadingsFormat):
         """Every reading of every run. Raises `InputError`."""
         sections = sections_of(file.text)
         line = line_of(request, sections, TRANSLATIONS)
-        if not line.axis.is_linear:
-            raise InputError(
-                f"{request.table.where}: axis {line.axis.letter} is rotary; linear readings need a linear axis"
-            )
-        unit = unit_of(request, "µm", "mm")
-        return found_on(line, read_runs(file, sections, request.table), file, sections, unit)
+        check_linear(line, request)
+        return found_on(line, read_runs(file, sections, request.table), sections, unit_of(request, "µm", "mm"))
 
 
 RTL: Format = Rtl()
