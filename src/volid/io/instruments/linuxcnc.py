@@ -1,8 +1,7 @@
 """`linuxcnc`: the log of touches that LinuxCNC writes between (PROBEOPEN file) and (PROBECLOSE); spheres are fitted to them.
 
-Nine numbers a line, X Y Z A B C U V W, or in old versions three, X Y Z, with six decimals and in the units of the program. They are
-the controlled point in the work coordinate system, tool offset taken off: its zero is what `origin` says.
-"""
+Nine numbers a line, X Y Z A B C U V W, or in old versions three, X Y Z, with six decimals and in the units of the program.
+They are the controlled point in the work coordinate system, tool offset taken off: its zero is what `origin` says."""
 
 from __future__ import annotations
 
@@ -30,8 +29,10 @@ class LinuxCnc(ReadingsFormat):
     name = "linuxcnc"
     words = "a log of touches by LinuxCNC (PROBEOPEN)"
     about = (
-        "coordinates = tip (the work coordinates of the tool's point; with rotary axes under kinematics that keep it) or axes (axis "
-        "positions), both plus origin; unit = inch for programs in G20; a sphere ends where a rotary axis moves, at a gap or after "
+        "coordinates = tip (the work coordinates of the tool's point; with rotary axes under kinematics that "
+        "keep it) or axes (axis "
+        "positions), both plus origin; unit = inch for programs in G20; a sphere ends where a rotary axis moves, "
+        "at a gap or after "
         f"count touches. {FROM_DESCRIPTIONS}"
     )
     keys = ("coordinates", "unit")
@@ -63,9 +64,13 @@ def _numbers(file: ForeignFile) -> tuple[list[int], np.ndarray]:
     for line, text in enumerate(file.text.split("\n"), start=1):
         tokens = text.split()
         values = [value for token in tokens if (value := number(token, ".")) is not None]
-        if tokens and (len(values) != len(tokens) or len(tokens) not in (3, 9) or (found and len(tokens) != len(found[0]))):
+        if tokens and (
+            len(values) != len(tokens) or len(tokens) not in (3, 9) or (found and len(tokens) != len(found[0]))
+        ):
             wanted = f"{len(found[0])} numbers" if found else "three or nine numbers"
-            raise file.wrong(line, f"'{text.strip()[:60]}' is damaged", f"{wanted} with decimal points, parted by blanks")
+            raise file.wrong(
+                line, f"'{text.strip()[:60]}' is damaged", f"{wanted} with decimal points, parted by blanks"
+            )
         if tokens:
             rows.append(line)
             found.append(values)
@@ -76,19 +81,21 @@ def _names(request: Request) -> str:
     """Columns of the three coordinates: "xyz" of the tool tip, "XYZ" of the axes. Raises `InputError` where it is not said."""
     if "coordinates" not in request.table.data:
         raise InputError(
-            f'{request.table.where}: key \'coordinates\' is missing; add "tip" where the log holds coordinates of the tool\'s point '
+            f"{request.table.where}: key 'coordinates' is missing; add \"tip\" where the log holds coordinates of "
+            "the tool's point "
             '(tool length active; with rotary axes, kinematics that keep the point), "axes" where it holds axis positions'
         )
     return "xyz" if request.table.text("coordinates", choices=_COORDINATES) == "tip" else "XYZ"
 
 
 def _check_axes(values: np.ndarray, file: ForeignFile, request: Request) -> None:
-    """Raises `InputError` where the machine has a rotary axis that the log does not hold, or the log has a further moving axis."""
+    """Raises `InputError` where the log lacks a rotary axis of the machine, or holds a further axis that moves."""
     rotary = [a.letter for a in request.machine.axes if not a.is_linear]
     if values.shape[1] == 3:
         if rotary:
             raise InputError(
-                f"{file.path}: three numbers a line, without positions of {', '.join(rotary)}; expected nine numbers, as LinuxCNC "
+                f"{file.path}: three numbers a line, without positions of {', '.join(rotary)}; expected nine "
+                "numbers, as LinuxCNC "
                 "writes since 2.4, or a table with columns for all axes"
             )
         return

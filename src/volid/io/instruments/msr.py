@@ -1,9 +1,8 @@
 """`.msr`: touches of a probe on a machine, as probing software writes them; spheres are fitted to them.
 
-`G800 N X Y Z I J K` is a nominal point with its normal, `G801 N X Y Z R` the measured centre of the probe's ball and its radius,
-`G330 N A B C X Y Z` the work plane of the points that follow: p = Rz(C) Ry(B) Rx(A) p_plane, turns about fixed axes. Lines
-`TOOLPATHID`, `TOOLPATH` and `; TOOLPATH` begin a tool path.
-"""
+`G800 N X Y Z I J K` is a nominal point with its normal, `G801 N X Y Z R` the measured centre of the probe's ball and its
+radius, `G330 N A B C X Y Z` the work plane of the points that follow: p = Rz(C) Ry(B) Rx(A) p_plane, turns about fixed axes.
+Lines `TOOLPATHID`, `TOOLPATH` and `; TOOLPATH` begin a tool path."""
 
 from __future__ import annotations
 
@@ -34,7 +33,8 @@ class Msr(ReadingsFormat):
     name = "msr"
     words = "touches of a probe in MSR format"
     about = (
-        "centres of the stylus ball (G801), turned by the work plane (G330), taken as tool-tip coordinates on the workpiece; a sphere "
+        "centres of the stylus ball (G801), turned by the work plane (G330), taken as tool-tip coordinates on "
+        "the workpiece; a sphere "
         f"is fitted to each tool path. With rotary axes, positions = a CSV with their positions by path. {FROM_DESCRIPTIONS}"
     )
     keys = (KEY, "unit")
@@ -49,7 +49,10 @@ class Msr(ReadingsFormat):
         for line, text in enumerate(file.text.split("\n"), start=1):
             state.take(line, text.strip())
         unit = unit_of(request, "mm", "mm")
-        columns: dict[str, Any] = {"path": state.paths, **dict(zip("xyz", np.array(state.points).T.tolist(), strict=True))}
+        columns: dict[str, Any] = {
+            "path": state.paths,
+            **dict(zip("xyz", np.array(state.points).T.tolist(), strict=True)),
+        }
         units = dict.fromkeys("xyz", unit)
         if len(state.balls) == len(state.points):
             columns["ball_radius"], units["ball_radius"] = state.balls, unit
@@ -106,7 +109,9 @@ class _State:
 
     def _g330(self, line: int, words: dict[str, float]) -> None:
         if any(words.get(c, 0.0) for c in "XYZ"):
-            raise self.file.wrong(line, "the work plane is shifted by X, Y, Z", "0 for each: how a shift counts is not documented")
+            raise self.file.wrong(
+                line, "the work plane is shifted by X, Y, Z", "0 for each: how a shift counts is not documented"
+            )
         self._begin("", is_name=False)
         a, b, c = (np.deg2rad(words.get(letter, 0.0)) for letter in "ABC")
         about_x = np.array([[1, 0, 0], [0, np.cos(a), -np.sin(a)], [0, np.sin(a), np.cos(a)]])
@@ -120,7 +125,9 @@ class _State:
 
     def _g801(self, line: int, words: dict[str, float]) -> None:
         if missing := [c for c in "XYZ" if c not in words]:
-            raise self.file.wrong(line, f"the measured point has no {missing[0]}", "X, Y and Z of the centre of the ball")
+            raise self.file.wrong(
+                line, f"the measured point has no {missing[0]}", "X, Y and Z of the centre of the ball"
+            )
         if self.nominal is not None and "N" in words and f"{words['N']:g}" != self.nominal:
             raise self.file.wrong(line, f"point {words['N']:g} follows nominal point {self.nominal}", "the same number")
         self.nominal = None
@@ -173,7 +180,8 @@ def _with_positions(
         if letters:
             paths = list(dict.fromkeys(columns["path"]))
             raise InputError(
-                f"{request.table.where}: {file.path} does not hold the positions of {', '.join(letters)}; expected positions = a CSV "
+                f"{request.table.where}: {file.path} does not hold the positions of {', '.join(letters)}; "
+                "expected positions = a CSV "
                 f"with columns path,{','.join(letters)} and a row for each of its tool paths: {names_shown(paths)}"
             )
         return everything, {}, ()

@@ -1,8 +1,7 @@
 """Axis positions that a foreign file does not hold: a CSV of them, named by the key `positions`, matched by name or by order.
 
-The CSV has the columns of a set: axis letters, optional X_dir …, tool_x, tool_y, tool_z, station or sphere, and, to match by name,
-the names that the foreign file gives its points or tool paths. The CSV of a plan is such a file.
-"""
+The CSV has the columns of a set: axis letters, optional X_dir …, tool_x, tool_y, tool_z, station or sphere, and, to match by
+name, the names that the foreign file gives its points or tool paths. The CSV of a plan is such a file."""
 
 from __future__ import annotations
 
@@ -60,7 +59,8 @@ def by_order(positions: Positions, n: int, what: str) -> np.ndarray:
     """Rows of the positions, one for each of `n` readings. Raises `InputError` where there are more or fewer."""
     if len(positions.csv) != n:
         raise InputError(
-            f"{positions.csv.source}: {len(positions.csv)} positions for {n} {what}; expected as many, in the same order, or a column "
+            f"{positions.csv.source}: {len(positions.csv)} positions for {n} {what}; expected as many, in the "
+            "same order, or a column "
             "of names in both"
         )
     return np.arange(n)
@@ -79,7 +79,8 @@ def by_name(positions: Positions, column: str, names: Sequence[str]) -> tuple[np
     rows = np.array([place.get(name, -1) for name in names], dtype=int)
     if (rows >= 0).sum() < max(_FEW * min(len(names), len(given)), 1):
         raise InputError(
-            f"{positions.csv.source}: {int((rows >= 0).sum())} of {len(names)} names of the file are in column {column}; the file has "
+            f"{positions.csv.source}: {int((rows >= 0).sum())} of {len(names)} names of the file are in column "
+            f"{column}; the file has "
             f"{names_shown(names)}, the column {names_shown(given)}"
         )
     return rows, _unmatched(names, rows, given, column)

@@ -1,9 +1,8 @@
 """`spatial_analyzer`: points that SpatialAnalyzer exports as text, in its working frame.
 
-A line is `Collection Group Target x y z`, `Group Target x y z`, `Target x y z` or `x y z`, parted by blanks or commas, with further
-numbers behind where they were exported; lines with `//` are comments. The coordinates are Cartesian. One frame holds them all: it is
-one station.
-"""
+A line is `Collection Group Target x y z`, `Group Target x y z`, `Target x y z` or `x y z`, parted by blanks or commas, with
+further numbers behind where they were exported; lines with `//` are comments. The coordinates are Cartesian. One frame holds
+them all: it is one station."""
 
 from __future__ import annotations
 
@@ -34,8 +33,10 @@ class SpatialAnalyzer(ReadingsFormat):
     name = "spatial_analyzer"
     words = "points that SpatialAnalyzer exported as text"
     about = (
-        "Cartesian x, y, z of targets in the working frame, which counts as one station (station = its name, tracker by default); "
-        "unit = mm, m or inch as chosen at the export; positions = a CSV of commanded positions, matched by its column target (also "
+        "Cartesian x, y, z of targets in the working frame, which counts as one station (station = its name, "
+        "tracker by default); "
+        "unit = mm, m or inch as chosen at the export; positions = a CSV of commanded positions, matched by its "
+        "column target (also "
         f"group, target), or else by order. {FROM_DESCRIPTIONS}"
     )
     keys = (KEY, "unit", "names", "station")
@@ -55,7 +56,8 @@ class SpatialAnalyzer(ReadingsFormat):
         positions = read_positions(request, request.machine.letters)
         if positions is None:
             raise InputError(
-                f"{request.table.where}: {file.path} does not hold axis positions; expected positions = a CSV with columns target,"
+                f"{request.table.where}: {file.path} does not hold axis positions; expected positions = a CSV "
+                "with columns target,"
                 f"{','.join(request.machine.letters)}, or without target in the order of the points"
             )
         rows, notes = _matched(points, positions)
@@ -97,7 +99,9 @@ def _points(file: ForeignFile, request: Request) -> _Points:
     width = len(cells[0][1])
     for i, row in cells:
         if len(row) != width:
-            raise file.wrong(i, f"{len(row)} cells", f"{width}, as in row {cells[0][0]}; names with blanks need commas as separator")
+            raise file.wrong(
+                i, f"{len(row)} cells", f"{width}, as in row {cells[0][0]}; names with blanks need commas as separator"
+            )
     first = _first_number(file, [row for _, row in cells], request)
     values = [[_coordinate(file, i, row[first + k]) for k in range(3)] for i, row in cells]
     kinds = _NAMES[len(_NAMES) - first :] if first else ()
@@ -123,17 +127,24 @@ def _first_number(file: ForeignFile, rows: list[list[str]], request: Request) ->
     if "names" in request.table.data:
         names = request.table.data["names"]
         if names not in range(min(4, width - 2)) or isinstance(names, bool):
-            raise request.table.wrong("names", f"how many names stand before the coordinates, 0 to 3, in {width} columns")
+            raise request.table.wrong(
+                "names", f"how many names stand before the coordinates, 0 to 3, in {width} columns"
+            )
         return int(names)
     texts = [k for k in range(width) if any(number(row[k], ".") is None for row in rows[:_LOOKED_AT])]
     first = 0
     while first in texts:
         first += 1
-    while first < min(3, width - 3) and all(row[first].isdigit() for row in rows) and any("." in row[first + 1] for row in rows):
+    while (
+        first < min(3, width - 3)
+        and all(row[first].isdigit() for row in rows)
+        and any("." in row[first + 1] for row in rows)
+    ):
         first += 1
     if first > 3 or width - first < 3:
         raise InputError(
-            f"{file.path}: {width} columns, of which the first {first} are names; expected at most three names (collection, group, "
+            f"{file.path}: {width} columns, of which the first {first} are names; expected at most three names "
+            "(collection, group, "
             "target) and three coordinates behind them"
         )
     return first
@@ -141,12 +152,19 @@ def _first_number(file: ForeignFile, rows: list[list[str]], request: Request) ->
 
 def _unit(file: ForeignFile, request: Request) -> str:
     """The unit as stated, or as the comments name it. Raises `InputError` where it is neither, or both differ."""
-    comments = " ".join(line for line in file.text.split("\n")[:_LOOKED_AT] if line.strip().startswith(_COMMENT)).casefold()
-    written = {unit for word in _WORD.findall(comments) if (unit := _UNITS.get(word) or _UNITS.get(word[:-1]) or _UNITS.get(word[:-2]))}
+    comments = " ".join(
+        line for line in file.text.split("\n")[:_LOOKED_AT] if line.strip().startswith(_COMMENT)
+    ).casefold()
+    written = {
+        unit
+        for word in _WORD.findall(comments)
+        if (unit := _UNITS.get(word) or _UNITS.get(word[:-1]) or _UNITS.get(word[:-2]))
+    }
     if "unit" not in request.table.data:
         if len(written) != 1:
             raise InputError(
-                f"{request.table.where}: key 'unit' is missing, and {file.path} does not name it; add that of the export, such as mm"
+                f"{request.table.where}: key 'unit' is missing, and {file.path} does not name it; add that of the "
+                "export, such as mm"
             )
         return written.pop()
     unit = spelled(request.table.text("unit"))
@@ -166,7 +184,8 @@ def _matched(points: _Points, positions: Positions) -> tuple[np.ndarray, tuple[s
     if len(set(names)) < len(names):
         twice = next(name for i, name in enumerate(names) if name in names[:i])
         raise InputError(
-            f"{positions.csv.source}: target '{twice}' stands in several groups of the points; match by order: name no column target"
+            f"{positions.csv.source}: target '{twice}' stands in several groups of the points; match by order: "
+            "name no column target"
         )
     return by_name(positions, "target", names)
 
