@@ -136,7 +136,7 @@ MSR_DAMAGE = {
         lambda line: line.partition(" Z")[0],
         r"row \d+: the measured point has no Z; expected X, Y and Z of the centre",
     ),
-    "letters": (lambda line: line.replace("X", "Xx"), r"row \d+: 'xx?|row \d+: "),
+    "letters": (lambda line: line.replace("X", "Xx"), r"row \d+: X is 'x[^']*'; expected each letter once"),
     "comma": (lambda line: line.replace(".", ","), r"row \d+: X is '[^']*,[^']*'; expected each letter once"),
     "twice": (lambda line: line + " X3", r"row \d+: X stands twice"),
     "cut": (lambda line: line[:4], r"row \d+: 'G801' is cut off"),

@@ -23,6 +23,10 @@ _HEADS = ("spatialanalyzer", "spatial analyzer", "new river kinematics")
 _NAMES = ("collection", "group", "target")  # from the left; fewer of them are the last ones
 _UNITS = {"millimeter": "mm", "millimetre": "mm", "inch": "inch", "meter": "m", "metre": "m", "centimeter": "cm"}
 _WORD = re.compile(r"[a-z]+")
+_POINT = re.compile(r"\d\.\d")
+_DECIMAL_COMMAS = re.compile(
+    r"(?:\s[+-]?\d+,\d+){2}(?:\s|$)"
+)  # two numbers with decimal commas and blanks between them
 _LOOKED_AT = 300  # lines
 _STATION = "tracker"
 
@@ -45,10 +49,11 @@ class SpatialAnalyzer(ReadingsFormat):
         """Comments that name the program, or lines of names and three numbers under comments with two strokes."""
         lines = [line.strip() for line in text[: 200 * _LOOKED_AT].split("\n")[:_LOOKED_AT] if line.strip()]
         comments = " ".join(line for line in lines if line.startswith(_COMMENT)).casefold()
-        rows = [_fields(line) for line in lines if not line.startswith(_COMMENT)]
-        points = sum(len(row) >= 3 and _width(row) >= 3 for row in rows)
-        named = all(len(row) > _width(row) for row in rows)
-        return bool(rows) and points > 0.8 * len(rows) and (bool(comments) or (named and "," not in "".join(lines[:1])))
+        layout = _layout(kept := [line for line in lines if not line.startswith(_COMMENT)])
+        rows = [layout.cells(line) for line in kept]
+        points = sum(layout.numbers(row) >= 3 for row in rows)
+        named = layout.separator == " " and all(len(row) > layout.numbers(row) for row in rows)
+        return bool(rows) and points > 0.8 * len(rows) and (bool(comments) or named)
 
     def read(self, file: ForeignFile, request: Request) -> Found:
         """Every point that a position belongs to. Raises `InputError`."""
@@ -81,29 +86,46 @@ class _Points(NamedTuple):
     notes: tuple[str, ...]
 
 
-def _fields(line: str) -> list[str]:
-    return [cell.strip().strip('"') for cell in line.split(",")] if "," in line else line.split()
+class _Layout(NamedTuple):
+    """How the lines are written: what parts the cells, " " for any number of blanks, and the decimal sign."""
+
+    separator: str
+    decimal: str
+
+    def cells(self, line: str) -> list[str]:
+        """The cells of a line."""
+        return line.split() if self.separator == " " else [c.strip().strip('"') for c in line.split(self.separator)]
+
+    def numbers(self, row: Sequence[str]) -> int:
+        """How many of the last cells are numbers, up to the first that is none."""
+        n = 0
+        while n < len(row) and number(row[-1 - n], self.decimal) is not None:
+            n += 1
+        return n
 
 
-def _width(row: Sequence[str]) -> int:
-    """How many of the last cells are numbers, up to the first that is none."""
-    n = 0
-    while n < len(row) and number(row[-1 - n], ".") is not None:
-        n += 1
-    return n
+def _layout(lines: Sequence[str]) -> _Layout:
+    """The layout of lines: semicolons or tabs, else commas, else blanks; decimal commas where no point stands."""
+    pointed = _POINT.search("\n".join(lines)) is not None
+    separator = next((sign for sign in (";", "\t") if all(sign in line for line in lines)), None)
+    if separator is None:
+        blanks = not pointed and all(_DECIMAL_COMMAS.search(line) for line in lines)
+        separator = "," if not blanks and all("," in line for line in lines) else " "
+    return _Layout(separator, "," if separator != "," and not pointed and any("," in line for line in lines) else ".")
 
 
 def _points(file: ForeignFile, request: Request) -> _Points:
     lines = [(i, line.strip()) for i, line in enumerate(file.text.split("\n"), start=1)]
-    cells = [(i, _fields(line)) for i, line in lines if line and not line.startswith(_COMMENT)]
+    kept = [(i, line) for i, line in lines if line and not line.startswith(_COMMENT)]
+    layout = _layout([line for _, line in kept])
+    cells = [(i, layout.cells(line)) for i, line in kept]
     width = len(cells[0][1])
     for i, row in cells:
         if len(row) != width:
-            raise file.wrong(
-                i, f"{len(row)} cells", f"{width}, as in row {cells[0][0]}; names with blanks need commas as separator"
-            )
-    first = _first_number(file, [row for _, row in cells], request)
-    values = [[_coordinate(file, i, row[first + k]) for k in range(3)] for i, row in cells]
+            expected = f"{width}, as in row {cells[0][0]}; names with blanks need commas as separator"
+            raise file.wrong(i, f"{len(row)} cells", expected)
+    first = _first_number(file, [row for _, row in cells], layout.decimal, request)
+    values = [[_coordinate(file, i, cell, layout.decimal) for cell in row[first : first + 3]] for i, row in cells]
     kinds = _NAMES[len(_NAMES) - first :] if first else ()
     names = {kind: [row[k] for _, row in cells] for k, kind in enumerate(kinds)}
     left = width - first - 3
@@ -111,14 +133,15 @@ def _points(file: ForeignFile, request: Request) -> _Points:
     return _Points(names, np.array(values), [i for i, _ in cells], notes)
 
 
-def _coordinate(file: ForeignFile, line: int, cell: str) -> float:
-    value = number(cell, ".")
+def _coordinate(file: ForeignFile, line: int, cell: str, decimal: str) -> float:
+    value = number(cell, decimal)
     if value is None:
-        raise file.wrong(line, f"a coordinate is '{cell[:40]}'", "a number with a decimal point")
+        sign = "comma" if decimal == "," else "point"
+        raise file.wrong(line, f"a coordinate is '{cell[:40]}'", f"a number with a decimal {sign}, like the others")
     return value
 
 
-def _first_number(file: ForeignFile, rows: list[list[str]], request: Request) -> int:
+def _first_number(file: ForeignFile, rows: list[list[str]], decimal: str, request: Request) -> int:
     """In which column the coordinates begin: as `names` says, or behind the last text or whole number.
 
     Raises `InputError` where there are not three numbers, or a name of digits and further columns could both be meant.
@@ -131,14 +154,14 @@ def _first_number(file: ForeignFile, rows: list[list[str]], request: Request) ->
                 "names", f"how many names stand before the coordinates, 0 to 3, in {width} columns"
             )
         return int(names)
-    texts = [k for k in range(width) if any(number(row[k], ".") is None for row in rows[:_LOOKED_AT])]
+    texts = [k for k in range(width) if _is_name([row[k] for row in rows[:_LOOKED_AT]], decimal)]
     first = 0
     while first in texts:
         first += 1
     while (
         first < min(3, width - 3)
         and all(row[first].isdigit() for row in rows)
-        and any("." in row[first + 1] for row in rows)
+        and any(decimal in row[first + 1] for row in rows)
     ):
         first += 1
     if first > 3 or width - first < 3:
@@ -148,6 +171,13 @@ def _first_number(file: ForeignFile, rows: list[list[str]], request: Request) ->
             "target) and three coordinates behind them"
         )
     return first
+
+
+def _is_name(cells: Sequence[str], decimal: str) -> bool:
+    """Whether a column holds names: mostly texts, or some texts among whole numbers; a damaged coordinate is none."""
+    numbers = [cell for cell in cells if number(cell, decimal) is not None]
+    whole = not any(decimal in cell for cell in numbers)
+    return len(numbers) < len(cells) and (whole or 2 * len(numbers) < len(cells))
 
 
 def _unit(file: ForeignFile, request: Request) -> str:
