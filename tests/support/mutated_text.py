@@ -23,11 +23,14 @@ from typing import Any
 import numpy as np
 
 from support.campaign_files import csv_text, volume_rows, write_files
+from support.instrument_files import SAMPLES
 from support.kinds import EXAMPLES
 from support.places import DATASETS
 from volid.exceptions import VolidError
 from volid.fitting.fit import fit
 from volid.io import load_campaign, write_manifest
+from volid.io.basics.toml_table import format_lines
+from volid.io.campaign.imported import evaluation_of
 from volid.io.functions_csv import read_deviations, read_functions, read_points
 from volid.io.grid_reader import read_grid
 from volid.io.machines import parse_machine, read_machine
@@ -109,7 +112,25 @@ def originals() -> dict[str, Original]:
         wanted = ("campaign.toml", "machine.toml", "X.csv", "Z.csv")
         found["fit"] = Original({name: published[name] for name in wanted}, _fitted)
     machine = found["campaign"].files["machine.toml"]
-    return found | _tables(machine) | _others(machine)
+    return found | _foreign(machine) | _tables(machine) | _others(machine)
+
+
+def _foreign(machine: bytes) -> dict[str, Original]:
+    """A set of every format of other programs, or its table where it holds results."""
+    found = {}
+    for name, sample in SAMPLES.items():
+        file = f"sample.{name}"
+        keys = {"name": "sample", "file": file, "as": name, **sample.keys}
+        manifest = "\n".join(
+            [*['format = "volid-campaign/1"', 'machine = "machine.toml"', "[[set]]"], *format_lines(keys)]
+        )
+        files = {file: sample.text.encode()}
+        if sample.kind:
+            files |= {"campaign.toml": manifest.encode(), "machine.toml": machine}
+            found[f"as {name}"] = Original(files, _checked)
+        else:
+            found[f"as {name}"] = Original(files, lambda f, file=file: evaluation_of(f / file))
+    return found
 
 
 def _tables(machine: bytes) -> dict[str, Original]:

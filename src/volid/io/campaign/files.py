@@ -14,6 +14,7 @@ from volid.io.basics.hdf5_values import is_hdf5
 from volid.io.campaign.hdf5 import read_campaign
 from volid.io.campaign.manifest import MANIFEST, read_manifest
 from volid.io.campaign.rules import check_consistent, check_unique
+from volid.io.instruments.recognition import known_as
 from volid.model.machine import Machine
 
 
@@ -53,6 +54,10 @@ def _load(path: Path, plan: bool, allow_outside: bool) -> Campaign:
         raise InputError(f"{path}: not an HDF5 file, though its name says so; copy or write it again")
     if path.suffix.lower() == ".csv":
         raise InputError(f"{path} is a table of readings; give the manifest (TOML) that names it, such as {MANIFEST}")
+    if path.suffix.lower() != ".toml" and (known := known_as(path)):
+        raise InputError(
+            f'{path}: this is {known.words}, and no campaign; name it in a [[set]] of a manifest, with as = "{known.name}"'
+        )
     return _storable(read_manifest(path, plan=plan, allow_outside=allow_outside))
 
 

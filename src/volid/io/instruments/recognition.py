@@ -68,6 +68,15 @@ def fitting(file: ForeignFile) -> list[Format]:
     return [f for f in found if f.name == ending] or found
 
 
+def known_as(path: Path) -> Format | None:
+    """The type of a file of another program; None for any other file, also one that cannot be read."""
+    try:
+        found = fitting(open_foreign(path))
+    except InputError:
+        return None
+    return found[0] if found else None
+
+
 def recognised(file: ForeignFile) -> Format:
     """The type of a file, by its content. Raises `InputError` where it is none of them, or could be several."""
     found = fitting(file)
