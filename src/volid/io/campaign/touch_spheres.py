@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -92,10 +93,21 @@ class Fitted:
             text += f", scatter of a touch {1e3 * self.fits.scatter:.2g} µm with {freedom} degrees of freedom"
         return [text, *self._outliers(), *(f"a centre left out, {reason}" for reason in self.lost())]
 
+    def record(self) -> dict[str, Any]:
+        """What the fits say: u and scatter of a touch, and of every sphere its radius and largest residual. [mm]"""
+        return {
+            "touch_u": self.fits.u,
+            "scatter": self.fits.scatter if self.fits.degrees_of_freedom else 0.0,
+            "degrees_of_freedom": self.fits.degrees_of_freedom,
+            "radius": [s.radius for _, s in self.kept],
+            "largest_residual": [float(np.abs(s.residuals[s.used]).max()) for _, s in self.kept],
+        }
+
     def _outliers(self) -> list[str]:
         found = [(self.groups[i][j], self.fits.spheres[i], j) for i, j in self.fits.outliers]
         return [
-            f"the touch in row {self.touches.rows[place]} left out, {1e3 * sphere.residuals[j]:+.3g} µm beside the others' sphere"
+            f"the touch in row {self.touches.rows[place]} left out, {1e3 * sphere.residuals[j]:+.3g} µm beside "
+            "the others' sphere"
             for place, sphere, j in found
             if sphere is not None
         ]

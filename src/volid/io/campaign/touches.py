@@ -17,6 +17,7 @@ a sphere."""
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -38,13 +39,13 @@ TOOL_COLUMNS = ("tool_x", "tool_y", "tool_z")
 _PURPOSE = "every touch needs one"
 
 
-def as_centres(table: Table, csv: CsvTable, machine: Machine) -> tuple[Table, CsvTable]:
-    """The set and its rows with a sphere's centre in place of its touches; as they are for a set of something else.
+def as_centres(table: Table, csv: CsvTable, machine: Machine) -> tuple[Table, CsvTable, dict[str, Any]]:
+    """The set and its rows with a sphere's centre in place of its touches, and a record of it; as they are for another set.
 
     Raises `InputError` naming file, rows or key.
     """
     if not table.flag("touches", False):
-        return table, csv
+        return table, csv, {}
     touches = _touches(table, csv, machine)
     found = fitted(touches, groups_of(touches, _count(table), _gap(table)), _probe(table, csv))
     extra = table.number("u", above=0.0) if "u" in table.data else 0.0
@@ -57,7 +58,8 @@ def as_centres(table: Table, csv: CsvTable, machine: Machine) -> tuple[Table, Cs
     data = {key: value for key, value in table.data.items() if key not in KEYS} | {"centres": True}
     remarks = (*csv.remarks, *found.said())
     csv = replace(csv, columns=columns, rows=rows, form=PLAIN, units={}, underscores=False, remarks=remarks)
-    return Table(data, table.where), csv
+    stated = {key: value for key, value in table.data.items() if key in KEYS}
+    return Table(data, table.where), csv, {**stated, "touches_fitted": found.record()}
 
 
 def _count(table: Table) -> int | None:
