@@ -12,7 +12,7 @@ import numpy as np
 
 from volid.campaign import SAME_ANGLE
 from volid.exceptions import InputError
-from volid.io.instruments.base import FROM_DESCRIPTIONS, ForeignFile, Format, Found, ReadingsFormat, Request
+from volid.io.instruments.base import ForeignFile, Format, Found, ReadingsFormat, Request
 from volid.io.instruments.laser_line import unit_of
 from volid.io.instruments.numerals import number
 
@@ -29,11 +29,11 @@ class LinuxCnc(ReadingsFormat):
     name = "linuxcnc"
     words = "a log of touches by LinuxCNC (PROBEOPEN)"
     about = (
-        "coordinates = tip (the work coordinates of the tool's point; with rotary axes under kinematics that "
-        "keep it) or axes (axis "
+        "coordinates = tip (work coordinates of the tool's point; with rotary axes under kinematics that keep "
+        "it) or axes (axis "
         "positions), both plus origin; unit = inch for programs in G20; a sphere ends where a rotary axis moves, "
         "at a gap or after "
-        f"count touches. {FROM_DESCRIPTIONS}"
+        "count touches. The layout is that of LinuxCNC's source; no log of a real machine was at hand."
     )
     keys = ("coordinates", "unit")
 

@@ -40,8 +40,8 @@ class SpatialAnalyzer(ReadingsFormat):
         "Cartesian x, y, z of targets in the working frame, which counts as one station (station = its name, "
         "tracker by default); "
         "unit = mm, m or inch as chosen at the export; positions = a CSV of commanded positions, matched by its "
-        "column target (also "
-        f"group, target), or else by order. {FROM_DESCRIPTIONS}"
+        "column target, or "
+        f"else by order; names = how many names stand before the coordinates, where that is not clear. {FROM_DESCRIPTIONS}"
     )
     keys = (KEY, "unit", "names", "station")
 
