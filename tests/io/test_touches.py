@@ -157,7 +157,6 @@ WRONG = {
     "unknown": ("gap = 40\nspheres = 3", None, r"unknown key 'spheres'"),
     "flag": ("touches = 1", "touches = true\n", r"touches is 1; expected true or false"),
     "no tool": ("gap = 40", "tool = [0.0, 0.0, -230.0]\n", r"there is no tool vector; add tool = \[x, y, z\]"),
-    "kind": ('gap = 40\nkind = "component"', 'kind = "displacement"\n', r"unknown key|unknown column|component"),
 }
 
 
@@ -195,3 +194,20 @@ def test_the_radius_of_the_probe(head, tmp_path):
     )
     assert (fixed.u[:, 2] < 0.8 * free.u[:, 2]).all()
     assert np.abs(fixed.positions - free.positions).max() < 5 * free.u.max()
+
+
+def test_places_that_never_agree_are_no_spheres(tmp_path):
+    """Rotary axes of another sign, a tool vector of another length: the centres turn about something else."""
+    exact = exact_machine(STRUCTURES["fork head CB"])
+    data = touch(exact, Truth(), np.random.default_rng(3), {"B": 5, "C": 1}, spheres={"P1": SPHERES["P1"]})
+    columns = axes_form(exact, data) | {"B": (-data.q[:, exact.column("B")]).tolist()}
+    with pytest.raises(InputError, match=r"the 5 spheres in 5 poses of the rotary axes all stand at different places"):
+        read_manifest(write(tmp_path, exact, columns, "touch_u = 0.002"))
+
+
+def test_touches_are_for_kinds_that_take_centres(tmp_path):
+    data = touch(VERTICAL, Truth(), np.random.default_rng(5), {}, spheres={"a": np.array([100.0, 200.0, -400.0])})
+    path = write(tmp_path, VERTICAL, axes_form(VERTICAL, data))
+    path.write_text(path.read_text().replace('"displacement"', '"distance"'))
+    with pytest.raises(InputError, match=r"touches = true in a set of kind 'distance'; expected one of displacement"):
+        read_manifest(path)

@@ -119,7 +119,7 @@ class Kind(ABC):
     `scopes`: the scopes of effects besides campaign, set, tool and point, each with the labels that define it.
     `tested_by`: labels whose groups of residuals are tested; `named_by`: labels that name a reading.
     `standing`: label of what stands on the workpiece at an unknown place ("sphere"). `takes_centres`: places found by a probe
-    may be given instead of readings; they count as readings of 0.
+    may be given instead of readings; they count as readings of 0. `centres_in`: frame of these readings, "machine" or "tool".
     `ends`: functional points that a reading sees; with two, the set holds the second ones in `to`, and `predict` gets q, tool and
     errors of the second behind those of the first. `still_by`: labels of rows among which an axis that does not move is meant to
     stand still.
@@ -140,6 +140,7 @@ class Kind(ABC):
     named_by: tuple[str, ...] = ()
     standing: str = ""
     takes_centres: bool = False
+    centres_in: str = "machine"
     ends: int = 1
     still_by: tuple[str, ...] = ()
 

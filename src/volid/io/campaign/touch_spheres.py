@@ -14,6 +14,7 @@ from volid.model.kinematics import side_rotation
 from volid.model.machine import Machine
 from volid.multilateration.sphere import Sphere
 from volid.multilateration.sphere_scatter import SphereFits, fit_spheres
+from volid.observations import Kind
 from volid.planning.following import follow
 
 _LARGEST_SCATTER = 0.1  # mm, unless `touch_u` says otherwise: a hundred times that of a touch probe
@@ -57,32 +58,47 @@ class Fitted:
         """Mean over the touches of each sphere, as cells."""
         return _cells(np.array([np.mean(values[g], axis=0) for g, _ in self.kept]))
 
-    def columns(self, machine: Machine, extra: float) -> dict[str, tuple[str, ...]]:
-        """Axis positions, tool vectors, u and sphere of every centre, as cells by column; `extra`: u besides the touches [mm]."""
+    def columns(self, machine: Machine, kind: Kind, extra: float) -> dict[str, tuple[str, ...]]:
+        """Axis positions, tool vectors, u and labels of every centre, as cells by column; `extra`: u besides the touches [mm]."""
         tool, centres = self.touches.tool[self.first], np.array([s.centre for _, s in self.kept])
         positions = np.zeros((len(centres), len(machine.axes)))
         rotary = np.array([self.touches.rotary[g].mean(axis=0) for g, _ in self.kept])
         positions[:, [i for i, a in enumerate(machine.axes) if not a.is_linear]] = rotary
         positions = follow(machine, positions, tool, centres)
-        u = self._uncertainties(machine, positions, extra)
+        u = self._uncertainties(_turns(machine, positions, kind.centres_in), extra)
         columns = {a.letter: _cells(positions[:, i]) for i, a in enumerate(machine.axes)}
         columns |= {f"tool_{c}": _cells(tool[:, i]) for i, c in enumerate("xyz")}
         columns |= {f"u_{c}": _cells(u[:, i]) for i, c in enumerate("xyz")}
-        return columns | {"sphere": tuple(self._names(centres))}
+        for name in kind.labels:
+            if name in self.touches.labels:
+                columns[name] = tuple(map(str, self.touches.labels[name][self.first]))
+            elif name == kind.standing:
+                columns[name] = tuple(self._names(centres))
+        return columns
 
-    def _uncertainties(self, machine: Machine, positions: np.ndarray, extra: float) -> np.ndarray:
-        """Standard uncertainties (m, 3) [mm] of the centres in the tool frame, in which the probe reads."""
-        turn = side_rotation(machine, positions, True) @ side_rotation(machine, positions, False)
+    def _uncertainties(self, turns: np.ndarray, extra: float) -> np.ndarray:
+        """Standard uncertainties (m, 3) [mm] of the centres in frames that `turns` (m, 3, 3) lead to the workpiece from."""
         covariances = np.array([s.covariance(self.fits.u) for _, s in self.kept])
-        in_tool = np.swapaxes(turn, 1, 2) @ covariances @ turn
-        return np.sqrt(np.diagonal(in_tool, axis1=1, axis2=2) + extra**2)
+        turned = np.swapaxes(turns, 1, 2) @ covariances @ turns
+        return np.sqrt(np.diagonal(turned, axis1=1, axis2=2) + extra**2)
 
     def _names(self, centres: np.ndarray) -> list[str]:
-        """Names of the spheres: as the file calls them, else "P1", "P2" … in the order of their appearance, by their places."""
-        if "sphere" in self.touches.labels:
-            return [str(name) for name in self.touches.labels["sphere"][self.first]]
+        """Names of the spheres, "P1", "P2" … in the order of their appearance, by their places on the workpiece.
+
+        Raises `InputError` where the rotary axes move and no place occurs twice: then the places are those of no sphere.
+        """
         reach = float(np.median([s.radius for _, s in self.kept])) / 2.0
-        return [f"P{i + 1}" for i in same_spheres(centres, reach)]
+        numbers = same_spheres(centres, reach)
+        poses = np.unique(np.round(self.touches.rotary[self.first], 2), axis=0)
+        if len(poses) > 1 and len(numbers) > 1 and numbers.max() + 1 == len(numbers):
+            raise InputError(
+                f"{self.touches.source}: the {len(numbers)} spheres in {len(poses)} poses of the rotary axes all "
+                "stand at different "
+                f"places on the workpiece, {np.ptp(centres, axis=0).max():.3g} mm apart; expected the places of a "
+                "sphere to agree. "
+                "Check tool, origin, the meaning of the coordinates and the rotary axes, or name the spheres in a column sphere"
+            )
+        return [f"P{i + 1}" for i in numbers]
 
     def said(self) -> list[str]:
         """What was made of the touches, in words, with the touches and spheres that were left out."""
@@ -146,6 +162,12 @@ def fitted(touches: Touches, groups: list[np.ndarray], probe: Probe) -> Fitted:
     if probe.radius is not None:
         _check_radii(found, probe.radius)
     return found
+
+
+def _turns(machine: Machine, positions: np.ndarray, frame: str) -> np.ndarray:
+    """Nominal rotations (m, 3, 3) from the machine or tool frame to the workpiece's."""
+    table = side_rotation(machine, positions, True)
+    return table @ side_rotation(machine, positions, False) if frame == "tool" else table
 
 
 def _check_radii(found: Fitted, expected: float) -> None:

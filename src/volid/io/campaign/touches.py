@@ -26,14 +26,16 @@ from volid.io.basics.csv_form import PLAIN
 from volid.io.basics.csv_table import CsvTable
 from volid.io.basics.toml_table import Table
 from volid.io.campaign import probe_centres
+from volid.io.campaign.rules import find_kind
 from volid.io.campaign.touch_groups import Touches, groups_of
 from volid.io.campaign.touch_spheres import Probe, fitted
 from volid.model.iso230 import LINEAR_AXES
 from volid.model.kinematics import nominal_point
 from volid.model.machine import Machine
+from volid.observations import KINDS
 
 KEYS = ("touches", "count", "gap", "origin", "sphere_diameter", "ball_diameter", "fix_radius", "touch_u", "u")
-LABELS = ("path", "sphere")
+PATH = "path"  # label: one tool path touches one sphere once
 BALL = "ball_radius"  # column: of the stylus ball [mm]
 TOOL_COLUMNS = ("tool_x", "tool_y", "tool_z")
 _PURPOSE = "every touch needs one"
@@ -46,10 +48,14 @@ def as_centres(table: Table, csv: CsvTable, machine: Machine) -> tuple[Table, Cs
     """
     if not table.flag("touches", False):
         return table, csv, {}
-    touches = _touches(table, csv, machine)
+    kind = find_kind(table.text("kind"), table.where)
+    if not kind.takes_centres:
+        taking = ", ".join(name for name, other in KINDS.items() if other.takes_centres)
+        raise InputError(f"{table.where}: touches = true in a set of kind '{kind.name}'; expected one of {taking}")
+    touches = _touches(table, csv, machine, tuple(kind.labels))
     found = fitted(touches, groups_of(touches, _count(table), _gap(table)), _probe(table, csv))
     extra = table.number("u", above=0.0) if "u" in table.data else 0.0
-    columns = found.columns(machine, extra)
+    columns = found.columns(machine, kind, extra)
     if not any(name in csv for name in TOOL_COLUMNS):
         columns = {name: cells for name, cells in columns.items() if name not in TOOL_COLUMNS}
     for name, values in _recorded(csv).items():
@@ -77,12 +83,13 @@ def _gap(table: Table) -> float | None:
     return 2.0 * table.number("sphere_diameter", above=0.0) if "sphere_diameter" in table.data else None
 
 
-def _touches(table: Table, csv: CsvTable, machine: Machine) -> Touches:
+def _touches(table: Table, csv: CsvTable, machine: Machine, own: tuple[str, ...]) -> Touches:
+    """The touches of a file. `own`: labels of the set's kind."""
     linear = [a for a in LINEAR_AXES if a in machine.letters]
     tip = probe_centres.gives_tip(csv, machine, Table({}, table.where))
     letters = [a.letter for a in machine.axes if not a.is_linear]
     required = [*(probe_centres.TIP if tip else linear), *letters]
-    known = (*required, *LABELS, *TOOL_COLUMNS, BALL, "time", "temperature")
+    known = (*required, PATH, *own, *TOOL_COLUMNS, BALL, "time", "temperature")
     csv.require(required, _PURPOSE, known)
     csv.only(known)
     tool, origin = _tool(table, csv), np.array(table.vector("origin", 3, probe_centres.ORIGIN))
@@ -96,7 +103,7 @@ def _touches(table: Table, csv: CsvTable, machine: Machine) -> Touches:
     else:
         points = nominal_point(machine, positions, tool)
     rotary = positions[:, [machine.index(a) for a in letters]]
-    labels = {name: csv.labels(name, "every touch needs one") for name in LABELS if name in csv}
+    labels = {name: csv.labels(name, "every touch needs one") for name in (PATH, *own) if name in csv}
     return Touches(csv.source, points, rotary, tool, labels, csv.rows)
 
 

@@ -54,7 +54,14 @@ class LinuxCnc(ReadingsFormat):
                 columns[letter] = values[:, i].tolist()
         unit = unit_of(request, "mm", "mm")
         note = f"coordinates in {unit}, {'of the tool tip' if names[0] == 'x' else 'of the axes'}"
-        return Found("displacement", columns, rows, dict.fromkeys(names, unit), {"touches": True}, notes=(note,))
+        return Found(
+            request.table.text("kind", "displacement"),
+            columns,
+            rows,
+            dict.fromkeys(names, unit),
+            {"touches": True},
+            notes=(note,),
+        )
 
 
 def _numbers(file: ForeignFile) -> tuple[list[int], np.ndarray]:

@@ -59,7 +59,15 @@ class Msr(ReadingsFormat):
         kept, more, notes = _with_positions(columns, file, request)
         columns = {name: [values[i] for i in kept] for name, values in columns.items()} | more
         rows = [state.rows[i] for i in kept]
-        return Found("displacement", columns, rows, units, {"touches": True}, state.record, (*state.notes(), *notes))
+        return Found(
+            request.table.text("kind", "displacement"),
+            columns,
+            rows,
+            units,
+            {"touches": True},
+            state.record,
+            (*state.notes(), *notes),
+        )
 
 
 @dataclass

@@ -17,10 +17,11 @@ from volid.io.basics.csv_names import missing_column
 from volid.io.basics.csv_rows import names_shown
 from volid.io.basics.csv_table import CsvTable, read_csv
 from volid.io.instruments.base import Request
+from volid.observations import KINDS
 
 KEY = "positions"
 _TOOL = ("tool_x", "tool_y", "tool_z")
-_TEXTS = ("station", "sphere")
+_TEXTS = tuple(sorted({label for kind in KINDS.values() for label in kind.labels}))
 _FEW = 0.5  # share of names that must be found; fewer is another file
 
 

@@ -17,6 +17,7 @@ from volid.io.basics.units import conversion, spelled
 from volid.io.instruments.base import FROM_DESCRIPTIONS, ForeignFile, Format, Found, ReadingsFormat, Request
 from volid.io.instruments.numerals import number
 from volid.io.instruments.positions import KEY, Positions, by_name, by_order, read_positions
+from volid.observations import KINDS
 
 _COMMENT = "//"
 _HEADS = ("spatialanalyzer", "spatial analyzer", "new river kinematics")
@@ -29,6 +30,7 @@ _DECIMAL_COMMAS = re.compile(
 )  # two numbers with decimal commas and blanks between them
 _LOOKED_AT = 300  # lines
 _STATION = "tracker"
+_OTHER_LABELS = {label for kind in KINDS.values() for label in kind.labels} - set(KINDS["point"].labels)
 
 
 class SpatialAnalyzer(ReadingsFormat):
@@ -71,7 +73,7 @@ class SpatialAnalyzer(ReadingsFormat):
         if "station" not in columns:
             columns["station"] = [request.table.text("station", _STATION)] * len(kept)
         columns |= {c: points.values[kept, i].tolist() for i, c in enumerate("xyz")}
-        columns.pop("sphere", None)
+        columns = {name: values for name, values in columns.items() if name not in _OTHER_LABELS}
         unit = _unit(file, request)
         notes = (*points.notes, f"coordinates in {unit}", *notes)
         return Found("point", columns, [points.rows[i] for i in kept], dict.fromkeys("xyz", unit), notes=notes)
