@@ -1,6 +1,7 @@
 """What every format of another program owes: recognised by content, refused where it is another one, never a traceback."""
 
 import itertools
+import time
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from volid.io.basics.toml_table import format_lines
 from volid.io.campaign.imported import evaluation_of, import_files
 from volid.io.instruments import FORMATS
 from volid.io.instruments.base import ReadingsFormat
-from volid.io.instruments.recognition import format_called, open_foreign, recognised
+from volid.io.instruments.recognition import format_called, open_foreign, recognised, what_it_seems
 
 MACHINE = MODELS / "wYXbZt_vertical.toml"
 READINGS = [name for name, known in FORMATS.items() if isinstance(known, ReadingsFormat)]
@@ -129,6 +130,33 @@ def test_a_file_is_not_taken_for_a_campaign(tmp_path):
 def test_an_unknown_format_is_named():
     with pytest.raises(InputError, match=r"here: as is 'rtk'; did you mean 'rtl'\? this version reads rtl, "):
         format_called("rtk", "here")
+
+
+N = 100_000
+LONG = {
+    "empty lines": "\n" * 3 * N,
+    "blanks": " " * 3 * N,
+    "tabs": "\t" * 3 * N,
+    "pairs": "a: b\n" * N,
+    "headings": "A::\n" * N,
+    "one word": "x" * 3 * N,
+    "a heading and blanks": "Position" + " " * 3 * N,
+    "headings of tables": "Position " * N,
+    "elements": "<FEATURE " * N,
+    "an element and blanks": "<FEATURE NAME" + " " * 3 * N,
+    "sections with blanks": "HEADER::\nTARGET DATA::\na:" + " " * 3 * N + "b\nDEVIATIONS::\nRun Target Data:\n",
+}
+
+
+@pytest.mark.parametrize("what", LONG)
+@pytest.mark.timeout(60)
+def test_no_text_takes_a_time_that_grows_with_the_square(what):
+    """Squares of these lengths would take minutes; what is linear takes milliseconds."""
+    began = time.process_time()
+    what_it_seems(LONG[what])
+    for known in FORMATS.values():
+        known.recognises(LONG[what])
+    assert time.process_time() - began < 10.0
 
 
 # -------------------------------------------------------------------------------------------------- command line

@@ -31,7 +31,7 @@ _UNITS = {
 }
 _HEADER = ("OPERATOR", "DATE_STARTED", "SERIAL_NUMBER", "LAST_CALIBRATED")  # elements whose text is told
 _NAMED = ("MACHINE_TESTED", "TEST_SPEC")  # elements whose attribute NAME is told
-_FEATURE = re.compile(r"<FEATURE\b[^>]*\bNAME\s*=\s*[\"']AF_")
+_FEATURE = re.compile(r"<FEATURE\b[^<>]{0,500}\bNAME\s{0,9}=\s{0,9}[\"']AF_")
 _LONGEST = 10_000  # characters of a text that is kept
 
 

@@ -21,7 +21,7 @@ from volid.io.instruments.runs import Runs, read_runs
 from volid.io.instruments.sections import is_run_file, sections_of
 from volid.model.iso230 import TRANSLATIONS
 
-_TABLE = re.compile(r"^\s*Position\s+(\S.*?)\s+Avg\.?\s+Error\s*$", re.IGNORECASE)
+_TABLE = re.compile(r"^[ \t]{0,40}Position[ \t]{1,40}(\w[\w -]{0,60}) Avg\.? Error[ \t]{0,40}$", re.IGNORECASE)
 _ANYWHERE = re.compile(_TABLE.pattern, re.IGNORECASE | re.MULTILINE)
 _BEGINS_AS_ROW = re.compile(r"\s*[-+−]?[.,]?\d")
 _WAYS = (("bidirectional", 0, "both"), ("forward", 1, "forward"), ("backward", -1, "back"), ("reverse", -1, "back"))

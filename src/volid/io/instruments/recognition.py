@@ -24,7 +24,7 @@ _BEGINNINGS = (
     (b"BM", "an image (BMP)"),
 )
 _TEXT_AFTER = (b"BM",)  # what may also begin a text
-_TAG = re.compile(r"""^\s*(?:#\s*)?format\s*[=:]\s*["']?(volid-[a-z-]+)/""", re.MULTILINE)
+_TAG = re.compile(r"""^[ \t]{0,40}(?:#[ \t]{0,9})?format[ \t]{0,9}[=:][ \t]{0,9}["']?(volid-[a-z-]+)/""", re.MULTILINE)
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _LOOKED_AT = 20000  # characters
 

@@ -139,9 +139,10 @@ def _without_filling(file: ForeignFile, runs: Runs, sections: Sections, table: T
 
     Raises `InputError` for a run of zeros that nobody explains, and where flags of one direction contradict the readings.
     """
-    zero = [r for r in np.unique(runs.run).tolist() if not runs.value[runs.run == r].any()]
-    back = [r for r in np.unique(runs.run).tolist() if r % 2 == 0]
-    if len(zero) == len(np.unique(runs.run)):
+    numbers = np.unique(runs.run)
+    zero = np.setdiff1d(numbers, runs.run[runs.value != 0.0]).tolist()
+    back = numbers[numbers % 2 == 0].tolist()
+    if len(zero) == len(numbers):
         raise InputError(f"{file.path}: every deviation is 0; expected readings")
     if table.flag("one_way", _flag(sections)):
         if back and set(back) <= set(zero):

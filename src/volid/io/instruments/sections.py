@@ -8,10 +8,11 @@ from functools import lru_cache
 
 HEADER, TARGETS, USER, RUNS = "HEADER", "TARGET DATA", "USER-TEXT", "RUNS"
 DEVIATIONS, ENVIRONMENT, END = "DEVIATIONS", "ENVIRONMENT", "EOF"
-RUN_DATA = re.compile(r"^\s*Run\s+Target\s+Data\s*:\s*$", re.IGNORECASE | re.MULTILINE)
-_HEADING = re.compile(r"\s*([A-Za-z][A-Za-z -]{0,40})::\s*")
-_PAIR = re.compile(r"\s*([A-Za-z][\w .()/-]{0,40}?)\s*:(?!:)\s*(.*?)\s*")
-_LOOKED_AT = 200  # lines in which a type is looked for
+RUN_DATA = re.compile(
+    r"^[ \t]{0,40}Run[ \t]{1,9}Target[ \t]{1,9}Data[ \t]{0,9}:[ \t]{0,40}$", re.IGNORECASE | re.MULTILINE
+)
+_HEADING = re.compile(r"([A-Za-z][A-Za-z -]{0,40})::")
+_PAIR = re.compile(r"([A-Za-z][\w .()/-]{0,60}):(?!:)(.*)")
 
 
 @dataclass(frozen=True)
@@ -44,8 +45,8 @@ class Sections:
 
 def pair_of(line: str) -> tuple[str, str] | None:
     """Key and value of a line "Key : value"; None for another line."""
-    found = _PAIR.fullmatch(line)
-    return (found[1], found[2]) if found else None
+    found = _PAIR.fullmatch(line.strip())
+    return (found[1].strip(), found[2].strip()) if found else None
 
 
 @lru_cache(maxsize=8)
@@ -54,7 +55,7 @@ def sections_of(text: str) -> Sections:
     found: dict[str, list[tuple[int, str]]] = {}
     name = ""
     for number, line in enumerate(text.split("\n"), start=1):
-        if heading := _HEADING.fullmatch(line):
+        if heading := _HEADING.fullmatch(line.strip()):
             name = heading[1].strip().upper()
             found.setdefault(name, [])
         elif name and line.strip():
