@@ -89,27 +89,41 @@ def fit_spheres(
 
 
 class _State:
-    """The fits while touches are left out one by one."""
+    """The fits while touches are left out one by one; what is asked of all spheres again and again is kept in arrays."""
 
     def __init__(self, groups: list[np.ndarray], radius: float | None, u: float | None) -> None:
         self.groups, self.radius, self.stated = groups, radius, u
         self.spheres: list[Sphere | None] = [None] * len(groups)
         self.reasons = [""] * len(groups)
+        self.squares, self.largest = np.zeros(len(groups)), np.zeros(len(groups))
+        self.freedom, self.used = np.zeros(len(groups), int), np.zeros(len(groups), int)
+        self.place = np.zeros(len(groups), int)  # of the touch with the largest residual
         for i, points in enumerate(groups):
             self.fit(i, np.ones(len(points), bool))
 
     def fit(self, i: int, used: np.ndarray) -> None:
         """Sphere `i` with the touches `used`, or why there is none."""
         try:
-            self.spheres[i] = fit_sphere(self.groups[i], self.radius, used)
+            self.put(i, fit_sphere(self.groups[i], self.radius, used))
         except NotDeterminedError as error:
-            self.spheres[i], self.reasons[i] = None, str(error)
+            self.put(i, None, str(error))
+
+    def put(self, i: int, sphere: Sphere | None, reason: str = "") -> None:
+        """Sphere `i`, or the reason why there is none."""
+        self.spheres[i], self.reasons[i] = sphere, reason
+        self.squares[i] = self.largest[i] = self.freedom[i] = self.used[i] = 0
+        if sphere is not None:
+            self.squares[i], self.freedom[i], self.used[i] = (
+                sphere.square_sum,
+                sphere.degrees_of_freedom,
+                sphere.used.sum(),
+            )
+            self.largest[i], self.place[i] = _largest(sphere) if self.freedom[i] else (0.0, 0)
 
     def scatter(self) -> tuple[float, int]:
         """Standard deviation of a touch from all spheres, NaN without redundancy, and its degrees of freedom."""
-        there = [s for s in self.spheres if s is not None]
-        freedom = sum(s.degrees_of_freedom for s in there)
-        return (float(np.sqrt(sum(s.square_sum for s in there) / freedom)) if freedom else np.nan), freedom
+        freedom = int(self.freedom.sum())
+        return (float(np.sqrt(self.squares.sum() / freedom)) if freedom else np.nan), freedom
 
     def u_of(self, scatter: float) -> float:
         """Standard uncertainty of a touch. Raises `NotDeterminedError` where it is neither stated nor seen."""
@@ -117,22 +131,22 @@ class _State:
             return self.stated
         if np.isnan(scatter) and any(s is not None for s in self.spheres):
             raise NotDeterminedError(
-                "every sphere has as many touches as unknowns, so that their scatter is not seen; state the standard uncertainty "
+                "every sphere has as many touches as unknowns, so that their scatter is not seen; state the "
+                "standard uncertainty "
                 "of a touch as `touch_u`, or touch each sphere at more points"
             )
         return max(scatter, _LEAST) if np.isfinite(scatter) else _LEAST
 
     def worst(self) -> tuple[int, int] | None:
         """Group and place of the touch that is farthest beyond chance; None when there is none."""
-        found = [(*_largest(s), i) for i, s in enumerate(self.spheres) if s is not None and s.degrees_of_freedom > 0]
-        if not found:
+        if not self.freedom.any():
             return None
-        size, place, i = max(found)
-        return (i, place) if size > self._limit(size) else None
+        i = int(np.argmax(self.largest))
+        return (i, int(self.place[i])) if self.largest[i] > self._limit(float(self.largest[i])) else None
 
     def _limit(self, size: float) -> float:
         """What v/√ρ [mm] stays below by chance, with the scatter of all other touches."""
-        n = sum(int(s.used.sum()) for s in self.spheres if s is not None)
+        n = int(self.used.sum())
         scatter, freedom = self.scatter()
         if self.stated is not None:
             return self.stated * float(-stdtrit(_MANY, _CHANCE / (2 * n)))
@@ -150,10 +164,12 @@ class _State:
             self.fit(i, sphere.used & (np.arange(len(sphere.used)) != place))
             return
         numbers = ", ".join(str(j + 1) for j in sorted((*alike, place)))
-        self.spheres[i] = None
-        self.reasons[i] = (
-            f"one of the touches {numbers} contradicts the others by {1e3 * abs(float(sphere.residuals[place])):.3g} µm or more, "
-            "and they do not tell which; touch more points"
+        self.put(
+            i,
+            None,
+            f"one of the touches {numbers} contradicts the others by "
+            f"{1e3 * abs(float(sphere.residuals[place])):.3g} µm or more, "
+            "and they do not tell which; touch more points",
         )
 
 

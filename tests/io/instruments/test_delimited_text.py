@@ -74,7 +74,10 @@ def test_a_map_is_remembered_by_the_campaign_that_it_made(touched, output, run):
     remembered = second.conditions["imported"]["next"]
     assert remembered["as"] == "text" and remembered["columns"]["path"] == "Weg"
     assert remembered["csv"]["units"] == {"x": "µm", "y": "µm", "z": "µm"}
-    assert len(remembered["touches_fitted"]["radius"]) == 24
+    assert np.shape(remembered["touches_fitted"]["residuals"]) == (24, 8)
+    assert np.sqrt(np.mean(np.square(remembered["touches_fitted"]["residuals"]))) == pytest.approx(
+        0.001, abs=2e-4
+    )  # √(f/n) u
     assert remembered["touches_fitted"]["radius"] == pytest.approx([15.7] * 24, abs=0.01)
 
 

@@ -14,6 +14,7 @@ from volid.campaign import SAME_ANGLE
 from volid.exceptions import InputError
 
 SAME_TOOL = 1e-6  # mm
+_LATEST = 200  # touches of a group by which a gap is judged: a file of a million touches takes no time that grows with the square
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +74,7 @@ def _counted(touches: Touches, part: np.ndarray, count: int) -> list[np.ndarray]
 def _apart(points: np.ndarray, part: np.ndarray, gap: float) -> list[np.ndarray]:
     found: list[list[int]] = [[int(part[0])]]
     for i in part[1:]:
-        near = np.linalg.norm(points[found[-1]] - points[i], axis=1).min() <= gap
+        near = np.linalg.norm(points[found[-1][-_LATEST:]] - points[i], axis=1).min() <= gap
         if near:
             found[-1].append(int(i))
         else:

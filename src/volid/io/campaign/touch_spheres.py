@@ -18,6 +18,7 @@ from volid.observations import Kind
 from volid.planning.following import follow
 
 _LARGEST_SCATTER = 0.1  # mm, unless `touch_u` says otherwise: a hundred times that of a touch probe
+_MOST_OUTLIERS = 0.1  # share of all touches
 _RADIUS_SLACK = 0.5  # mm: pre-travel of a probe, form and wear stay far below
 
 
@@ -110,13 +111,13 @@ class Fitted:
         return [text, *self._outliers(), *(f"a centre left out, {reason}" for reason in self.lost())]
 
     def record(self) -> dict[str, Any]:
-        """What the fits say: u and scatter of a touch, and of every sphere its radius and largest residual. [mm]"""
+        """What the fits say: u and scatter of a touch, and of every sphere its radius and the residuals of its touches. [mm]"""
         return {
             "touch_u": self.fits.u,
             "scatter": self.fits.scatter if self.fits.degrees_of_freedom else 0.0,
             "degrees_of_freedom": self.fits.degrees_of_freedom,
             "radius": [s.radius for _, s in self.kept],
-            "largest_residual": [float(np.abs(s.residuals[s.used]).max()) for _, s in self.kept],
+            "residuals": [np.round(s.residuals, 7).tolist() for _, s in self.kept],
         }
 
     def _outliers(self) -> list[str]:
@@ -150,6 +151,12 @@ def fitted(touches: Touches, groups: list[np.ndarray], probe: Probe) -> Fitted:
         fits = fit_spheres([touches.points[g] for g in groups], radius, probe.touch_u)
     except NotDeterminedError as error:
         raise InputError(f"{touches.source}: {error}") from None
+    if len(fits.outliers) > max(3, _MOST_OUTLIERS * len(touches)):
+        raise InputError(
+            f"{touches.source}: {len(fits.outliers)} of {len(touches)} touches contradict the others; do groups "
+            "hold touches of "
+            "several spheres, or of something else? Tell spheres apart by a column path or sphere, by count = … or gap = … (mm)"
+        )
     if fits.scatter > max(_LARGEST_SCATTER, 10.0 * (probe.touch_u or 0.0)):
         raise InputError(
             f"{touches.source}: the touches lie {fits.scatter:.3g} mm (rms) beside the spheres that fit them best; do groups "

@@ -20,9 +20,9 @@ from volid.io.instruments.laser_line import unit_of
 from volid.io.instruments.numerals import number
 from volid.io.instruments.positions import KEY, by_name, read_positions
 
-_TOUCH = re.compile(r"^\s*G801(?=[\sN]).*X", re.MULTILINE)
+_TOUCH = re.compile(r"^[ \t]*G801(?=[\sN]).*X", re.MULTILINE)
 _WORD = re.compile(r"([A-Z])\s*([^A-Z\s]+)")
-_PATH = re.compile(r"^;?\s*TOOLPATH(ID)?\b[ :]*(.*)$")
+_PATH = re.compile(r"^;?[ \t]*TOOLPATH(ID)?\b[ :]*(.*)$")
 _CODE = re.compile(r"^(G\d+)\s*(?=[A-Z])(.*)$")
 _KNOWN = ("START", "END", "DOCUMENTID", "MODELVERSION", "RESULTSFILE", "TIMESTAMP")
 
@@ -195,10 +195,11 @@ def _with_positions(
         return everything, {}, ()
     paths = list(dict.fromkeys(columns["path"]))
     row_of, notes = by_name(positions, "path", paths)
-    rows = np.array([row_of[paths.index(path)] for path in columns["path"]])
+    found = dict(zip(paths, row_of.tolist(), strict=True))
+    rows = np.array([found[path] for path in columns["path"]])
     kept = np.flatnonzero(rows >= 0)
-    found = positions.columns(rows[kept])
-    return kept.tolist(), {k: v for k, v in found.items() if k not in "XYZ" and not k.endswith("_dir")}, notes
+    more = positions.columns(rows[kept])
+    return kept.tolist(), {k: v for k, v in more.items() if k not in "XYZ" and not k.endswith("_dir")}, notes
 
 
 MSR: Format = Msr()

@@ -5,6 +5,7 @@ name, the names that the foreign file gives its points or tool paths. The CSV of
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -73,9 +74,9 @@ def by_name(positions: Positions, column: str, names: Sequence[str]) -> tuple[np
     Raises `InputError` for a name that stands twice among the positions, or where hardly any name is among them.
     """
     given = positions.csv.labels(column, "every row of positions needs a name").tolist()
-    twice = next((name for i, name in enumerate(given) if name in given[:i]), None)
-    if twice is not None:
-        raise InputError(f"{positions.csv.source}: {column} '{twice}' stands twice; name every position once")
+    name, count = Counter(given).most_common(1)[0]
+    if count > 1:
+        raise InputError(f"{positions.csv.source}: {column} '{name}' stands twice; name every position once")
     place = {name: i for i, name in enumerate(given)}
     rows = np.array([place.get(name, -1) for name in names], dtype=int)
     if (rows >= 0).sum() < max(_FEW * min(len(names), len(given)), 1):
@@ -89,7 +90,8 @@ def by_name(positions: Positions, column: str, names: Sequence[str]) -> tuple[np
 
 def _unmatched(names: Sequence[str], rows: np.ndarray, given: Sequence[str], column: str) -> tuple[str, ...]:
     unknown = [name for name, row in zip(names, rows, strict=True) if row < 0]
-    lost = [name for name in given if name not in set(names)]
+    read = set(names)
+    lost = [name for name in given if name not in read]
     notes = []
     if unknown:
         notes.append(f"{len(unknown)} without a position left out: {names_shown(unknown)}")

@@ -7,6 +7,7 @@ them all: it is one station."""
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -55,7 +56,8 @@ class SpatialAnalyzer(ReadingsFormat):
         rows = [layout.cells(line) for line in kept]
         points = sum(layout.numbers(row) >= 3 for row in rows)
         named = layout.separator == " " and all(len(row) > layout.numbers(row) for row in rows)
-        return bool(rows) and points > 0.8 * len(rows) and (bool(comments) or named)
+        begins = bool(rows) and layout.numbers(rows[0]) >= 3  # no header
+        return begins and points > 0.8 * len(rows) and (bool(comments) or named)
 
     def read(self, file: ForeignFile, request: Request) -> Found:
         """Every point that a position belongs to. Raises `InputError`."""
@@ -213,8 +215,8 @@ def _matched(points: _Points, positions: Positions) -> tuple[np.ndarray, tuple[s
     if "target" not in columns:
         return by_order(positions, len(points.rows), "points"), ("positions were matched by their order",)
     names = points.names["target"]
-    if len(set(names)) < len(names):
-        twice = next(name for i, name in enumerate(names) if name in names[:i])
+    twice, count = Counter(names).most_common(1)[0]
+    if count > 1:
         raise InputError(
             f"{positions.csv.source}: target '{twice}' stands in several groups of the points; match by order: "
             "name no column target"
