@@ -124,7 +124,7 @@ def _foreign(machine: bytes) -> dict[str, Original]:
         manifest = "\n".join(
             [*['format = "volid-campaign/1"', 'machine = "machine.toml"', "[[set]]"], *format_lines(keys)]
         )
-        files = {file: sample.text.encode()}
+        files = {file: sample.text.encode(), **{name: text.encode() for name, text in sample.beside.items()}}
         if sample.kind:
             files |= {"campaign.toml": manifest.encode(), "machine.toml": machine}
             found[f"as {name}"] = Original(files, _checked)

@@ -38,10 +38,19 @@ other FILEs: each becomes one set. --machine and what the file does not say are 
 read of each, what is assumed, and its keys. What is imported, and by which keys, is kept in the campaign's conditions. A file
 that holds another program's results instead of readings makes no campaign: its table is shown, or written as CSV with -o.
 
+delimited text of any other program is read by a map of its columns: --as text with --key 'columns={x="X_mm"}' and the like,
+or --map MAP.toml, a file of these keys. A campaign that was imported so remembers its map, and is the --map of the next file.
+
+touches of a probe (msr, linuxcnc, text with --key touches=true): a sphere is fitted to the touches of each tool path, name or
+pose of the rotary axes (--key gap=40 or --key count=9 tell spheres apart where these do not), and its centre is the reading, with
+the u that the scatter of all touches and their places give. Optional keys: sphere_diameter, ball_diameter, fix_radius, touch_u.
+
 CAMPAIGN is one HDF5 file; ending in .toml a manifest with its CSV files beside it, or a folder for them, ending in /.
 
 example:
   volid import campaign.toml -o campaign.h5
+  volid import probe.txt --machine machine.toml --tool 0,0,-230 --key coordinates=tip --key gap=40 -o spheres.h5
+  volid import next.csv --map first.toml -o next.h5
   volid import x.rtl --machine machine.toml --axis X --at Y=300,Z=-250 --tool 0,0,-150 --u 0.0005 -o x.h5
 
 exit status: 0 good, with odd readings named on standard error; 2 bad input
@@ -64,7 +73,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Read, check, write. Raises `InputError`, `OutputError`."""
-    keys = keys_of(args)
+    keys = _with_map(args, keys_of(args))
     if args.machine or keys or not all(map(_is_campaign, args.files)):
         return _foreign(args, keys)
     from volid.io import load_campaign
@@ -73,6 +82,18 @@ def run(args: argparse.Namespace) -> int:
     campaign = load_campaign(*args.files, allow_outside=args.allow_outside)
     _check_output(args, input_files(args.files))
     return _finish(args, campaign)
+
+
+def _with_map(args: argparse.Namespace, keys: dict[str, Any]) -> dict[str, Any]:
+    """The keys with those of --map before them; its machine file counts where --machine is absent."""
+    if not args.map:
+        return keys
+    from volid.io.campaign.column_map import read_map
+
+    found = read_map(args.map)
+    if found.machine is not None and not args.machine:
+        args.machine = str(found.machine)
+    return {**found.keys, **keys}
 
 
 def _is_campaign(name: str) -> bool:

@@ -15,6 +15,12 @@ def add_foreign(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--as", dest="format", metavar="TYPE", help="type of the files; default: by their content")
     group.add_argument("--formats", action=_Formats, nargs=0, help="list the types that are read, and exit")
     group.add_argument("--machine", metavar="MACHINE.toml", help="the machine that was measured")
+    group.add_argument(
+        "--map",
+        metavar="MAP",
+        help="keys of a set for delimited text: a TOML file of them, or an earlier campaign, which remembers its own",
+    )
+    group.add_argument("--positions", metavar="CSV", help="axis positions that the files do not hold")
     group.add_argument("--axis", metavar="X", help="the axis that moved, where the file does not say")
     group.add_argument(
         "--at", metavar="Y=300,Z=-250", type=_positions, help="where the other axes stood, mm or degrees"
@@ -40,21 +46,19 @@ class _Formats(argparse.Action):
 
     def __call__(self, parser: argparse.ArgumentParser, *args: Any, **kwargs: Any) -> None:
         """Print and exit."""
+        from volid.io.campaign import delimited
         from volid.io.instruments import FORMATS
 
-        for name, known in FORMATS.items():
-            keys = f" Keys: {', '.join(known.keys)}." if known.keys else ""
-            print(
-                textwrap.fill(
-                    f"{known.words}. {known.about}{keys}", 100, initial_indent=f"{name}: ", subsequent_indent="  "
-                )
-            )
+        listed = [(name, known.words, known.about, known.keys) for name, known in FORMATS.items()]
+        for name, words, about, keys in [*listed, (delimited.TEXT, delimited.WORDS, delimited.ABOUT, delimited.KEYS)]:
+            text = f"{words}. {about}" + (f" Keys: {', '.join(keys)}." if keys else "")
+            print(textwrap.fill(text, 100, initial_indent=f"{name}: ", subsequent_indent="  "))
         parser.exit()
 
 
 def keys_of(args: argparse.Namespace) -> dict[str, Any]:
     """The keys of a set that the options state. Raises `InputError` for a --key that is none."""
-    named = {name: getattr(args, name) for name in ("axis", "at", "component", "u", "unit", "encoding")}
+    named = {name: getattr(args, name) for name in ("positions", "axis", "at", "component", "u", "unit", "encoding")}
     keys = {"as": args.format, "tool": None if args.tool is None else list(args.tool), **named}
     for text in args.key:
         keys |= _key(text)

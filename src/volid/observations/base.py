@@ -119,7 +119,8 @@ class Kind(ABC):
     `scopes`: the scopes of effects besides campaign, set, tool and point, each with the labels that define it.
     `tested_by`: labels whose groups of residuals are tested; `named_by`: labels that name a reading.
     `standing`: label of what stands on the workpiece at an unknown place ("sphere"). `takes_centres`: places found by a probe
-    may be given instead of readings; they count as readings of 0. `calibrated`: sets name a file of calibrated points.
+    may be given instead of readings; they count as readings of 0. `centres_in`: frame of these readings, "machine" or "tool".
+    `calibrated`: sets name a file of calibrated points.
     `pair`: two columns whose difference, first minus second, may stand for the one reading in a file; a set of the kind `pair_in`
     that has both is of this kind.
     `ends`: functional points that a reading sees; with two, the set holds the second ones in `to`, and `predict` gets q, tool and
@@ -145,6 +146,7 @@ class Kind(ABC):
     pair: tuple[str, ...] = ()
     pair_in: str = ""
     calibrated: bool = False
+    centres_in: str = "machine"
     ends: int = 1
     still_by: tuple[str, ...] = ()
 

@@ -73,6 +73,7 @@ class Displacement(Kind):
     tested_by = ("sphere",)
     standing = "sphere"
     takes_centres = True
+    centres_in = "tool"
 
     @staticmethod
     def predict(

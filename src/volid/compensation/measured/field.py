@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from volid.backend.even_points import every_step, evenly
+from volid.backend.even_points import evenly, every_step
 from volid.campaign import Campaign
 from volid.compensation.grids.grid import Grid
 from volid.compensation.grids.interpolation import grid_positions
@@ -161,7 +161,7 @@ class MeasuredField:
 def _nodes(positions: np.ndarray, step: float | None, points: int | None) -> np.ndarray:
     low, high = float(positions.min()), float(positions.max())
     if step is not None:
-        if not 0.0 < step:
+        if not step > 0.0:
             raise InputError(f"`step={step:g}`: expected a distance above 0")
         return every_step(low, high, step)
     if points is not None and points < 2:

@@ -219,7 +219,9 @@ def _multilaterated(campaign: Campaign) -> Iterator[_Read]:
     if not beams:
         return
     rows = [b.rows if b.rows is not None else np.arange(len(b.distances)) for _, b in beams]
-    positions, tool = (np.concatenate([getattr(s, n)[r] for (s, _), r in zip(beams, rows, strict=True)]) for n in ("positions", "tool"))
+    positions, tool = (
+        np.concatenate([getattr(s, n)[r] for (s, _), r in zip(beams, rows, strict=True)]) for n in ("positions", "tool")
+    )
     place = _places(campaign.machine, positions, tool)
     name = np.concatenate([[b.station.name] * len(r) for (_, b), r in zip(beams, rows, strict=True)])
     pairs = np.unique(np.stack([place, np.unique(name, return_inverse=True)[1]]), axis=1)

@@ -51,7 +51,7 @@ def read_foreign(table: Table, folder: Path, machine: Machine) -> ForeignSet:
             f"{file.path}: this is {known.words}, which holds no readings; expected readings, of which a campaign can be made"
         )
     own = {key: value for key, value in table.data.items() if key in known.keys}
-    found = known.read(file, Request(machine, table))
+    found = known.read(file, Request(machine, table, folder))
     if table.text("kind", found.kind) != found.kind:
         raise table.wrong("kind", f"'{found.kind}', as what {known.words} are")
     rest = {k: v for k, v in table.data.items() if k not in (AS, ENCODING, *known.keys)}

@@ -9,6 +9,7 @@ from typing import Any
 from volid.campaign import Campaign
 from volid.exceptions import shown
 from volid.io.basics.toml_table import Table
+from volid.io.campaign.delimited import TEXT
 from volid.io.campaign.foreign import AS, RECOGNISE
 from volid.io.campaign.manifest import campaign_of
 from volid.io.campaign.rules import FORMAT
@@ -43,6 +44,8 @@ def evaluation_of(file: str | Path, name: str = RECOGNISE, encoding: str | None 
 
     `name`: the type of the file, "auto" by content. Raises `InputError` where it is not of that type, or of none.
     """
+    if name == TEXT:
+        return None
     opened = open_foreign(Path(file), encoding)
     known = recognised(opened) if name == RECOGNISE else format_called(name, str(file))
     check_is(opened, known)

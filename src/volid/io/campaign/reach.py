@@ -17,7 +17,7 @@ from volid.io.basics.toml_table import LARGEST_TOML, Table, format_value, read_t
 from volid.io.machines import FORMAT, parse_machine
 from volid.model.machine import Machine
 
-_FILES = ("file", "points", "covariance")  # keys that name files of readings, samples or coordinates
+_FILES = ("file", "points", "covariance", "positions")  # keys that name files of readings, samples or coordinates
 _FREE = ("conditions",)  # tables of records, whose keys mean nothing to volid
 _TAGGED = re.compile(rf"""^\s*format\s*=\s*["']{FORMAT.split("/")[0]}/""", re.MULTILINE)
 

@@ -14,7 +14,7 @@ from volid.exceptions import InputError
 from volid.io.basics.csv_form import PLAIN, CsvForm
 from volid.io.basics.csv_table import CsvTable, read_csv
 from volid.io.basics.toml_table import Table, is_number
-from volid.io.campaign import calibration, probe_centres
+from volid.io.campaign import calibration, delimited, probe_centres, touches
 from volid.io.campaign.effects import read_effect
 from volid.io.campaign.foreign import is_foreign, read_foreign
 from volid.io.campaign.rules import check_constant, check_unique, find_kind
@@ -42,14 +42,12 @@ def read_set(table: Table, folder: Path, machine: Machine, *, plan: bool, form: 
 
     With `plan`, the columns of the readings may all be absent. The readings are then NaN, and the key of a proportional
     uncertainty stays in `options`, to be evaluated once there are readings. The key `columns` renames columns of the file, and
-    `ignore` leaves columns out. With `centres = true` a set reads centres that a probe found (`probe_centres`). Raises
-    `InputError` naming file, row or key.
+    `ignore` leaves columns out. With `centres = true` a set reads centres that a probe found (`probe_centres`), with
+    `touches = true` the touches that they are fitted to (`touches`). Raises `InputError` naming file, row or key.
     """
-    record: Mapping[str, Any] = {}
-    if is_foreign(table):
-        csv, table, record = read_foreign(table, folder, machine)
-    else:
-        csv = _csv(table, folder, form.with_stated(table))
+    table, csv, record = _rows(table, folder, machine, form)
+    table, csv, fitted = touches.as_centres(table, csv, machine)
+    record = {**record, **fitted}
     kind = _form(find_kind(table.text("kind"), table.where), table, csv)
     extra = probe_centres.KEYS if kind.takes_centres else ()
     table.only((*_SET_KEYS, *extra, *uncertainty_keys(kind.readings), *kind.options, *kind.further))
@@ -78,6 +76,18 @@ def read_set(table: Table, folder: Path, machine: Machine, *, plan: bool, form: 
     if kind.calibrated:
         found, notes = calibration.with_files(found, table, folder, notes)
     return ReadSet(found, notes, record)
+
+
+def _rows(table: Table, folder: Path, machine: Machine, form: CsvForm) -> tuple[Table, CsvTable, Mapping[str, Any]]:
+    """The keys of the set, the rows of its file, and what is recorded of a file that another program wrote."""
+    if delimited.is_text(table):
+        table, record = delimited.as_csv(table)
+        csv = _csv(table, folder, form.with_stated(table))
+        return *delimited.joined(table, csv, folder, machine), record
+    if is_foreign(table):
+        csv, table, record = read_foreign(table, folder, machine)
+        return table, csv, record
+    return table, _csv(table, folder, form.with_stated(table)), {}
 
 
 def _ends(table: Table, csv: CsvTable, kind: Kind, machine: Machine, content: _Content) -> list[End]:
@@ -109,7 +119,8 @@ def _form(kind: Kind, table: Table, csv: CsvTable) -> Kind:
             both = [n for n in kind.readings if n in csv]
             if both:
                 raise InputError(
-                    f"{csv.source}, header: {', '.join(both)} beside {', '.join(other.readings)}; expected one of the two forms "
+                    f"{csv.source}, header: {', '.join(both)} beside {', '.join(other.readings)}; expected one of "
+                    "the two forms "
                     f"of a '{kind.name}' set"
                 )
             if "u" in csv or "u" in table.data:

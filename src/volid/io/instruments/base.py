@@ -36,10 +36,14 @@ class ForeignFile(NamedTuple):
 
 
 class Request(NamedTuple):
-    """What the user says of a file: the machine, and the keys of its `[[set]]`, `table`, with the place they came from."""
+    """What the user says of a file: the machine, and the keys of its `[[set]]`, `table`, with the place they came from.
+
+    `folder`: where files stand that a key names.
+    """
 
     machine: Machine
     table: Table
+    folder: Path = Path()
 
 
 @dataclass(frozen=True)

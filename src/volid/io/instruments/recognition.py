@@ -50,13 +50,14 @@ def _binary(data: bytes) -> str:
 
 def all_words() -> str:
     """Everything that is read, in words."""
-    return "; ".join(f"{f.words} ({name})" for name, f in FORMATS.items())
+    listed = "; ".join(f"{f.words} ({name})" for name, f in FORMATS.items())
+    return f"{listed}; or a table with a map of its columns (text)"
 
 
 def format_called(name: str, where: str) -> Format:
     """The format called `name`. Raises `InputError` listing those there are."""
     if name not in FORMATS:
-        known = ", ".join(FORMATS)
+        known = ", ".join([*FORMATS, "text"])
         raise InputError(f"{where}: as is '{name}'{nearest(name, FORMATS) or ';'} this version reads {known}")
     return FORMATS[name]
 
