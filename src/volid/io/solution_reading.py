@@ -12,6 +12,7 @@ import numpy as np
 from volid.campaign import Campaign
 from volid.exceptions import InputError
 from volid.fitting.diagnosis.adequacy import GRADES, Adequacy, Cause, GroupTest, Question, SuspectReading, reading_label
+from volid.fitting.mixed.records import VarianceComponent
 from volid.fitting.results import Residuals, SmoothPrior, Statistics, read_only
 from volid.io.basics.hdf5_group import Group
 from volid.io.basics.hdf5_structure import shown
@@ -183,6 +184,18 @@ def read_smoothness(file: Group, numbers: Numbers) -> SmoothPrior | None:
     table = Table(group.attributes.json("scatter", dict, "{}"), f"{group.where}, attribute scatter")
     scatter = {name: table.number(name, least=0.0) for name in table.data}
     return SmoothPrior(tuple(group.texts("name", (count,)).tolist()), value, u, root, noise, spread, scatter)
+
+
+def read_variance_components(file: Group) -> tuple[VarianceComponent, ...]:
+    """By which factors u was changed; () where it was not. Raises `InputError` for a factor that is none."""
+    if "variance_components" not in file:
+        return ()
+    group = file.group("variance_components")
+    found = read_rows(group, VarianceComponent)
+    for component in found:
+        if not component.factor > 0.0:
+            raise InputError(f"{group.place('factor')}: a factor is {component.factor:g}; expected a number > 0")
+    return found
 
 
 def read_suspects(group: Group, campaign: Campaign) -> tuple[SuspectReading, ...]:

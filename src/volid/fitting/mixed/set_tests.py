@@ -1,0 +1,172 @@
+"""The verdict on each set of readings among the others, from one fit, without another one.
+
+A set can be at odds with a joint fit in two ways: its readings scatter more (or less) than its u says, or it sees another machine
+than the other sets do. The first is tested by what its residuals keep when they are smoothed by the set's own functions, the
+second by what is smoothed away (`sums.OneSet`). Where one set contradicts the others, they disagree with it too; so the set whose
+absence leaves the others in best agreement is named, and the others are tested again without it. Of two sets nothing tells which.
+
+Exact for a model that is linear in its unknowns, and to second order of the errors here; with the smoothness of functions as it was
+estimated from all sets.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from volid.campaign import Campaign
+from volid.fitting.diagnosis.around import Around
+from volid.fitting.mixed.patterns import NOTHING, Pattern, pattern_of
+from volid.fitting.mixed.records import SetTest
+from volid.fitting.mixed.sums import OneSet, Quadratic, Sums, prediction, sums_of
+
+SIGNIFICANT = 1e-3  # probability of a finding by chance, all sets together
+SUSPECTS = 4  # sets that are tried as the one that contradicts
+WORSE, BETTER = 1.15, 0.85  # scatter over u from which on u is said to be too small, or too large
+PAIR = 2
+
+
+class _Findings(NamedTuple):
+    """Of one set: its tests in the joint fit."""
+
+    one: OneSet
+    whole: Quadratic
+    scatter: Quadratic
+    disagreement: Quadratic
+    predicted: Quadratic
+
+
+def set_tests(around: Around) -> tuple[SetTest, ...]:
+    """The verdict on every set with readings that take part, in the order of the campaign.
+
+    `around`: the linear fit, at its minimum.
+    """
+    sums = sums_of(around.rows, around.v, around.set_number, around.active)
+    found = {n: f for n, f in zip(sums.numbers, _findings(sums), strict=True)}
+    accused = _contradicting(sums)
+    total = Quadratic(around.share * around.chi_square, around.share * around.freedom, 1.0)
+    return tuple(_record(around, g, number, found[number], sums, accused, total) for g, number in enumerate(sums.numbers))
+
+
+def _findings(sums: Sums) -> list[_Findings]:
+    ones = [OneSet(sums, g) for g in range(len(sums.numbers))]
+    scatters = [one.scatter() for one in ones]
+    squares = [max(s.value / s.mean, 1.0) if s.exists else 1.0 for s in scatters]
+    means = np.array([max(s.mean, 0.0) for s in scatters])
+    result = []
+    for g, (one, scatter) in enumerate(zip(ones, scatters, strict=True)):
+        others = np.arange(len(ones)) != g
+        weight = float(means[others].sum())
+        rest = float(means[others] @ np.array(squares)[others]) / weight if weight > 0.0 else 1.0
+        result.append(_Findings(one, one.whole(), scatter, one.disagreement(squares[g], rest), prediction(sums, g)))
+    return result
+
+
+def _flagged(sums: Sums) -> list[int]:
+    """Places of sets that disagree with the others, the most certain first; none of a single set."""
+    if len(sums.numbers) < PAIR:
+        return []
+    found = [(f.disagreement.probability(), -f.disagreement.weight, g) for g, f in enumerate(_findings(sums))]
+    limit = SIGNIFICANT / len(sums.numbers)
+    return [g for p, w, g in sorted(found) if p < limit and -w > 1.0]
+
+
+def _contradicting(sums: Sums) -> dict[int, bool]:
+    """Numbers of sets that contradict others, and whether it is certain that it is they: not of the last two."""
+    accused: dict[int, bool] = {}
+    while flagged := _flagged(sums):
+        if len(sums.numbers) == PAIR:
+            return accused | {n: False for n in sums.numbers}
+        left = {g: sums.without(g) for g in flagged[:SUSPECTS]}
+        culprit = min(left, key=lambda g: _worst(left[g]))
+        accused[sums.numbers[culprit]] = True
+        sums = left[culprit]
+    return accused
+
+
+def _worst(sums: Sums) -> float:
+    """How far the sets disagree, in standard deviations of the one that does most."""
+    found = [f.disagreement for f in _findings(sums)]
+    return max(((q.value - q.mean) / np.sqrt(q.variance) for q in found if q.exists), default=0.0)
+
+
+class _Prediction(NamedTuple):
+    """Of single readings by the other sets: largest |E_n|, share beyond 1, combinations that the set alone determines."""
+
+    largest: float
+    beyond: float
+    alone: int
+
+
+def _predicted(sums: Sums, g: int, rows: np.ndarray, v: np.ndarray) -> _Prediction:
+    values, vectors, kept = sums.split(g)
+    along = rows @ vectors
+    shift = along[:, kept] @ ((vectors.T @ sums.vectors[g])[kept] / (1.0 - values[kept]))
+    variance = 1.0 - np.sum(along[:, ~kept] ** 2, axis=1) + along[:, kept] ** 2 @ (1.0 / (1.0 - values[kept]))
+    alone = int(np.count_nonzero(~kept))
+    known = np.any(rows != 0.0, axis=1) & (variance - np.sum(along[:, kept] ** 2, axis=1) > 1e-6)
+    if not known.any() or not np.count_nonzero(kept):
+        return _Prediction(float("nan"), float("nan"), alone)
+    en = np.abs((v + shift)[known]) / (2.0 * np.sqrt(variance[known]))
+    return _Prediction(float(en.max()), float(np.mean(en > 1.0)), alone)
+
+
+def _record(
+    around: Around, g: int, number: int, found: _Findings, sums: Sums, accused: dict[int, bool], total: Quadratic
+) -> SetTest:
+    own = around.set_number == number
+    rows, v, readings = around.rows[own], around.v[own], around.campaign.sets[number]
+    several = len(sums.numbers) > 1
+    scatter, disagreement, predicted = found.scatter, found.disagreement, found.predicted
+    pattern = pattern_of(around.campaign, number, v, rows, max(scatter.weight, 1.0) if scatter.exists else 1.0)
+    pattern = pattern if pattern.probability * len(sums.numbers) < SIGNIFICANT else NOTHING
+    outside = _predicted(sums, g, rows, v) if several else _Prediction(float("nan"), float("nan"), 0)
+    rest = Quadratic(total.value - predicted.value, total.mean - predicted.mean, 1.0)
+    nothing = float("nan")
+    return SetTest(
+        set=readings.name,
+        n=found.one.n,
+        redundancy=found.one.redundancy,
+        unit_weight=found.whole.weight,
+        probability=found.whole.probability(),
+        own_weight=scatter.weight,
+        own_freedom=scatter.freedom,
+        own_probability=scatter.probability(),
+        disagreement=disagreement.weight if several else nothing,
+        disagreement_probability=disagreement.probability() if several else nothing,
+        prediction_weight=predicted.weight if several else nothing,
+        prediction_freedom=predicted.mean if several else 0.0,
+        prediction_probability=predicted.probability() if several else nothing,
+        largest_en=outside.largest,
+        beyond=outside.beyond,
+        alone=outside.alone,
+        rest_weight=rest.weight if several else nothing,
+        pattern=pattern.what,
+        pattern_mean=pattern.mean,
+        pattern_probability=pattern.probability,
+        contradicts=number in accused,
+        verdict=_words(around.campaign, number, found, accused, pattern, len(sums.numbers)),
+    )
+
+
+def _words(
+    campaign: Campaign, number: int, found: _Findings, accused: dict[int, bool], pattern: Pattern, count: int
+) -> str:
+    """What is found of a set, in words."""
+    said, scatter, limit = [], found.scatter, SIGNIFICANT / count
+    if not scatter.exists and not found.whole.exists:
+        return "nothing of it is checked by other readings"
+    if number in accused:
+        others = [campaign.sets[n].name for n in accused if n != number and not accused[n]]
+        said.append("contradicts the other sets" if accused[number] else f"contradicts set '{others[0]}', and nothing tells which is right")
+    if scatter.weight > WORSE and scatter.probability() < limit:
+        said.append(f"its u seems too small by the factor {scatter.weight:.2f}")
+    if scatter.weight < BETTER and scatter.probability(larger=False) < limit:
+        said.append(f"its u seems too large by the factor {1.0 / max(scatter.weight, 1e-3):.2f}")
+    if pattern.what:
+        said.append(f"systematic residuals, most in {pattern.what} (mean {pattern.mean:+.2f} u)")
+    if not said:
+        doubt = "" if scatter.exists else ", as far as anything checks it"
+        return f"agrees with its u{' and with the other sets' if count > 1 else ''}{doubt}"
+    return "; ".join(said)
