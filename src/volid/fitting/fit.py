@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 from volid.backend.threads import one_blas_thread
@@ -15,6 +14,7 @@ from volid.fitting.equations.choice import engine_for_compiled_solver, engine_fo
 from volid.fitting.equations.solver import solve
 from volid.fitting.mixed.components import Component, components_of
 from volid.fitting.mixed.estimation import Estimation
+from volid.fitting.mixed.remarks import with_components
 from volid.fitting.smooth_fit import SmoothFit
 from volid.fitting.solution import Solution
 from volid.fitting.stages import How, Progress, Stages, breakdown_named
@@ -135,8 +135,7 @@ def _with_estimated_u(campaign: Campaign, components: tuple[Component, ...], ask
     if asked.robust:
         stages, fitter = _without_breaks(stages, fitter, asked.how)
     changed, found = Estimation(stages, fitter, components).run()
-    solution = _fit(changed, asked)
-    return replace(solution, variance_components=found)
+    return with_components(_fit(changed, asked), found)
 
 
 def _without_breaks(stages: Stages, fitter: SmoothFit, how: How) -> tuple[Stages, SmoothFit]:

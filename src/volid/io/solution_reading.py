@@ -12,7 +12,7 @@ import numpy as np
 from volid.campaign import Campaign
 from volid.exceptions import InputError
 from volid.fitting.diagnosis.adequacy import GRADES, Adequacy, Cause, GroupTest, Question, SuspectReading, reading_label
-from volid.fitting.mixed.records import VarianceComponent
+from volid.fitting.mixed.records import SetTest, VarianceComponent
 from volid.fitting.results import Residuals, SmoothPrior, Statistics, read_only
 from volid.io.basics.hdf5_group import Group
 from volid.io.basics.hdf5_structure import shown
@@ -70,7 +70,8 @@ def read_rows(group: Group, row: type[Row]) -> tuple[Row, ...]:
 
 
 def _column(group: Group, name: str, stored: str, n: int) -> np.ndarray:
-    return group.texts(name, (n,)) if stored == "str" else group.array(name, (n,), int if stored == "int" else float)
+    kinds: dict[str, type] = {"int": int, "bool": bool}
+    return group.texts(name, (n,)) if stored == "str" else group.array(name, (n,), kinds.get(stored, float))
 
 
 def read_model(file: Group, campaign: Campaign) -> ErrorModel:
@@ -235,6 +236,7 @@ def read_adequacy(group: Group, campaign: Campaign) -> Adequacy:
         factor=attributes.number("factor", 1.0),
         causes=_read_causes(group.group("causes")) if "causes" in group else (),
         questions=_read_questions(group.group("questions")) if "questions" in group else (),
+        sets=read_rows(group.group("sets"), SetTest) if "sets" in group else (),
     )
 
 
