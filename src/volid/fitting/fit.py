@@ -58,8 +58,8 @@ def fit(
         datum: the solution is transformed into it after the fit; None: the machine's.
         prior: an earlier solution of axes that this machine has too (linear axes measured before); its functions count as
             readings, with their covariance.
-        estimate_u: estimate the u of the readings anew, by restricted maximum likelihood: True or "all" for every set, or names of
-            sets; one factor for the readings of each unit. The u of the solution are the stated ones times these factors
+        estimate_u: estimate the u of the readings anew, by restricted maximum likelihood: True or "all" for every set, or names
+            of sets; one factor for the readings of each unit. The u of the solution are the stated ones times these factors
             (`Solution.variance_components`), and the solution is that of a campaign which states them so. Sets that hardly
             anything checks keep their u.
         solver: "chord" (few assemblies of the normal equations) or "optimistix" (a solver of that library, one assembly per

@@ -161,7 +161,7 @@ class Solution:
 
     @property
     def stated_u(self) -> tuple[Float[np.ndarray, "m k"], ...]:
-        """u of every reading as the campaign stated it, one array (m, k) per set: those of `campaign` without estimated factors."""
+        """u of every reading as it was stated, one array (m, k) per set: those of `campaign` without estimated factors."""
         return stated_u(self.campaign, self.variance_components)
 
     @property

@@ -24,7 +24,7 @@ from volid.uncertainty.trials.samples import Samples
 
 POINTS = 101  # of each function in `functions/`
 
-_STORED = {"int": int, "bool": bool, "float": float}
+_STORED: dict[str, type] = {"int": int, "bool": bool, "float": float}
 
 Row = TypeVar("Row", Cause, GroupTest, SetTest, SuspectReading, VarianceComponent)
 
@@ -177,4 +177,4 @@ def write_rows(group: h5py.Group, row: type[Row], rows: Sequence[Row]) -> None:
         if field.type == "str":
             write_text(group, field.name, values)
         else:
-            write_array(group, field.name, values, _STORED[field.type])
+            write_array(group, field.name, values, _STORED[str(field.type)])

@@ -42,8 +42,8 @@ Root attributes: `format`; `machine_name`; `axes` (letters, machine axis order);
   the result, over U), each (c,), the most likely first; `questions/`: `text`, `about_values` (no table before
   it is answered), each (q,); `groups/`: `what`, `n`, `unit_weight`, `probability`, `sort`, each (g,),
   least probable first; `sets/`: what is found of each set among the others, one dataset per field of
-  `volid.fitting.mixed.records.SetTest`, each (s,); `suspects/`: `where`, `label`, `residual`, `normalised`, `unit`, each (s,). `outliers/`: the same columns,
-  for the readings that were set aside.
+  `volid.fitting.mixed.records.SetTest`, each (s,); `suspects/`: `where`, `label`, `residual`, `normalised`, `unit`, each (s,).
+  `outliers/`: the same columns, for the readings that were set aside.
 - `variance_components/`, where u was estimated: `set`, `part`, `n`, `redundancy`, `factor`, `u` (of the factor; NaN where the u
   was kept), `state`, each (c,); `stated_u/1`, `/2`, … (m, r), in the order of `campaign/sets`, whose `u` hold the factors.
 - `statistics/`: attributes `n_readings`, `n_parameters`, `iterations`, `converged`. `notes`: text, (t,).

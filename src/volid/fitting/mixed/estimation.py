@@ -185,9 +185,7 @@ class Estimation:
 
 
 def _too_few(redundancy: float) -> str:
-    return (
-        f"kept as stated: {max(redundancy, 0.0):.1f} degrees of freedom are its own, and at least {LEAST_REDUNDANCY:g} are needed"
-    )
+    return f"kept as stated: {max(redundancy, 0.0):.1f} degrees of freedom are its own, and {LEAST_REDUNDANCY:g} are needed"
 
 
 def _scale(v: np.ndarray, h: np.ndarray) -> float:

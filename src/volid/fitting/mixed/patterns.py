@@ -34,7 +34,9 @@ def pattern_of(campaign: Campaign, number: int, v: np.ndarray, rows: np.ndarray,
     found, tried = NOTHING, 0
     active = np.any(rows != 0.0, axis=1) | (v != 0.0)
     for group in groupings(campaign, readings, readings):
-        mask = (group.rows if group.rows.ndim == 2 else np.repeat(group.rows[:, None], readings.readings.shape[1], axis=1)).ravel()
+        mask = (
+            group.rows if group.rows.ndim == 2 else np.repeat(group.rows[:, None], readings.readings.shape[1], axis=1)
+        ).ravel()
         mask = mask & active
         n = int(np.count_nonzero(mask))
         left = n - float(np.sum(rows[mask].sum(axis=0) ** 2))

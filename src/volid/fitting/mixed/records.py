@@ -2,9 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, fields
+from typing import Any
 
 ESTIMATED = "estimated"
+NAN = math.nan  # always this one, so that equal records compare equal
+
+
+def with_one_nan(record: Any) -> None:
+    """Put `NAN` in place of every NaN of a record."""
+    for field in fields(record):
+        value = getattr(record, field.name)
+        if isinstance(value, float) and math.isnan(value):
+            object.__setattr__(record, field.name, NAN)
 
 
 @dataclass(frozen=True)
@@ -31,6 +42,9 @@ class VarianceComponent:
     factor: float
     u: float
     state: str
+
+    def __post_init__(self) -> None:
+        with_one_nan(self)
 
     @property
     def is_estimated(self) -> bool:
@@ -59,7 +73,7 @@ class SetTest:
             unknowns fitted to it.
         prediction_freedom: Degrees of freedom of that: readings less what the set alone determines.
         prediction_probability: Of predictions at least as bad by chance.
-        largest_en: Largest |E_n| = |reading - predicted|/√(U² + U_predicted²), k = 2, of its readings; NaN where none is predicted.
+        largest_en: Largest |E_n| = |reading - predicted|/√(U² + U_predicted²), k = 2; NaN where no reading is predicted.
         beyond: Share of the predicted readings with |E_n| > 1.
         alone: Combinations of unknowns, its own ones among them, that no other set determines.
         rest_weight: Unit weight of the fit without the set.
@@ -92,3 +106,6 @@ class SetTest:
     pattern_probability: float
     contradicts: bool
     verdict: str
+
+    def __post_init__(self) -> None:
+        with_one_nan(self)

@@ -35,7 +35,7 @@ def _notes(found: Sequence[VarianceComponent]) -> list[str]:
 
 def _question(c: VarianceComponent) -> Question:
     return Question(
-        f"set '{c.set}' ({c.part}): its residuals are {c.factor:.3g} times as large as the stated u; is the u in another unit, or "
-        "are the readings disturbed by something else than the instrument? The estimated u is used, and no instrument explains it",
+        f"set '{c.set}' ({c.part}): its residuals are {c.factor:.3g} times as large as the stated u; is u in another unit, or "
+        "does something else than the instrument disturb the readings? The estimated u is used, and no instrument explains it",
         False,
     )

@@ -24,7 +24,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-NEAR = 0.4  # of ln σ² from which on the information tells the step; farther away the ratio of squares to redundancy does
+NEAR = (
+    0.4  # of ln σ² from which on the information tells the step; farther away the ratio of squares to redundancy does
+)
 LONGEST = 3.0  # step of ln σ²
 LEAST_INFORMATION = 1e-9  # of a component with next to no redundancy
 

@@ -2,11 +2,12 @@
 
 A set can be at odds with a joint fit in two ways: its readings scatter more (or less) than its u says, or it sees another machine
 than the other sets do. The first is tested by what its residuals keep when they are smoothed by the set's own functions, the
-second by what is smoothed away (`sums.OneSet`). Where one set contradicts the others, they disagree with it too; so the set whose
-absence leaves the others in best agreement is named, and the others are tested again without it. Of two sets nothing tells which.
+second by what is smoothed away (`sums.OneSet`). Where one set contradicts the others, they disagree with it too; so the set
+whose absence leaves the others in best agreement is named, and the others are tested again without it. Of two sets nothing tells
+which.
 
-Exact for a model that is linear in its unknowns, and to second order of the errors here; with the smoothness of functions as it was
-estimated from all sets.
+Exact for a model that is linear in its unknowns, and to second order of the errors here; with the smoothness of functions as it
+was estimated from all sets.
 """
 
 from __future__ import annotations
@@ -22,7 +23,6 @@ from volid.fitting.mixed.records import SetTest
 from volid.fitting.mixed.sums import OneSet, Quadratic, Sums, prediction, sums_of
 
 SIGNIFICANT = 1e-3  # probability of a finding by chance, all sets together
-SUSPECTS = 4  # sets that are tried as the one that contradicts
 WORSE, BETTER = 1.15, 0.85  # scatter over u from which on u is said to be too small, or too large
 PAIR = 2
 
@@ -38,15 +38,19 @@ class _Findings(NamedTuple):
 
 
 def set_tests(around: Around) -> tuple[SetTest, ...]:
-    """The verdict on every set with readings that take part, in the order of the campaign.
+    """The verdict on every set, in the order of the campaign; () for a single one, which the verdict on the fit is about.
 
     `around`: the linear fit, at its minimum.
     """
+    if len(around.campaign.sets) == 1:
+        return ()
     sums = sums_of(around.rows, around.v, around.set_number, around.active)
     found = {n: f for n, f in zip(sums.numbers, _findings(sums), strict=True)}
     accused = _contradicting(sums)
     total = Quadratic(around.share * around.chi_square, around.share * around.freedom, 1.0)
-    return tuple(_record(around, g, number, found[number], sums, accused, total) for g, number in enumerate(sums.numbers))
+    return tuple(
+        _record(around, g, number, found[number], sums, accused, total) for g, number in enumerate(sums.numbers)
+    )
 
 
 def _findings(sums: Sums) -> list[_Findings]:
@@ -63,22 +67,22 @@ def _findings(sums: Sums) -> list[_Findings]:
     return result
 
 
-def _flagged(sums: Sums) -> list[int]:
-    """Places of sets that disagree with the others, the most certain first; none of a single set."""
+def _disagree(sums: Sums) -> bool:
+    """Whether some set certainly disagrees with the others; not a single one."""
     if len(sums.numbers) < PAIR:
-        return []
-    found = [(f.disagreement.probability(), -f.disagreement.weight, g) for g, f in enumerate(_findings(sums))]
+        return False
     limit = SIGNIFICANT / len(sums.numbers)
-    return [g for p, w, g in sorted(found) if p < limit and -w > 1.0]
+    found = [f.disagreement for f in _findings(sums)]
+    return any(q.probability() < limit and q.weight > 1.0 for q in found)
 
 
 def _contradicting(sums: Sums) -> dict[int, bool]:
     """Numbers of sets that contradict others, and whether it is certain that it is they: not of the last two."""
     accused: dict[int, bool] = {}
-    while flagged := _flagged(sums):
+    while _disagree(sums):
         if len(sums.numbers) == PAIR:
             return accused | {n: False for n in sums.numbers}
-        left = {g: sums.without(g) for g in flagged[:SUSPECTS]}
+        left = {g: sums.without(g) for g in range(len(sums.numbers))}  # one that dominates does not show it itself
         culprit = min(left, key=lambda g: _worst(left[g]))
         accused[sums.numbers[culprit]] = True
         sums = left[culprit]
@@ -117,13 +121,11 @@ def _record(
 ) -> SetTest:
     own = around.set_number == number
     rows, v, readings = around.rows[own], around.v[own], around.campaign.sets[number]
-    several = len(sums.numbers) > 1
     scatter, disagreement, predicted = found.scatter, found.disagreement, found.predicted
     pattern = pattern_of(around.campaign, number, v, rows, max(scatter.weight, 1.0) if scatter.exists else 1.0)
     pattern = pattern if pattern.probability * len(sums.numbers) < SIGNIFICANT else NOTHING
-    outside = _predicted(sums, g, rows, v) if several else _Prediction(float("nan"), float("nan"), 0)
+    outside = _predicted(sums, g, rows, v)
     rest = Quadratic(total.value - predicted.value, total.mean - predicted.mean, 1.0)
-    nothing = float("nan")
     return SetTest(
         set=readings.name,
         n=found.one.n,
@@ -133,15 +135,15 @@ def _record(
         own_weight=scatter.weight,
         own_freedom=scatter.freedom,
         own_probability=scatter.probability(),
-        disagreement=disagreement.weight if several else nothing,
-        disagreement_probability=disagreement.probability() if several else nothing,
-        prediction_weight=predicted.weight if several else nothing,
-        prediction_freedom=predicted.mean if several else 0.0,
-        prediction_probability=predicted.probability() if several else nothing,
+        disagreement=disagreement.weight,
+        disagreement_probability=disagreement.probability(),
+        prediction_weight=predicted.weight,
+        prediction_freedom=predicted.mean,
+        prediction_probability=predicted.probability(),
         largest_en=outside.largest,
         beyond=outside.beyond,
         alone=outside.alone,
-        rest_weight=rest.weight if several else nothing,
+        rest_weight=rest.weight,
         pattern=pattern.what,
         pattern_mean=pattern.mean,
         pattern_probability=pattern.probability,
@@ -159,7 +161,11 @@ def _words(
         return "nothing of it is checked by other readings"
     if number in accused:
         others = [campaign.sets[n].name for n in accused if n != number and not accused[n]]
-        said.append("contradicts the other sets" if accused[number] else f"contradicts set '{others[0]}', and nothing tells which is right")
+        said.append(
+            "contradicts the other sets"
+            if accused[number]
+            else f"contradicts set '{others[0]}', and nothing tells which is right"
+        )
     if scatter.weight > WORSE and scatter.probability() < limit:
         said.append(f"its u seems too small by the factor {scatter.weight:.2f}")
     if scatter.weight < BETTER and scatter.probability(larger=False) < limit:

@@ -99,8 +99,7 @@ class Quadratic:
 
 
 class OneSet:
-    """The tests of set number `g` of some sums. `own_square`: what of κ² its scatter shows, at least 1; `rest_square`: the same of
-    the other sets."""
+    """The tests of set number `g` of some sums."""
 
     def __init__(self, sums: Sums, g: int) -> None:
         self.a, self.b, self.c, self.n = sums.matrices[g], sums.vectors[g], float(sums.squares[g]), int(sums.counts[g])
@@ -136,7 +135,9 @@ class OneSet:
         x1, x2 = self.a - square, self.a - 2.0 * square + square @ self.a
         expected = self.smoother @ (own_square * x2 + rest_square * (x1 - x2))
         return Quadratic(
-            float(self.b @ self.smoother @ self.b), float(np.trace(expected)), 2.0 * float(np.sum(expected * expected.T))
+            float(self.b @ self.smoother @ self.b),
+            float(np.trace(expected)),
+            2.0 * float(np.sum(expected * expected.T)),
         )
 
 
