@@ -25,6 +25,7 @@ from volid.fitting.mixed.sums import OneSet, Quadratic, Sums, prediction, sums_o
 SIGNIFICANT = 1e-3  # probability of a finding by chance, all sets together
 WORSE, BETTER = 1.15, 0.85  # scatter over u from which on u is said to be too small, or too large
 PAIR = 2
+OWN = 1e-6  # of a reading's variance, below which it is all that determines one of the set's own unknowns
 
 
 class _Findings(NamedTuple):
@@ -45,8 +46,9 @@ def set_tests(around: Around) -> tuple[SetTest, ...]:
     if len(around.campaign.sets) == 1:
         return ()
     sums = sums_of(around.rows, around.v, around.set_number, around.active)
-    found = {n: f for n, f in zip(sums.numbers, _findings(sums), strict=True)}
-    accused = _contradicting(sums)
+    findings = _findings(sums)
+    found = dict(zip(sums.numbers, findings, strict=True))
+    accused = _contradicting(sums, findings)
     total = Quadratic(around.share * around.chi_square, around.share * around.freedom, 1.0)
     return tuple(
         _record(around, g, number, found[number], sums, accused, total) for g, number in enumerate(sums.numbers)
@@ -67,31 +69,30 @@ def _findings(sums: Sums) -> list[_Findings]:
     return result
 
 
-def _disagree(sums: Sums) -> bool:
+def _disagree(findings: list[_Findings]) -> bool:
     """Whether some set certainly disagrees with the others; not a single one."""
-    if len(sums.numbers) < PAIR:
-        return False
-    limit = SIGNIFICANT / len(sums.numbers)
-    found = [f.disagreement for f in _findings(sums)]
-    return any(q.probability() < limit and q.weight > 1.0 for q in found)
+    limit = SIGNIFICANT / len(findings)
+    found = [f.disagreement for f in findings]
+    return len(found) >= PAIR and any(q.probability() < limit and q.weight > 1.0 for q in found)
 
 
-def _contradicting(sums: Sums) -> dict[int, bool]:
+def _contradicting(sums: Sums, findings: list[_Findings]) -> dict[int, bool]:
     """Numbers of sets that contradict others, and whether it is certain that it is they: not of the last two."""
     accused: dict[int, bool] = {}
-    while _disagree(sums):
+    while _disagree(findings):
         if len(sums.numbers) == PAIR:
-            return accused | {n: False for n in sums.numbers}
+            return accused | dict.fromkeys(sums.numbers, False)
         left = {g: sums.without(g) for g in range(len(sums.numbers))}  # one that dominates does not show it itself
-        culprit = min(left, key=lambda g: _worst(left[g]))
+        tested = {g: _findings(rest) for g, rest in left.items()}
+        culprit = min(left, key=lambda g: _worst(tested[g]))
         accused[sums.numbers[culprit]] = True
-        sums = left[culprit]
+        sums, findings = left[culprit], tested[culprit]
     return accused
 
 
-def _worst(sums: Sums) -> float:
+def _worst(findings: list[_Findings]) -> float:
     """How far the sets disagree, in standard deviations of the one that does most."""
-    found = [f.disagreement for f in _findings(sums)]
+    found = [f.disagreement for f in findings]
     return max(((q.value - q.mean) / np.sqrt(q.variance) for q in found if q.exists), default=0.0)
 
 
@@ -104,13 +105,15 @@ class _Prediction(NamedTuple):
 
 
 def _predicted(sums: Sums, g: int, rows: np.ndarray, v: np.ndarray) -> _Prediction:
-    values, vectors, kept = sums.split(g)
-    along = rows @ vectors
-    shift = along[:, kept] @ ((vectors.T @ sums.vectors[g])[kept] / (1.0 - values[kept]))
-    variance = 1.0 - np.sum(along[:, ~kept] ** 2, axis=1) + along[:, kept] ** 2 @ (1.0 / (1.0 - values[kept]))
-    alone = int(np.count_nonzero(~kept))
-    known = np.any(rows != 0.0, axis=1) & (variance - np.sum(along[:, kept] ** 2, axis=1) > 1e-6)
-    if not known.any() or not np.count_nonzero(kept):
+    seen = sums.split(g)
+    along, left = rows @ seen.directions, 1.0 - seen.values
+    mine, theirs = along[:, ~seen.others], along[:, seen.others]
+    shift = theirs @ (seen.along[seen.others] / left[seen.others])
+    own = 1.0 - np.sum(mine**2, axis=1)  # what the set's own unknowns leave of a reading
+    variance = own + theirs**2 @ (1.0 / left[seen.others])
+    alone = int(np.count_nonzero(~seen.others))
+    known = np.any(rows != 0.0, axis=1) & (own > OWN)
+    if not known.any() or alone == len(seen.values):
         return _Prediction(float("nan"), float("nan"), alone)
     en = np.abs((v + shift)[known]) / (2.0 * np.sqrt(variance[known]))
     return _Prediction(float(en.max()), float(np.mean(en > 1.0)), alone)
