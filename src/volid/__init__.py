@@ -54,6 +54,8 @@ _PUBLIC = {  # public name: where it comes from, in the order of the work
     "location_errors": "volid.fitting.location_errors:location_errors",
     "LocationError": "volid.fitting.location_errors:LocationError",
     "location_parameter": "volid.fitting.location_errors:location_parameter",
+    "who_determines": "volid.fitting.mixed.who:who_determines",
+    "WhoDetermines": "volid.fitting.mixed.who:WhoDetermines",
     "monte_carlo": "volid.uncertainty.trials.monte_carlo:monte_carlo",
     # compensation
     "linear_grid": "volid.compensation.grids.linear:linear_grid",

@@ -18,6 +18,7 @@ from volid.exceptions import InputError, NotDeterminedError, OutputError, VolidE
 from volid.fitting.datum import parse_datum
 from volid.fitting.fit import fit
 from volid.fitting.location_errors import LocationError, location_errors, location_parameter
+from volid.fitting.mixed.who import WhoDetermines, who_determines
 from volid.fitting.solution import Solution
 from volid.fitting.streamed import fit_streamed
 from volid.io import load_campaign
@@ -67,6 +68,8 @@ __all__ = [  # noqa: RUF022
     "location_errors",
     "LocationError",
     "location_parameter",
+    "who_determines",
+    "WhoDetermines",
     "monte_carlo",
     "linear_grid",
     "Grid",

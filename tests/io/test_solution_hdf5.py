@@ -55,7 +55,7 @@ def test_all_numbers_are_the_same_to_the_last_bit(pair):
 
 def test_everything_said_about_the_fit_is_kept(pair):
     before, after = pair
-    for name in ("adequacy", "statements", "undetermined", "notes", "options", "provenance"):
+    for name in ("adequacy", "statements", "undetermined", "notes", "options", "provenance", "variance_components"):
         assert getattr(before, name) == getattr(after, name), name
     assert repr(before.statistics) == repr(after.statistics)  # as text, so that NaN equals NaN
     assert before.nuisance_table == after.nuisance_table
@@ -104,7 +104,17 @@ def test_prior_and_samples_are_kept(solution, tmp_path):
 def test_no_field_of_a_solution_is_forgotten(solution, solution_file):
     after = read_solution(solution_file)
     compared = {"model", "campaign", "nuisance_table", "adequacy", "statistics", "readings", "statements"}
-    compared |= {"undetermined", "notes", "options", "provenance", "prior_root", "smooth", "samples", *ARRAYS}
+    compared |= {
+        "undetermined",
+        "notes",
+        "options",
+        "provenance",
+        "prior_root",
+        "smooth",
+        "samples",
+        "variance_components",
+        *ARRAYS,
+    }
     assert {field.name for field in fields(after)} == compared, "a new field: write it, read it, compare it above"
 
 

@@ -40,6 +40,12 @@ Functions refer to the measured range of their axes. How smooth they are follows
 where the machine file states no segments; what lies between the positions is part of every u.
 "Smooth over" in the summary is the distance over which the values of a function stay alike.
 
+With several sets the summary says of each whether its u fits its scatter, whether it contradicts
+the others, and how well they predict it. --estimate-u, behind the campaigns, finds the u of sets
+from their residuals (restricted maximum likelihood), one factor for the readings of each unit; the
+factors stand in the summary and in SOLUTION.h5, beside the u that were stated:
+  volid fit campaign.toml ballbar.h5 -o solution.h5 --estimate-u bar
+
 exit status: 0 good; 1 written, but the model is rejected by the data, not everything is
 determined, an axis was measured at positions too far apart for its functions, or the iteration has
 not converged; 2 bad input
@@ -61,6 +67,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--prior",
         metavar="SOLUTION0.h5",
         help="earlier solution of axes of this machine; counts as readings, with its u",
+    )
+    parser.add_argument(
+        "--estimate-u",
+        metavar="SET",
+        nargs="*",
+        help="estimate the u of these sets from the residuals; of all sets where none is named, or for all",
     )
     parser.add_argument(
         "--solver",
@@ -122,19 +134,26 @@ def _in_memory(args: argparse.Namespace, prior: Solution | None, progress: Progr
 
     campaign = load_campaign(*args.campaign, allow_outside=args.allow_outside)
     _ask_tool(campaign, args)
-    large = args.accept_large_errors
-    record = _record(args, {"robust": args.robust, "solver": args.solver, "accept_large_errors": large})
+    large, estimate = args.accept_large_errors, _sets_to_estimate(args)
+    options = {"robust": args.robust, "solver": args.solver, "accept_large_errors": large, "estimate_u": estimate}
+    record = _record(args, options)
     datum = parse_datum(campaign.machine, args.datum) if args.datum else None
     found = fit(
         campaign,
         robust=args.robust,
         datum=datum,
         prior=prior,
+        estimate_u=estimate,
         solver=args.solver,
         accept_large_errors=large,
         progress=progress,
     )
     return replace(found, provenance=record)
+
+
+def _sets_to_estimate(args: argparse.Namespace) -> bool | list[str]:
+    """Whose u is estimated: False, True for every set, or names of sets."""
+    return False if args.estimate_u is None else args.estimate_u or True
 
 
 def _ask_tool(campaign: Campaign, args: argparse.Namespace) -> None:
@@ -161,8 +180,9 @@ def _stream(args: argparse.Namespace, prior: Solution | None, progress: Progress
 
     if len(args.campaign) > 1:
         raise InputError(f"--stream reads one campaign; {len(args.campaign)} are given. Expected one HDF5 file")
-    if args.robust or args.solver != "chord":
+    if args.robust or args.solver != "chord" or args.estimate_u is not None:
         wrong = "--robust" if args.robust else f"--solver {args.solver}"
+        wrong = wrong if args.estimate_u is None else "--estimate-u"
         raise InputError(
             f"--stream and {wrong} exclude each other: that needs all readings at once; leave one of them out"
         )

@@ -25,6 +25,7 @@ rad.
 
 example:
   volid summary solution.h5 --tool 0,0,-150
+  volid summary solution.h5 --sets
 
 exit status: 0 good; 1 the model is rejected, not everything is determined, or the fit did not
 converge; 2 bad input
@@ -36,6 +37,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     explain(parser, _EPILOG)
     add_solution(parser)
     parser.add_argument("--tool", metavar="x,y,z", type=tool_vector, help="tool vector, mm; default: the most used one")
+    parser.add_argument(
+        "--sets",
+        action="store_true",
+        help="besides, who determines what: every function without each set, and from it alone",
+    )
     add_unusual(parser)
     add_output(parser, "SUMMARY.txt", "text file; default: standard output")
 
@@ -45,9 +51,11 @@ def run(args: argparse.Namespace) -> int:
     check_output(args.output, args.force, [args.solution])
     with Progress() as progress:
         progress("reading the solution")
+        from volid.fitting.mixed.who import who_determines
         from volid.io.functions_csv import text_output
         from volid.io.solutions import read_solution
-        from volid.report.summary import summary_data
+        from volid.report.sets import format_who, who_data
+        from volid.report.summary import plain, summary_data
         from volid.report.summary_text import format_summary
 
         solution = read_solution(args.solution)
@@ -55,7 +63,11 @@ def run(args: argparse.Namespace) -> int:
             solution.ask(args.tool)
         progress("evaluating the working volume")
         data = summary_data(solution, args.tool)
-    text = format_summary(data)
+        text = format_summary(data)
+        if args.sets:
+            progress("leaving out one set after the other")
+            found = who_determines(solution)
+            data["who_determines"], text = plain(who_data(found)), f"{text}\n\n{format_who(found)}"
     if args.output:
         with text_output(args.output, args.force) as stream:
             stream.write(text + "\n")

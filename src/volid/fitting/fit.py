@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import NamedTuple
+
 from volid.backend.threads import one_blas_thread
 from volid.campaign import Campaign
 from volid.exceptions import InputError
@@ -9,6 +12,9 @@ from volid.fitting.broken_beams import MOST, with_new_segments
 from volid.fitting.diagnosis.robust import down_weight, name_outliers, set_aside
 from volid.fitting.equations.choice import engine_for_compiled_solver, engine_for_fit, engine_named
 from volid.fitting.equations.solver import solve
+from volid.fitting.mixed.components import Component, components_of
+from volid.fitting.mixed.estimation import Estimation
+from volid.fitting.mixed.remarks import with_components
 from volid.fitting.smooth_fit import SmoothFit
 from volid.fitting.solution import Solution
 from volid.fitting.stages import How, Progress, Stages, breakdown_named
@@ -30,6 +36,7 @@ def fit(
     robust: bool = False,
     datum: Datum | None = None,
     prior: Solution | None = None,
+    estimate_u: bool | str | Sequence[str] = False,
     solver: str = CHORD,
     engine: str | None = None,
     accept_large_errors: bool = False,
@@ -51,6 +58,10 @@ def fit(
         datum: the solution is transformed into it after the fit; None: the machine's.
         prior: an earlier solution of axes that this machine has too (linear axes measured before); its functions count as
             readings, with their covariance.
+        estimate_u: estimate the u of the readings anew, by restricted maximum likelihood: True or "all" for every set, or names
+            of sets; one factor for the readings of each unit. The u of the solution are the stated ones times these factors
+            (`Solution.variance_components`), and the solution is that of a campaign which states them so. Sets that hardly
+            anything checks keep their u.
         solver: "chord" (few assemblies of the normal equations) or "optimistix" (a solver of that library, one assembly per
             step); both reach the same minimum.
         engine: "interpreted" (NumPy) or "compiled" (JAX); None: the one with which the whole fit takes less time. The solver
@@ -77,7 +88,20 @@ def fit(
         )
     if accept_large_errors:
         campaign = with_large_errors(campaign)
-    return _fit(campaign, robust, datum, prior, _how(campaign, robust, solver, engine), progress or _silent)
+    how = _how(campaign, robust, solver, engine)
+    request = _Request(robust, datum, prior, how, progress or _silent)
+    components = components_of(campaign, estimate_u)
+    return _with_estimated_u(campaign, components, request) if components else _fit(campaign, request)
+
+
+class _Request(NamedTuple):
+    """What is asked of a fit."""
+
+    robust: bool
+    datum: Datum | None
+    prior: Solution | None
+    how: How
+    progress: Progress
 
 
 def _how(campaign: Campaign, robust: bool, solver: str, engine: str | None) -> How:
@@ -91,24 +115,27 @@ def _how(campaign: Campaign, robust: bool, solver: str, engine: str | None) -> H
     return How(solve_by_optimistix, engine_for_compiled_solver(engine))
 
 
-def _fit(
-    campaign: Campaign,
-    robust: bool,
-    datum: Datum | None,
-    prior: Solution | None,
-    how: How,
-    progress: Progress,
-) -> Solution:
-    stages = Stages.begin(campaign, prior, progress, how, robust)
+def _fit(campaign: Campaign, asked: _Request) -> Solution:
+    stages = Stages.begin(campaign, asked.prior, asked.progress, asked.how, asked.robust)
     fitter, outliers = stages.solved(), None
-    if robust:
-        stages, fitter = _without_breaks(stages, fitter, how)
-        progress("looking for outliers")
+    if asked.robust:
+        stages, fitter = _without_breaks(stages, fitter, asked.how)
+        asked.progress("looking for outliers")
         factors = down_weight(fitter.residuals_only, fitter.factors)
         outliers = name_outliers(fitter.weighted, set_aside(fitter.weighted(factors)))
         fitter = fitter.without(outliers)
     solution = stages.solution(fitter, outliers)
-    return solution if datum in (None, solution.datum) else solution.in_datum(datum)
+    return solution if asked.datum in (None, solution.datum) else solution.in_datum(asked.datum)
+
+
+def _with_estimated_u(campaign: Campaign, components: tuple[Component, ...], asked: _Request) -> Solution:
+    """The solution of the campaign with the u of `components` as the residuals show them."""
+    stages = Stages.begin(campaign, asked.prior, asked.progress, asked.how, asked.robust)
+    fitter = stages.solved()
+    if asked.robust:
+        stages, fitter = _without_breaks(stages, fitter, asked.how)
+    changed, found = Estimation(stages, fitter, components).run()
+    return with_components(_fit(changed, asked), found)
 
 
 def _without_breaks(stages: Stages, fitter: SmoothFit, how: How) -> tuple[Stages, SmoothFit]:

@@ -59,7 +59,12 @@ def questions(solution: Solution, scale: float = 1.0) -> tuple[Question, ...]:
 
 def asked(solution: Solution, scale: float = 1.0) -> Solution:
     """The solution with its questions; what is accepted otherwise is questioned then. `scale`: residuals over their u."""
-    found, adequacy = questions(solution, scale), solution.adequacy
+    return with_questions(solution, questions(solution, scale))
+
+
+def with_questions(solution: Solution, found: tuple[Question, ...]) -> Solution:
+    """The solution with these questions; what is accepted otherwise is questioned then."""
+    adequacy = solution.adequacy
     if not found:
         return solution
     if adequacy.grade == REJECTED:

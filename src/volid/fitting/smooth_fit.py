@@ -152,6 +152,30 @@ class SmoothFit(Fitter):
         refit._estimate(self.factors)
         return refit
 
+    def with_u(self, campaign: Campaign, factors: list[np.ndarray]) -> SmoothFit:
+        """The fit of the same readings with other u, those of `campaign`; it begins at this optimum, and is not yet solved."""
+        problem = reweight(self.bare, campaign, [np.ones(s.readings.shape) for s in campaign.sets])
+        refit = SmoothFit(campaign, problem, self.known, self.processes, self.method, factors)
+        refit._take(self.smoothness)
+        refit.optimum = self.optimum
+        return refit
+
+    def solve_without_waves(self, factors: list[np.ndarray]) -> None:
+        """Optimum with square-root weights `factors`, and the smoothness that they give; every misfit counts as noise."""
+        self.solve(factors)
+        if self.processes:
+            self._estimate(factors)
+
+    def smoothness_slopes(self) -> tuple[list[np.ndarray], np.ndarray]:
+        """Lᵀ ∂Q/∂φ L (r, r) for every parameter φ of the smoothness, L the root of the covariance of z; covariance of φ."""
+        theta = self.problem.model.projection @ self.root()[: self.problem.model.layout.n_coefficients]
+        found = []
+        for i, process in enumerate(self.processes):
+            _, slopes = process.precision_with_slopes(self.smoothness.of(i))
+            own = theta[process.parameters]
+            found += [own.T @ slope @ own for slope in slopes]
+        return found, self.smoothness.covariance
+
     def smooth_prior(self, theta: np.ndarray, root: np.ndarray) -> SmoothPrior | None:
         """What the solution holds of the smoothness, at θ.
 

@@ -19,6 +19,8 @@ from volid.fitting.diagnosis.adequacy import Adequacy
 from volid.fitting.diagnosis.identifiability import parameter_units, undetermined_directions
 from volid.fitting.diagnosis.levels import SeenLength, levels_of, seen_lengths, unseen, unseen_phases
 from volid.fitting.extrapolation import extrapolated
+from volid.fitting.mixed.components import stated_u
+from volid.fitting.mixed.records import VarianceComponent
 from volid.fitting.prediction.determination import known_deviations
 from volid.fitting.prediction.deviations import determined
 from volid.fitting.results import Deviations, FunctionValue, Residuals, SmoothPrior, Statistics
@@ -71,6 +73,8 @@ class Solution:
         prior_root: Pseudo-readings of an earlier solution as rows on θ, shape (r, n); None without one.
         smooth: What was assumed of the smoothness of the functions; None where all segments are stated.
         samples: Samples of the parameters from Monte Carlo refits; None before `monte_carlo`.
+        variance_components: By which factors the stated u were changed because the fit estimated them; () where it did not. The
+            u of `campaign` hold these factors; `stated_u` gives back the u that were stated.
 
     Source: CONVENTIONS 3 to 5; ISO 230-1 for the symbols.
 
@@ -106,6 +110,7 @@ class Solution:
     prior_root: Float[Any, "r n"] | None = None
     smooth: SmoothPrior | None = field(metadata=STATIC, default=None)
     samples: Any = field(metadata=STATIC, default=None)
+    variance_components: tuple[VarianceComponent, ...] = field(metadata=STATIC, default=())
 
     def __post_init__(self) -> None:
         register_if_imported()
@@ -153,6 +158,11 @@ class Solution:
     def smooth_functions(self) -> frozenset[str]:
         """The error motions whose smoothness was estimated."""
         return frozenset() if self.smooth is None else self.smooth.functions
+
+    @property
+    def stated_u(self) -> tuple[Float[np.ndarray, "m k"], ...]:
+        """u of every reading as it was stated, one array (m, k) per set: those of `campaign` without estimated factors."""
+        return stated_u(self.campaign, self.variance_components)
 
     @property
     def factor(self) -> float:

@@ -12,6 +12,7 @@ import numpy as np
 from volid.campaign import Campaign
 from volid.exceptions import InputError
 from volid.fitting.diagnosis.adequacy import GRADES, Adequacy, Cause, GroupTest, Question, SuspectReading, reading_label
+from volid.fitting.mixed.records import SetTest, VarianceComponent
 from volid.fitting.results import Residuals, SmoothPrior, Statistics, read_only
 from volid.io.basics.hdf5_group import Group
 from volid.io.basics.hdf5_structure import shown
@@ -69,7 +70,8 @@ def read_rows(group: Group, row: type[Row]) -> tuple[Row, ...]:
 
 
 def _column(group: Group, name: str, stored: str, n: int) -> np.ndarray:
-    return group.texts(name, (n,)) if stored == "str" else group.array(name, (n,), int if stored == "int" else float)
+    kinds: dict[str, type] = {"int": int, "bool": bool}
+    return group.texts(name, (n,)) if stored == "str" else group.array(name, (n,), kinds.get(stored, float))
 
 
 def read_model(file: Group, campaign: Campaign) -> ErrorModel:
@@ -185,6 +187,18 @@ def read_smoothness(file: Group, numbers: Numbers) -> SmoothPrior | None:
     return SmoothPrior(tuple(group.texts("name", (count,)).tolist()), value, u, root, noise, spread, scatter)
 
 
+def read_variance_components(file: Group) -> tuple[VarianceComponent, ...]:
+    """By which factors u was changed; () where it was not. Raises `InputError` for a factor that is none."""
+    if "variance_components" not in file:
+        return ()
+    group = file.group("variance_components")
+    found = read_rows(group, VarianceComponent)
+    for component in found:
+        if not component.factor > 0.0:
+            raise InputError(f"{group.place('factor')}: a factor is {component.factor:g}; expected a number > 0")
+    return found
+
+
 def read_suspects(group: Group, campaign: Campaign) -> tuple[SuspectReading, ...]:
     """Named readings; the unit that files of earlier versions do not hold is that of the reading in the campaign."""
     rows = read_rows(group, SuspectReading)
@@ -222,6 +236,7 @@ def read_adequacy(group: Group, campaign: Campaign) -> Adequacy:
         factor=attributes.number("factor", 1.0),
         causes=_read_causes(group.group("causes")) if "causes" in group else (),
         questions=_read_questions(group.group("questions")) if "questions" in group else (),
+        sets=read_rows(group.group("sets"), SetTest) if "sets" in group else (),
     )
 
 

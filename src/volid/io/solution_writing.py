@@ -10,6 +10,7 @@ import h5py
 import numpy as np
 
 from volid.fitting.diagnosis.adequacy import Adequacy, Cause, GroupTest, SuspectReading
+from volid.fitting.mixed.records import SetTest, VarianceComponent
 from volid.fitting.results import SmoothPrior
 from volid.fitting.solution import Solution
 from volid.io.basics.hdf5_values import to_json, write_array, write_text
@@ -23,7 +24,9 @@ from volid.uncertainty.trials.samples import Samples
 
 POINTS = 101  # of each function in `functions/`
 
-Row = TypeVar("Row", Cause, GroupTest, SuspectReading)
+_STORED: dict[str, type] = {"int": int, "bool": bool, "float": float}
+
+Row = TypeVar("Row", Cause, GroupTest, SetTest, SuspectReading, VarianceComponent)
 
 
 def write_samples(group: h5py.Group, samples: Samples, width: int) -> None:
@@ -47,6 +50,14 @@ def write_smoothness(group: h5py.Group, smooth: SmoothPrior) -> None:
     for name, values in (("noise", smooth.noise), ("spread", smooth.spread)):
         write_array(group, name, values)
     group.attrs["scatter"] = to_json(smooth.scatter)
+
+
+def write_variance_components(group: h5py.Group, solution: Solution) -> None:
+    """By which factors u was changed, and the u that were stated, set by set."""
+    write_rows(group, VarianceComponent, solution.variance_components)
+    stated = group.create_group("stated_u")
+    for i, (readings, u) in enumerate(zip(solution.campaign.sets, solution.stated_u, strict=True)):
+        write_array(stated, str(i + 1), u, unit=KINDS[readings.kind].unit_words)
 
 
 def write_datum(group: h5py.Group, datum: Datum) -> None:
@@ -154,6 +165,8 @@ def write_adequacy(group: h5py.Group, adequacy: Adequacy) -> None:
     write_text(asked, "text", [q.text for q in adequacy.questions])
     write_array(asked, "about_values", [q.about_values for q in adequacy.questions], bool)
     write_rows(group.create_group("groups"), GroupTest, adequacy.groups)
+    if adequacy.sets:
+        write_rows(group.create_group("sets"), SetTest, adequacy.sets)
     write_rows(group.create_group("suspects"), SuspectReading, adequacy.suspects)
 
 
@@ -164,4 +177,4 @@ def write_rows(group: h5py.Group, row: type[Row], rows: Sequence[Row]) -> None:
         if field.type == "str":
             write_text(group, field.name, values)
         else:
-            write_array(group, field.name, values, int if field.type == "int" else float)
+            write_array(group, field.name, values, _STORED[str(field.type)])

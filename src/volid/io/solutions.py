@@ -41,8 +41,11 @@ Root attributes: `format`; `machine_name`; `axes` (letters, machine axis order);
   `probability`; `causes/`: `cause`, `what`, `cure`, `drop` (of chi-square), `gain`, `unknowns`, `log10_probability`, `change` (of
   the result, over U), each (c,), the most likely first; `questions/`: `text`, `about_values` (no table before
   it is answered), each (q,); `groups/`: `what`, `n`, `unit_weight`, `probability`, `sort`, each (g,),
-  least probable first; `suspects/`: `where`, `label`, `residual`, `normalised`, `unit`, each (s,). `outliers/`: the same columns,
-  for the readings that were set aside.
+  least probable first; `sets/`: what is found of each set among the others, one dataset per field of
+  `volid.fitting.mixed.records.SetTest`, each (s,); `suspects/`: `where`, `label`, `residual`, `normalised`, `unit`, each (s,).
+  `outliers/`: the same columns, for the readings that were set aside.
+- `variance_components/`, where u was estimated: `set`, `part`, `n`, `redundancy`, `factor`, `u` (of the factor; NaN where the u
+  was kept), `state`, each (c,); `stated_u/1`, `/2`, … (m, r), in the order of `campaign/sets`, whose `u` hold the factors.
 - `statistics/`: attributes `n_readings`, `n_parameters`, `iterations`, `converged`. `notes`: text, (t,).
 - `monte_carlo/`, once run: attributes `trials` M, `seed`, `tolerance` (numerical tolerance reached over the one wanted, NaN for a
   fixed M); `samples` (M, n + k) of (θ, ν); `chi_square`, `error` (distance to the minimum in standard uncertainties), `solved`
@@ -75,6 +78,7 @@ from volid.io.solution_reading import (
     read_smoothness,
     read_statistics,
     read_undetermined,
+    read_variance_components,
 )
 from volid.io.solution_writing import (
     write_adequacy,
@@ -86,6 +90,7 @@ from volid.io.solution_writing import (
     write_rows,
     write_samples,
     write_smoothness,
+    write_variance_components,
 )
 
 
@@ -129,6 +134,8 @@ def write_solution(solution: Solution, path: str | Path, overwrite: bool = False
         write_residuals(file.create_group("residuals"), solution)
         write_rows(file.create_group("outliers"), SuspectReading, solution.readings.outlier_readings)
         write_adequacy(file.create_group("adequacy"), solution.adequacy)
+        if solution.variance_components:
+            write_variance_components(file.create_group("variance_components"), solution)
         for name in ("n_readings", "n_parameters", "iterations", "converged"):
             file.require_group("statistics").attrs[name] = getattr(solution.statistics, name)
         write_text(file, "notes", list(solution.notes))
@@ -174,5 +181,6 @@ def read_solution(path: str | Path) -> Solution:
             samples=read_samples(file, len(numbers.covariance)),
             prior_root=read_prior(file, model),
             smooth=read_smoothness(file, numbers),
+            variance_components=read_variance_components(file),
             provenance=file.group("provenance").attributes.all_texts(),
         )

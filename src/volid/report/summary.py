@@ -39,6 +39,7 @@ from volid.observations import KINDS
 from volid.observations.base import DEGREES
 from volid.plausibility.checks import closures
 from volid.report.repeats import repeatability_data
+from volid.report.sets import set_data
 from volid.report.squareness import angle_in_words, squareness_symbol
 from volid.report.summary_text import format_summary
 from volid.uncertainty.lack_of_fit import lack_of_fit
@@ -60,6 +61,7 @@ def summary_data(solution: Solution, tool: Sequence[float] | None = None) -> dic
         "format": FORMAT,
         **_verdict(solution),
         **_origin(solution),
+        **set_data(solution),
         "tool": [x, y, z],
         **(_NO_NUMBERS if solution.adequacy.barrier else _numbers(solution, (x, y, z))),
         "not_determined": list(solution.statements),
@@ -165,7 +167,7 @@ def _axes(solution: Solution) -> list[dict[str, Any]]:
 
 
 def _set_rows(solution: Solution, i: int) -> Iterator[dict[str, Any]]:
-    readings, results = solution.campaign.sets[i], solution.readings
+    readings, results, stated = solution.campaign.sets[i], solution.readings, solution.stated_u[i]
     for kind, unit, rows in KINDS[readings.kind].parts(readings):
         used = ~results.outliers[i][rows]
         to_rad = np.pi / 180.0 if unit == DEGREES else 1.0
@@ -175,6 +177,7 @@ def _set_rows(solution: Solution, i: int) -> Iterator[dict[str, Any]]:
             "n_readings": int(used.size),
             "n_outliers": int(used.size - used.sum()),
             "u_rms": to_rad * rms(readings.u[rows][used]),
+            "stated_u_rms": to_rad * rms(stated[rows][used]),
             "residual_rms": to_rad * rms(results.residuals[i][rows][used]),
             "unit": "rad" if unit == DEGREES else unit,
         }

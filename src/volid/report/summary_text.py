@@ -9,6 +9,7 @@ from typing import Any
 from volid.model.axis_lines import AXIS_LINE, MACHINE, PARAMETER
 from volid.model.iso230 import DIRECTIONS, ROTATIONS
 from volid.report.repeats import repeatability_lines
+from volid.report.sets import set_test_lines
 from volid.report.text import bullets, micro, paragraph, table, unit_of, vector
 
 _LISTED = {"outliers": 10, "suspects": 6}  # readings
@@ -24,6 +25,7 @@ def format_summary(data: dict[str, Any]) -> str:
         _cause_lines(data),
         _head_lines(data),
         _set_lines(data),
+        set_test_lines(data),
         _held_out_lines(data),
         *([_barrier_lines(data)] if data["barrier"] else _number_blocks(data)),
         _reading_lines(data),
@@ -117,7 +119,7 @@ def _set_lines(data: dict[str, Any]) -> list[str]:
             s["kind"],
             str(s["n_readings"]),
             str(s["n_outliers"]),
-            f"{micro(s['u_rms'], s['unit'], 2)} {unit_of(s['unit'])}",
+            f"{micro(s['stated_u_rms'], s['unit'], 2)} {unit_of(s['unit'])}",
             f"{micro(s['residual_rms'], s['unit'], 2)} {unit_of(s['unit'])}",
         ]
         for s in data["sets"]

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from volid.campaign import ObservationSet
+from volid.fitting.mixed.records import SetTest
 from volid.observations import KINDS
 
 ACCEPTED, ENLARGED, REJECTED, NOT_TESTABLE = "accepted", "accepted, u enlarged", "rejected", "not testable"
@@ -81,7 +82,7 @@ class Adequacy:
     at least this large if the model holds. `groups`: all group tests, least probable first. `suspects`: readings beyond
     the critical value. `rejected`: the model, with the stated uncertainties, is rejected by the data. `grade`: one of `GRADES`.
     `factor`: what every u of the solution is multiplied by, 1 for none. `causes`: what explains the misfit, best first.
-    `questions`: what the readings cannot tell, and is asked.
+    `questions`: what the readings cannot tell, and is asked. `sets`: what is found of each set among the others.
     """
 
     chi_square: float
@@ -96,6 +97,7 @@ class Adequacy:
     factor: float = 1.0
     causes: tuple[Cause, ...] = ()
     questions: tuple[Question, ...] = ()
+    sets: tuple[SetTest, ...] = ()
 
     @property
     def barrier(self) -> str:
