@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from volid.backend.threads import one_blas_thread
 from volid.campaign import Campaign
+from volid.environment.reduction import reduced
 from volid.exceptions import InputError
 from volid.fitting.broken_beams import MOST, with_new_segments
 from volid.fitting.diagnosis.robust import down_weight, name_outliers, set_aside
@@ -77,6 +78,7 @@ def fit(
         )
     if accept_large_errors:
         campaign = with_large_errors(campaign)
+    campaign = reduced(campaign)
     return _fit(campaign, robust, datum, prior, _how(campaign, robust, solver, engine), progress or _silent)
 
 

@@ -1,8 +1,8 @@
 """`component`: one of the six components of the deviation (interferometer, level, autocollimator, straightedge, square).
 
 value = component of the deviation + offset of the line, plus slope · (moving axis - its first position) when the
-artefact's alignment is unknown. Lines on one artefact that was placed once share its `alignment` instead (see `alignments`): two
-legs of a square then determine the squareness of two axes, which slopes of their own would take away.
+artefact's alignment is unknown. Lines on one artefact that was placed once share its `alignment` instead (see `alignments`):
+two legs of a square then determine the squareness of two axes, which slopes of their own would take away.
 CONVENTIONS 6; ISO 230-1 8, 9, 10.
 """
 
@@ -30,7 +30,7 @@ from volid.observations.alignments import (
     predict_aligned,
     slopes_apart,
 )
-from volid.observations.base import Group, Kind, NuisanceTable, Part, takes_large_errors
+from volid.observations.base import LIGHT, Group, Kind, NuisanceTable, Part, takes_large_errors
 from volid.observations.placements import alignment_starts
 from volid.observations.response import Linear, Remainder, remainder
 
@@ -67,7 +67,7 @@ class Component(Kind):
     labels: Mapping[str, str | None] = {"component": None, "line": "1"}
     choices: Mapping[str, tuple[str, ...]] = {"component": tuple(DIRECTIONS)}
     options: Mapping[str, Any] = {"slope": False}
-    optional: Mapping[str, Any] = OPTIONS
+    optional: Mapping[str, Any] = {**OPTIONS, "interferometer": False}
     still_by = ("line",)
     tested_by = ("line", "component")
     named_by = ("component", "line")
@@ -125,12 +125,22 @@ class Component(Kind):
         check_aligned(observations)
 
     def is_whole(self, observations: ObservationSet) -> bool:
-        """Whether lines have the placement of an artefact, which counts from the places of all of them."""
-        return is_aligned(observations)
+        """Whether lines have the placement of an artefact or a path of light, which count from places of the whole line."""
+        return is_aligned(observations) or bool(observations.options.get("interferometer", False))
 
     def is_pinned(self, observations: ObservationSet) -> bool:
         """Whether there is a form error at every place of an artefact."""
         return is_aligned(observations) and float(observations.options.get("form_u", 0.0)) > 0.0
+
+    def lengths(self, observations: ObservationSet) -> np.ndarray:
+        """The values; with `interferometer` what it counts, the travel from the first reading of the line plus the value."""
+        if not observations.options.get("interferometer", False):
+            return super().lengths(observations)
+        return observations.readings + _travelled(observations)[:, None]
+
+    def lengths_of(self, observations: ObservationSet) -> str:
+        """Paths in light, where an interferometer counts them."""
+        return LIGHT if observations.options.get("interferometer", False) else ""
 
     def advice(self, sets: Sequence[ObservationSet], campaign: Campaign) -> list[str]:
         """Which lines have slopes of their own although one artefact may have held them all."""
@@ -151,8 +161,9 @@ class Component(Kind):
     def check_values(self, observations: ObservationSet, campaign: Campaign) -> None:
         """Raises `InputError` when a value lies more than 1 mm or 1 mrad from the middle of its line, or a free slope.
 
-        Not where the set says `large_errors`.
+        Not where the set says `large_errors`. An interferometer's component is along the axis that moves.
         """
+        _check_travel(observations, campaign.machine)
         if takes_large_errors(observations):
             return
         components = observations.labels["component"]
@@ -168,11 +179,42 @@ class Component(Kind):
         return _Line(observations, campaign.machine, rows, line, component, slope)
 
 
+def _check_travel(observations: ObservationSet, machine: Machine) -> None:
+    """Raises `InputError` for a path of light that is not along the axis that moves."""
+    if not observations.options.get("interferometer", False):
+        return
+    labels, letters = observations.labels, np.array(machine.letters)
+    for line in dict.fromkeys(labels["line"]):
+        rows = np.flatnonzero(labels["line"] == line)
+        moving = letters[np.ptp(observations.positions[rows], axis=0) > 0.0].tolist()
+        wrong = rows[labels["component"][rows] != (moving[0] if len(moving) == 1 else "")]
+        if wrong.size:
+            i = int(wrong[0])
+            raise InputError(
+                f"{observations.where(i)}: component {labels['component'][i]} on a line along {', '.join(moving) or 'no axis'}, "
+                "and the set says interferometer = true, a path of light along the one axis that moves; leave it out for "
+                "straightness, angles, and other instruments"
+            )
+
+
+def _travelled(observations: ObservationSet) -> np.ndarray:
+    """Travel of the axis that a component is along, from the first reading of the line, (m,) [mm]; the sign is the axis's."""
+    positions, labels = observations.positions, observations.labels
+    result = np.zeros(len(observations))
+    names = np.char.add(np.char.add(labels["line"].astype(str), " "), labels["component"].astype(str))
+    for name in dict.fromkeys(names):
+        rows = np.flatnonzero(names == name)
+        span = np.ptp(positions[rows], axis=0)
+        moving = int(np.argmax(span))
+        result[rows] = positions[rows, moving] - positions[rows[0], moving]
+    return result
+
+
 class _Line:
     """Readings of one component along one line: its unknowns and how they answer a motion of the workpiece frame.
 
-    A rigid motion (t, ω) of the workpiece frame, and a rotation h of the tool, change reading i by M_i · (t, ω, h). Offset a and
-    slope b follow it as far as M_i = a + b · arm_i; what remains makes a transformation inexact.
+    A rigid motion (t, ω) of the workpiece frame, and a rotation h of the tool, change reading i by M_i · (t, ω, h). Offset a
+    and slope b follow it as far as M_i = a + b · arm_i; what remains makes a transformation inexact.
     """
 
     def __init__(
@@ -244,8 +286,8 @@ def _check_line(observations: ObservationSet, rows: np.ndarray, line: _Line) -> 
     likely, limit = ("degrees, µrad or arcseconds", "1 mrad") if unit == "rad" else ("µm", "1 mm")
     raise InputError(
         f"{observations.where(int(rows[i]))}: value {values[i]:g} lies more than {limit} from the middle of its line; "
-        f"is it in {likely}? Expected {unit}. If the machine's errors are that large, set large_errors = true in the [[set]], or "
-        "pass `accept_large_errors=True`"
+        f"is it in {likely}? Expected {unit}. If the machine's errors are that large, set large_errors = true in the [[set]], "
+        "or pass `accept_large_errors=True`"
     )
 
 
