@@ -6,7 +6,15 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from exact_chain import ExactMachine, TrackerCampaign, Truth, machine_toml, random_truth, tracker_campaign, write_campaign
+from exact_chain import (
+    ExactMachine,
+    TrackerCampaign,
+    Truth,
+    machine_toml,
+    random_truth,
+    tracker_campaign,
+    write_campaign,
+)
 
 TRAVEL = {"X": (0.0, 1000.0), "Y": (0.0, 600.0), "Z": (-500.0, 0.0)}
 DAY = 8 * 3600.0  # s
@@ -20,13 +28,14 @@ def air(t):
 
 
 def edlen(temperature, pressure, humidity):
-    """n - 1 by the modified Edlén equation of Birch and Downs, Metrologia 31 (1994) 315: it agrees with Ciddor's within 3e-8."""
+    """n - 1 by the equation of Birch and Downs (Metrologia 31 (1994) 315), its vapour term times 292.75 K / T as the refractive
+    index calculator of NIST's Engineering Metrology Toolbox has it (Stone and Zimmerman): that extends it beyond 20 °C."""
     p, s = 100.0 * np.asarray(pressure), LAMBDA**-2  # Pa, µm⁻²
     standard = 1e-8 * (8342.54 + 2406147.0 / (130.0 - s) + 15998.0 / (38.9 - s))
     dry = standard * p / 96095.43 * (1.0 + 1e-8 * (0.601 - 0.00972 * temperature) * p) / (1.0 + 0.0036610 * temperature)
     # saturation by the Magnus formula of Sonntag (1990), 0.1 % at room temperature
     vapour = 0.01 * humidity * 611.2 * np.exp(17.62 * temperature / (243.12 + temperature))
-    return dry - vapour * (3.7345 - 0.0401 * s) * 1e-10
+    return dry - vapour * 292.75 / (273.15 + temperature) * (3.7345 - 0.0401 * s) * 1e-10
 
 
 def beams(campaign: TrackerCampaign):
@@ -36,14 +45,17 @@ def beams(campaign: TrackerCampaign):
 
 
 def optical(path, start_path, start_reading, n, n_start):
-    """Reading in vacuum wavelengths [mm]: the optical path n · path changed by so much since the start, where it read `start_reading`."""
+    """Reading in vacuum wavelengths [mm]: by how much the optical path changed since the start, plus what it read there."""
     return start_reading + n * path - n_start * start_path
 
 
 def log_csv(step=300.0, end=DAY, material=None):
     """Text of a log, an entry every `step` s; `material`: function of time, its temperature [°C]."""
     times = np.arange(-step, end + 2 * step, step)
-    columns = {"time": times, **dict(zip(("air_temperature_C", "pressure_hPa", "humidity_percent"), air(times), strict=True))}
+    columns = {
+        "time": times,
+        **dict(zip(("air_temperature_C", "pressure_hPa", "humidity_percent"), air(times), strict=True)),
+    }
     if material is not None:
         columns["material_1_C"] = material(times)
     rows = [",".join(map(repr, map(float, row))) for row in zip(*columns.values(), strict=True)]
@@ -51,7 +63,7 @@ def log_csv(step=300.0, end=DAY, material=None):
 
 
 class Day:
-    """A campaign of distances from six stations over a day. `grown(t)`: how much longer the whole set-up is than at 20 °C, a ratio."""
+    """Distances from six stations over a day. `grown(t)`: by how much the whole set-up is longer than at 20 °C, a ratio."""
 
     def __init__(self, seed: int = 11, grown=None, n_per_station: int = 70, u_constant: float = 0.0003) -> None:
         self.machine, rng = ExactMachine("w Y' X' b Z (C) t", TRAVEL), np.random.default_rng(seed)

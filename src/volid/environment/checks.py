@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from volid.campaign import AIR, TIME, Campaign, Environment
-from volid.environment.factors import INDEX
+from volid.environment.factors import INDEX, factors_of
 from volid.environment.matching import DEGREES_C, OWN, column_of, matched
 from volid.exceptions import InputError
 from volid.observations import KINDS
@@ -45,7 +45,7 @@ def check_environments(campaign: Campaign) -> None:
         for name in environment.sets:
             if name not in known:
                 raise InputError(f"{where}: sets names '{name}'; the sets are {', '.join(known)}")
-    _check_dead_paths(campaign)
+    _check_matches(campaign)
 
 
 def check_column(
@@ -173,8 +173,10 @@ def _check_bodies(environment: Environment, where: str) -> None:
             )
 
 
-def _check_dead_paths(campaign: Campaign) -> None:
+def _check_matches(campaign: Campaign) -> None:
+    """Raises `InputError` where a log has no entry for a reading, or a key is for another kind."""
     for match in matched(campaign).values():
+        factors_of(match)
         if match.environment.dead_path and len(KINDS[match.observations.kind].readings) > 1:
             raise InputError(
                 f"{match.where}: dead_path is for single lengths; coordinates count from the instrument, leave it out"

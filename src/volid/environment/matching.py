@@ -81,9 +81,8 @@ def _medium(environment: Environment, observations: ObservationSet) -> str:
         said = ARTEFACT if environment.artefact and not environment.has_air else LIGHT
     where = f"{observations.file_and_set}, environment '{environment.name}'"
     if not said:
-        hint = "; a laser interferometer's 'component' set says interferometer = true" * (
-            observations.kind == "component"
-        )
+        counts = "interferometer" in KINDS[observations.kind].further
+        hint = "; a set that a laser interferometer read along the axis that moves says interferometer = true" * counts
         raise InputError(
             f"{where}: readings of kind '{observations.kind}' are no lengths in light or of an artefact; leave the set out of "
             f"sets{hint}"

@@ -39,7 +39,7 @@ def reduced(campaign: Campaign, starts: Mapping[Any, float] | None = None) -> Ca
     """The campaign with its readings reduced, and what was read beside them; effects of the environment's u are added.
 
     `starts`: start values of the dead paths by key, of a campaign of which this one is a part; None: they follow from the
-    readings. Sets that are reduced already, or have no readings, stay as they are. Raises `InputError` naming what is wrong in
+    readings. Sets that are reduced already, or lack readings, stay as they are. Raises `InputError` naming what is wrong in
     an environment.
     """
     if not campaign.environments:
@@ -56,7 +56,7 @@ def reduced(campaign: Campaign, starts: Mapping[Any, float] | None = None) -> Ca
 
 
 def _is_open(observations: ObservationSet) -> bool:
-    return observations.as_read is None and bool(np.isfinite(observations.readings).any())
+    return observations.as_read is None and bool(np.isfinite(observations.readings).all())
 
 
 def _with(

@@ -68,22 +68,25 @@ def _without(campaign: Campaign) -> Iterator[str]:
             and any(e.has_air for e in campaign.environments)
         ):
             reason = ", as its readings have no time" if s.time is None else ""
-            yield f"{s.file_and_set}: read in light, and no [[environment]] holds for it{reason}; its readings stay as they are"
+            yield f"set '{s.name}': read in light, and no [[environment]] holds for it{reason}; its readings stay as they are"
 
 
 def _remarks(match: Matched) -> Iterator[str]:
     environment, types = match.environment, [e.type for e in match.observations.effects]
+    where = (
+        f"set '{match.observations.name}', environment '{environment.name}'"  # no file: notes are kept when files move
+    )
     if match.medium == LIGHT and environment.has_air:
         pressure = float(np.nanmean(environment.log["pressure_hPa"]))
         if MERCURY[0] < pressure < MERCURY[1]:
             yield (
-                f"{match.where}: the pressure is {pressure:.0f} hPa, as 2000 to 3500 m above the sea; if it is in mm of "
+                f"{where}: the pressure is {pressure:.0f} hPa, as 2000 to 3500 m above the sea; if it is in mm of "
                 "mercury, lengths are wrong by 70 µm/m: multiply it by 1.33322"
             )
         if any(name in environment.u for name in AIR) and "scale" in types:
-            yield f"{match.where}: the set states an effect of type scale, and the u of the air counts besides it; both once?"
+            yield f"{where}: the set states an effect of type scale, and the u of the air counts besides it; both once?"
     if match.bodies and environment.u and "temperature" in types:
         yield (
-            f"{match.where}: the set states an effect of type temperature, which counts alone; the u of temperatures and of "
+            f"{where}: the set states an effect of type temperature, which counts alone; the u of temperatures and of "
             "expansion that the environment states are not added"
         )

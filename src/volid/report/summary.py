@@ -25,6 +25,7 @@ from volid.compensation.residual.volume import (
     predict_uncompensated,
     volumetric_summary,
 )
+from volid.environment.remarks import accounts
 from volid.exceptions import InputError, NotDeterminedError
 from volid.fitting.diagnosis.adequacy import ACCEPTED, ENLARGED, SuspectReading
 from volid.fitting.diagnosis.hold_out import by_angle, total
@@ -67,6 +68,7 @@ def summary_data(solution: Solution, tool: Sequence[float] | None = None) -> dic
         "suspects": [_reading(r) for r in solution.adequacy.suspects],
         "repeats": _repeats(solution.campaign),
         "held_out": _held_out(solution),
+        "environment": accounts(solution.campaign),
         "notes": list(solution.notes),
         "provenance": dict(solution.provenance),
     }

@@ -8,6 +8,7 @@ from typing import Any
 
 from volid.model.axis_lines import AXIS_LINE, MACHINE, PARAMETER
 from volid.model.iso230 import DIRECTIONS, ROTATIONS
+from volid.report.environment_text import environment_words
 from volid.report.text import bullets, micro, paragraph, table, unit_of, vector
 
 _LISTED = {"outliers": 10, "suspects": 6}  # readings
@@ -23,6 +24,7 @@ def format_summary(data: dict[str, Any]) -> str:
         _cause_lines(data),
         _head_lines(data),
         _set_lines(data),
+        _environment_lines(data),
         _held_out_lines(data),
         *([_barrier_lines(data)] if data["barrier"] else _number_blocks(data)),
         _reading_lines(data),
@@ -123,6 +125,13 @@ def _set_lines(data: dict[str, Any]) -> list[str]:
     ]
     lines = table(["set", "kind", "readings", "outliers", "stated u (RMS)", "residual RMS"], rows, left=2)
     return [*lines, *_fit_lines(data), *_repeat_lines(data["repeats"])]
+
+
+def _environment_lines(data: dict[str, Any]) -> list[str]:
+    """What was done to the readings of every set for air and temperature."""
+    return bullets(
+        "air and temperature", [f"{a['set']}: {'; '.join(environment_words(a))}" for a in data["environment"]]
+    )
 
 
 def _fit_lines(data: dict[str, Any]) -> list[str]:

@@ -15,13 +15,15 @@ from volid.campaign import AIR, CO2, HENE, HOUR, TIME, Campaign, Environment, Ex
 from volid.environment.checks import check_column
 from volid.environment.factors import INDEX
 from volid.environment.matching import DEGREES_C, OWN, named_in
+from volid.environment.remarks import remarks_on
 from volid.exceptions import InputError
 from volid.io.basics.cells import CellWriter
 from volid.io.basics.csv_form import CsvForm
-from volid.io.basics.csv_table import CsvTable, read_csv
+from volid.io.basics.csv_table import CsvTable
 from volid.io.basics.hdf5_group import Group
 from volid.io.basics.hdf5_values import to_json, write_array
-from volid.io.basics.toml_table import REQUIRED, Table, format_lines, is_number
+from volid.io.basics.toml_table import REQUIRED, Table, format_lines
+from volid.io.campaign.sets import named_csv
 
 _NUMBERS = {"wavelength": HENE, "co2": CO2, "dead_path": 0.0, "longest_gap": HOUR, "beyond": 0.0}
 _KEYS = (
@@ -86,12 +88,7 @@ def _log(table: Table, folder: Path, form: CsvForm) -> tuple[dict[str, np.ndarra
             if key in table.data:
                 raise table.wrong(key, "nothing where there is no file")
         return {}, (), ""
-    csv = read_csv(folder / table.text("file"), form)
-    columns, ignored = table.table("columns", {}), table.get("ignore", [])
-    if not isinstance(ignored, list) or not all(isinstance(name, str) for name in ignored):
-        raise table.wrong("ignore", 'a list of column names, such as ["remark"]')
-    csv = csv.renamed({key: str(columns.get(key)) for key in columns.data}, ignored, table.where)
-    form.check_units(table)
+    csv = named_csv(table, folder, form)
     csv.require((TIME,), "a log tells when its entries were made", tuple(csv.columns))
     strange = [name for name in csv.columns if name not in (TIME, *AIR) and not name.endswith(DEGREES_C)]
     if strange:
@@ -153,7 +150,8 @@ def _body(table: Table, key: str) -> Expansion | None:
 
 
 def resolved(campaign: Campaign) -> Campaign:
-    """The campaign whose environments name the sets that they hold for, so that sets of another campaign are not meant."""
+    """The campaign whose environments name the sets that they hold for, so that sets of another campaign are not meant; with
+    what is odd about them among its warnings."""
     found = []
     for environment in campaign.environments:
         sets = tuple(named_in(environment, campaign))
@@ -164,7 +162,8 @@ def resolved(campaign: Campaign) -> Campaign:
                 "time, or their names: sets = [..]"
             )
         found.append(replace(environment, sets=sets))
-    return replace(campaign, environments=tuple(found))
+    campaign = replace(campaign, environments=tuple(found))
+    return replace(campaign, warnings=tuple(dict.fromkeys((*campaign.warnings, *remarks_on(campaign)))))
 
 
 def joined(given: Sequence[tuple[Environment, ...]]) -> tuple[Environment, ...]:
@@ -243,8 +242,8 @@ def read_environments(group: Group) -> tuple[Environment, ...]:
     for here in group.numbered():
         attributes, names = here.attributes, here.attributes.texts("columns")
         keys = attributes.json("keys", dict)
-        if not names or not all(is_number(value) for value in keys.get("u", {}).values()):
-            raise InputError(f"{here.where}: has no columns, or u without numbers; write the file again")
+        if not names:
+            raise InputError(f"{here.where}: has no columns; expected those of a log, write the file again")
         n = here.length(names[0])
         log = {name: here.array(name, (n,)) for name in names}
         table = Table(keys, here.where)

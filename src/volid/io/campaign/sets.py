@@ -38,7 +38,7 @@ def read_set(
     `ignore` leaves columns out. With `centres = true` a displacement set reads sphere centres (`probe_centres`). Raises
     `InputError` naming file, row or key.
     """
-    csv = _csv(table, folder, form.with_stated(table))
+    csv = named_csv(table, folder, form.with_stated(table))
     kind = _form(find_kind(table.text("kind"), table.where), table, csv)
     extra = probe_centres.KEYS if kind.takes_centres else ()
     table.only((*_SET_KEYS, *extra, *uncertainty_keys(kind.readings), *kind.options, *kind.further))
@@ -113,8 +113,8 @@ class _Content(NamedTuple):
     options: dict[str, Any]
 
 
-def _csv(table: Table, folder: Path, form: CsvForm) -> CsvTable:
-    """The set's file, with its columns named as `columns` says and without those in `ignore`."""
+def named_csv(table: Table, folder: Path, form: CsvForm) -> CsvTable:
+    """The file that a table names, with its columns named as `columns` says and without those in `ignore`."""
     csv = read_csv(folder / table.text("file"), form)
     columns, ignored = table.table("columns", {}), table.get("ignore", [])
     names = {key: _column(columns, key, form.header) for key in columns.data}
