@@ -123,6 +123,7 @@ class Environment:
         at: The air that the instrument assumed, as in `log`, or its `refractive_index`; its correction is undone first.
         wavelength: Vacuum wavelength of the light [nm].
         co2: Carbon dioxide in the air [ppm].
+        group: Whether the group index counts: of modulated light, as of an absolute distance meter.
         dead_path: Path in air besides that from the station, or at the first reading of a line [mm]; negative where the beam
             comes from the positive side.
         u: Standard uncertainty of columns of the log, such as {"air_temperature_C": 0.1}; shared by all readings.
@@ -148,6 +149,7 @@ class Environment:
     at: Mapping[str, float] = field(default_factory=dict)
     wavelength: float = HENE
     co2: float = CO2
+    group: bool = False
     dead_path: float = 0.0
     u: Mapping[str, float] = field(default_factory=dict)
     machine: Expansion | None = None

@@ -200,6 +200,21 @@ def test_a_set_in_light_that_no_environment_holds_for_is_named():
     assert reduced(both).sets[1].as_read is None
 
 
+def test_sets_that_are_not_reduced_to_20_degrees_beside_others_are_named():
+    warm = day(log={"bed_C": np.array([24.0])}, corrected=None, machine=Expansion(STEEL), sets=("own",))
+    other = replace(laser(np.zeros(M)), name="other")
+    (said,) = remarks_on(Campaign(THREE, sets=(laser(np.zeros(M)), other), environments=(warm,)))
+    assert said.startswith("set 'other': its lengths are not at 20 °C, as those of own are")
+
+
+def test_ranges_by_the_phase_index_are_named():
+    q = np.random.default_rng(4).uniform((0, 0, -500), (1000, 600, 0), (M, 3))
+    own = a_set("polar", np.tile([1500.0, 30.0, -10.0], (M, 1)), positions=q, labels={"station": np.full(M, "S")})
+    (said,) = remarks_on(campaign(own, day(), stations=(Station("S"),)))
+    assert "state group = true" in said
+    assert remarks_on(campaign(own, day(group=True, wavelength=780.0), stations=(Station("S"),))) == ()
+
+
 def test_a_plan_stays_a_plan():
     plan = campaign(laser(np.full(M, np.nan)), day())
     assert reduced(plan) is plan

@@ -10,6 +10,8 @@ Range of the equations: 300 to 1690 nm, -40 to 100 °C, 800 to 1200 hPa, 0 to 10
 pressures down to 500 hPa are taken too. They agree with measured air to some 1e-8. Not modelled: other gases (1e-8 in 100 ppm
 of hydrocarbons and more), gradients along the beam.
 
+The group index is that of P. E. Ciddor and R. J. Hill, Applied Optics 38 (1999) 1663, by differences.
+
 Source: P. E. Ciddor, "Refractive index of air: new equations for the visible and near infrared", Applied Optics 35 (1996) 1566,
 equations 1 to 5 and appendices A to C; constants of the density after R. S. Davis, Metrologia 29 (1992) 67 (BIPM 1981/91).
 """
@@ -22,6 +24,7 @@ from volid.campaign import CO2, HENE
 
 GAS = 8.314510  # J/(mol K), as in the source
 KELVIN = 273.15
+STEP = 0.1  # nm, of differences over the wavelength: third derivatives leave less than 1e-12
 U_FORMULA = 2e-8  # standard uncertainty of n in the air of a room, other gases included; 1e-8 is claimed for clean air
 
 _DRY = (238.0185, 5792105.0, 57.362, 167917.0)  # µm⁻²: k0 to k3 of equation 1
@@ -37,8 +40,9 @@ def refractivity(
     *,
     wavelength: float = HENE,
     co2: float = CO2,
+    group: bool = False,
 ) -> np.ndarray:
-    """n - 1 of air, n the phase refractive index, by the formula of the module.
+    """n - 1 of air, n the phase refractive index, by the formula of the module; or the group index n - λ dn/dλ.
 
     Args:
         temperature: Of the air, any shape [°C].
@@ -46,6 +50,7 @@ def refractivity(
         humidity: Relative humidity [%].
         wavelength: In vacuum [nm].
         co2: Carbon dioxide [ppm].
+        group: Whether n is the group index, for light that is modulated, as that of absolute distance meters.
 
     Returns:
         n - 1, of the common shape.
@@ -56,14 +61,29 @@ def refractivity(
     2.6824e-04
     """
     t, p = np.asarray(temperature, dtype=float), 100.0 * np.asarray(pressure, dtype=float)
+    water = vapour_fraction(t, p, np.asarray(humidity, dtype=float))
+    amount = _amount(t, p, water)
+    of_dry, of_water = (
+        (1.0 - water) * amount / _amount(15.0, 101325.0, 0.0),
+        water * amount / _amount(20.0, 1333.0, 1.0),
+    )
+
+    def at(length: float) -> np.ndarray:
+        dry, vapour = _standard(length, co2)
+        return np.asarray(of_dry * dry + of_water * vapour)
+
+    if not group:
+        return at(wavelength)
+    slope = (at(wavelength + STEP) - at(wavelength - STEP)) / (2.0 * STEP)
+    return at(wavelength) - wavelength * slope
+
+
+def _standard(wavelength: float, co2: float) -> tuple[float, float]:
+    """n - 1 of dry air and of water vapour, each at its own conditions (equations 1 to 3)."""
     s = (1e3 / wavelength) ** 2
     k0, k1, k2, k3 = _DRY
     dry = 1e-8 * (k1 / (k0 - s) + k3 / (k2 - s)) * (1.0 + 0.534e-6 * (co2 - CO2))
-    vapour = 1.022e-8 * np.polyval(_VAPOUR[::-1], s)
-    water = vapour_fraction(t, p, np.asarray(humidity, dtype=float))
-    amount = _amount(t, p, water)
-    of_dry = (1.0 - water) * amount / _amount(15.0, 101325.0, 0.0)
-    return np.asarray(of_dry * dry + water * amount / _amount(20.0, 1333.0, 1.0) * vapour)
+    return dry, float(1.022e-8 * np.polyval(_VAPOUR[::-1], s))
 
 
 def vapour_fraction(t: np.ndarray, p: np.ndarray, humidity: np.ndarray) -> np.ndarray:

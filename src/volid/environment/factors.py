@@ -64,7 +64,8 @@ def factors_of(match: Matched) -> Factors:
 def index_of(environment: Environment, value: Callable[[str], np.ndarray | float]) -> np.ndarray:
     """n - 1 of the air, `value` giving each of its columns."""
     temperature, pressure, humidity = (value(column) for column in AIR)
-    return refractivity(temperature, pressure, humidity, wavelength=environment.wavelength, co2=environment.co2)
+    light = {"wavelength": environment.wavelength, "co2": environment.co2}
+    return refractivity(temperature, pressure, humidity, **light, group=environment.group)
 
 
 def mean_of(environment: Environment, column: str) -> float:

@@ -11,7 +11,7 @@ from volid.campaign import AIR, Campaign
 from volid.environment.factors import REFERENCE_TEMPERATURE, TYPICAL_U, Factors, factors_of, u_of_index
 from volid.environment.matching import Matched, matched
 from volid.observations import KINDS
-from volid.observations.base import LIGHT
+from volid.observations.base import EITHER, LIGHT
 
 MERCURY = (650.0, 790.0)  # hPa: 2000 to 3500 m above the sea, or mm of mercury
 
@@ -55,7 +55,11 @@ def _span(values: np.ndarray) -> list[float]:
 
 def remarks_on(campaign: Campaign) -> tuple[str, ...]:
     """What looks odd about the environments of a campaign, in words, each naming the set."""
-    return (*_without(campaign), *(said for match in matched(campaign).values() for said in _remarks(match)))
+    return (
+        *_without(campaign),
+        *_warm(campaign),
+        *(said for match in matched(campaign).values() for said in _remarks(match)),
+    )
 
 
 def _without(campaign: Campaign) -> Iterator[str]:
@@ -71,6 +75,24 @@ def _without(campaign: Campaign) -> Iterator[str]:
             yield f"set '{s.name}': read in light, and no [[environment]] holds for it{reason}; its readings stay as they are"
 
 
+def _is_absolute(match: Matched) -> bool:
+    """Whether lengths may be absolute ones: coordinates from an instrument, or lengths that may be anything."""
+    kind = KINDS[match.observations.kind]
+    return len(kind.readings) > 1 or kind.lengths_of(match.observations) == EITHER
+
+
+def _warm(campaign: Campaign) -> Iterator[str]:
+    """Sets of lengths that are not reduced to 20 °C although others are."""
+    found = matched(campaign)
+    cold = [name for name, match in found.items() if match.environment.machine]
+    for s in campaign.sets if cold else ():
+        if s.name not in cold and KINDS[s.kind].lengths_of(s):
+            yield (
+                f"set '{s.name}': its lengths are not at 20 °C, as those of {', '.join(cold)} are; state machine = {{ … }} in "
+                "an [[environment]] for it too, unless they hold for 20 °C already"
+            )
+
+
 def _remarks(match: Matched) -> Iterator[str]:
     environment, types = match.environment, [e.type for e in match.observations.effects]
     where = (
@@ -82,6 +104,11 @@ def _remarks(match: Matched) -> Iterator[str]:
             yield (
                 f"{where}: the pressure is {pressure:.0f} hPa, as 2000 to 3500 m above the sea; if it is in mm of "
                 "mercury, lengths are wrong by 70 µm/m: multiply it by 1.33322"
+            )
+        if _is_absolute(match) and not environment.corrected and not environment.group:
+            yield (
+                f"{where}: ranges are divided by the phase index, as of counted fringes; for an absolute distance meter, whose "
+                "light is modulated, state group = true and its wavelength (some µm/m)"
             )
         if any(name in environment.u for name in AIR) and "scale" in types:
             yield f"{where}: the set states an effect of type scale, and the u of the air counts besides it; both once?"

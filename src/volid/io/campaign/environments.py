@@ -35,6 +35,7 @@ _KEYS = (
     "values",
     "sets",
     "corrected",
+    "group",
     "at",
     "u",
     "machine",
@@ -72,6 +73,7 @@ def _from_keys(table: Table, log: dict[str, np.ndarray], source: str) -> Environ
         log=log,
         sets=tuple(given),
         corrected=table.flag("corrected") if "corrected" in table.data else None,
+        group=table.flag("group", False),
         at=_numbers(table, "at", (*AIR, INDEX)),
         u=_numbers(table, "u", (*columns, OWN)),
         machine=_body(table, "machine"),
@@ -197,6 +199,7 @@ def _keys(environment: Environment) -> dict[str, Any]:
         "sets": list(environment.sets) or None,
         "corrected": environment.corrected,
     }
+    keys["group"] = environment.group or None
     for name, default in _NUMBERS.items():
         value = getattr(environment, name)
         keys[name] = None if value == default else value
