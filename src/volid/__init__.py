@@ -33,6 +33,8 @@ _PUBLIC = {  # public name: where it comes from, in the order of the work
     "Campaign": "volid.campaign:Campaign",
     "Station": "volid.campaign:Station",
     "Alignment": "volid.campaign:Alignment",
+    "Environment": "volid.campaign:Environment",
+    "Expansion": "volid.campaign:Expansion",
     "ObservationSet": "volid.campaign:ObservationSet",
     "End": "volid.campaign:End",
     "check_campaign": "volid.plausibility.checks:check_campaign",

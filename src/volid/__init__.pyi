@@ -1,7 +1,7 @@
 """The public names for type checkers. `_PUBLIC` in `__init__.py` says the same to Python; a test compares the two."""
 
 from volid.backend.consent import accept_unusual
-from volid.campaign import Alignment, Campaign, End, ObservationSet, Station
+from volid.campaign import Alignment, Campaign, End, Environment, Expansion, ObservationSet, Station
 from volid.compensation.base import base_of as compensation_base
 from volid.compensation.control import Control
 from volid.compensation.grids.grid import Grid, RotaryGrid
@@ -49,6 +49,8 @@ __all__ = [  # noqa: RUF022
     "Campaign",
     "Station",
     "Alignment",
+    "Environment",
+    "Expansion",
     "ObservationSet",
     "End",
     "check_campaign",

@@ -16,7 +16,22 @@ from volid.model.machine import WORKPIECE, Machine
 if TYPE_CHECKING:
     from jaxtyping import Float, Int
 
-ROW_ARRAYS = ("positions", "directions", "tool", "readings", "u", "time", "temperature", "rows")  # one entry a row
+ROW_ARRAYS = (
+    "positions",
+    "directions",
+    "tool",
+    "readings",
+    "u",
+    "time",
+    "temperature",
+    "as_read",
+    "rows",
+)  # one entry a row
+HENE = 632.991  # nm, vacuum wavelength of a helium-neon laser without stabilisation, within 1.5e-6 (recommended values of 2007)
+CO2 = 450.0  # ppm, of air in rooms
+HOUR = 3600.0  # s
+TIME = "time"
+AIR = ("air_temperature_C", "pressure_hPa", "humidity_percent")  # columns of a log that tell the refractive index
 SAME_PLACE = 1e-4  # of the travel: commanded positions of an axis nearer than this are one
 SAME_TOOL = 6  # decimal places of a tool vector's components [mm] that count
 SAME_ANGLE = 1e-3  # degrees: rotary positions nearer than this are one
@@ -74,6 +89,84 @@ class Alignment:
     def artefact_name(self) -> str:
         """The artefact's name."""
         return self.artefact or self.name
+
+
+@dataclass(frozen=True)
+class Expansion:
+    """How a body expands: the scales of a machine, or an artefact that was calibrated at 20 °C.
+
+    Args:
+        expansion: Coefficient of linear expansion [1/K].
+        u: Its standard uncertainty [1/K].
+        material: Column of the environment's log with the body's temperature, such as "material_1"; "" for the only one there
+            is; "temperature": the column of the readings' own file.
+
+    >>> Expansion(11.5e-6, u=1e-6).material
+    ''
+    """
+
+    expansion: float
+    u: float = 0.0
+    material: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Environment:
+    """The air and the temperatures at which sets were read, and what is to be made of them.
+
+    Args:
+        name: The name by which messages and unknowns call it.
+        log: Columns of equal length: `time` [s], `air_temperature_C`, `pressure_hPa`, `humidity_percent`, `material_1_C`, …;
+            NaN where a column has no entry. Without `time` there is one row, which always holds.
+        sets: Names of the sets it holds for; none: all sets that are read in light, or, with `artefact`, against an artefact.
+        corrected: Whether the readings hold the refractive correction already; None where the log knows no air.
+        at: The air that the instrument assumed, as in `log`, or its `refractive_index`; its correction is undone first.
+        wavelength: Vacuum wavelength of the light [nm].
+        co2: Carbon dioxide in the air [ppm].
+        group: Whether the group index counts: of modulated light, as of an absolute distance meter.
+        dead_path: Path in air besides that from the station, or at the first reading of a line [mm]; negative where the beam
+            comes from the positive side.
+        u: Standard uncertainty of columns of the log, such as {"air_temperature_C": 0.1}; shared by all readings.
+        machine: Expansion of the machine's scales: readings are reduced to 20 °C.
+        artefact: Expansion of the artefact whose lengths at 20 °C are read.
+        longest_gap: Time between two entries of the log that is interpolated over [s].
+        beyond: Time before its first and after its last entry for which that entry holds [s].
+        source: File of the log.
+
+    Source: INTERFACES, "Further keys".
+
+    >>> import numpy as np
+    >>> air = {"air_temperature_C": 21.0, "pressure_hPa": 1002.0, "humidity_percent": 40.0}
+    >>> room = Environment("room", {name: np.array([value]) for name, value in air.items()}, corrected=False)
+    >>> room.has_air, room.materials
+    (True, ())
+    """
+
+    name: str
+    log: Mapping[str, np.ndarray]
+    sets: tuple[str, ...] = ()
+    corrected: bool | None = None
+    at: Mapping[str, float] = field(default_factory=dict)
+    wavelength: float = HENE
+    co2: float = CO2
+    group: bool = False
+    dead_path: float = 0.0
+    u: Mapping[str, float] = field(default_factory=dict)
+    machine: Expansion | None = None
+    artefact: Expansion | None = None
+    longest_gap: float = HOUR
+    beyond: float = 0.0
+    source: str = ""
+
+    @property
+    def has_air(self) -> bool:
+        """Whether the log knows the air."""
+        return AIR[0] in self.log
+
+    @property
+    def materials(self) -> tuple[str, ...]:
+        """Columns of the log with temperatures of bodies."""
+        return tuple(name for name in self.log if name not in (TIME, *AIR))
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,6 +228,7 @@ class ObservationSet:
         labels: text columns of the kind, such as "station", each of shape (m,).
         time: Time of each row, shape (m,) [s]; NaN where it is not recorded, None when no row has one.
         temperature: Temperature of each row, shape (m,) [°C]; NaN where it is not recorded, None when no row has one.
+        as_read: The readings before they were corrected for air and temperature, shape (m, k); None where nothing was.
         options: the set's other keys, as the kind defines them.
         effects: systematic effects on the readings.
         source: File that the set was read from.
@@ -168,6 +262,7 @@ class ObservationSet:
     source: str = ""
     rows: Int[np.ndarray, " rows"] | None = None
     to: End | None = None
+    as_read: Float[np.ndarray, "rows columns"] | None = None
 
     def __len__(self) -> int:
         return len(self.positions)
@@ -241,6 +336,7 @@ class Campaign:
         warnings: Messages about what looked odd when it was read or planned.
         source: file that it was read from.
         alignments: Placements of artefacts that lines of readings share.
+        environments: The air and the temperatures at which sets were read.
 
     >>> import volid
     >>> campaign = volid.load_campaign("datasets/vertical_multilateration/campaign.toml")
@@ -258,6 +354,7 @@ class Campaign:
     warnings: tuple[str, ...] = ()
     source: str = ""
     alignments: tuple[Alignment, ...] = ()
+    environments: tuple[Environment, ...] = ()
 
     def station(self, name: str) -> Station:
         """The station called `name` (KeyError when there is none)."""

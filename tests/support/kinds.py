@@ -211,6 +211,17 @@ def _lines(slope: bool, letters: str = "XYB"):
     return make
 
 
+def _laser(machine):
+    """Positioning along each axis, read by a laser interferometer, whose lengths are the travel."""
+    sets = []
+    for axis in "XYZ":
+        q = np.tile([0.5 * sum(a.travel) for a in machine.axes], (9, 1))
+        q[:, machine.index(axis)] = np.linspace(*machine.axes[machine.index(axis)].travel, 9)
+        own = plan_set(f"laser {axis}", "component", q, TOOLS[1], {"component": axis, "line": "1"})
+        sets.append(replace(own, options={**own.options, "interferometer": True}))
+    return (), tuple(sets)
+
+
 def _lengths(two_tools: bool = False, **options):
     """Lengths of three artefacts between places all over the travels, at both ends with one tool vector or with two."""
 
@@ -402,6 +413,7 @@ EXAMPLES = {
         ((MICRO, r"is it in (µm\? Expected mm|degrees, µrad or arcseconds\? Expected rad)"),),
     ),
     "component, rotations": Example("component", THREE, _lines(False, "AC")),
+    "component, interferometer": Example("component", THREE, _laser),
     "component, table and head": Example("component", FIVE, _lines(True)),
     "component, one artefact": Example("component", THREE, _artefact(False), alignments=SQUARE),
     "component, an artefact placed": Example("component", THREE, _artefact(True), alignments=SQUARE),

@@ -128,8 +128,8 @@ def labelled_scopes() -> tuple[str, ...]:
 
 
 def lengths_of(observations: ObservationSet) -> np.ndarray:
-    """The readings that a scale acts on, (m, k): the lengths, with 0 for angles, which have no scale."""
-    return np.where(KINDS[observations.kind].is_angle, 0.0, observations.readings)
+    """The lengths that a scale acts on, (m, k), with 0 for angles, which have no scale."""
+    return KINDS[observations.kind].lengths(observations)
 
 
 def scopes_of(observations: ObservationSet, effect: Effect) -> Iterator[tuple[str, np.ndarray]]:

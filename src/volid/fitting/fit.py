@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from volid.backend.threads import one_blas_thread
 from volid.campaign import Campaign
+from volid.environment.reduction import reduced
 from volid.exceptions import InputError
 from volid.fitting.broken_beams import MOST, with_new_segments
 from volid.fitting.diagnosis.robust import down_weight, name_outliers, set_aside
@@ -88,6 +89,7 @@ def fit(
         )
     if accept_large_errors:
         campaign = with_large_errors(campaign)
+    campaign = reduced(campaign)
     how = _how(campaign, robust, solver, engine)
     request = _Request(robust, datum, prior, how, progress or _silent)
     components = components_of(campaign, estimate_u)

@@ -12,6 +12,7 @@ import numpy as np
 
 from volid.campaign import Campaign
 from volid.exceptions import InputError
+from volid.fitting.air import check_air
 from volid.fitting.assembly import Assembly, Every
 from volid.fitting.diagnosis.alternatives.readings import WHOLE
 from volid.fitting.diagnosis.verdict import explained_otherwise, perhaps_u
@@ -142,6 +143,7 @@ class Stages:
         progress("locating stations")
         if not all(map(takes_large_errors, campaign.sets)):
             check_nominal(campaign)
+        check_air(campaign)
         starts = find_starts(campaign)
         if prior is not None:
             check_prior(prior, campaign.machine)

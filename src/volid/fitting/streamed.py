@@ -17,6 +17,8 @@ import numpy as np
 from volid.backend.threads import one_blas_thread
 from volid.campaign import Campaign
 from volid.effects import TYPES
+from volid.environment.reduction import reduced, starts_of
+from volid.environment.stream import ReducedStream
 from volid.exceptions import InputError
 from volid.fitting.assembly import Every
 from volid.fitting.change_of_datum import EXTRAPOLATED
@@ -160,6 +162,9 @@ def fit_streamed(
     progress = progress or (lambda message: None)
     progress("reading a sample")
     few = stream.sample(sample)
+    if few.environments:
+        stream = ReducedStream(stream, starts_of(few))
+        few = reduced(few, stream.starts)
     if accept_large_errors:
         few = with_large_errors(few)
     _check_effects(few)

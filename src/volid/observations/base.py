@@ -18,6 +18,7 @@ from volid.observations.response import UNMOVED, Key, Response
 Place = tuple[float, float, float]
 DEGREES, MM = "degrees", "mm"
 STATION = "station"  # label of the station that a reading is made from
+LIGHT, ARTEFACT, EITHER = "light", "artefact", "either"  # lengths: paths in air, in wavelengths; those of a solid body
 LARGE_ERRORS = "large_errors"  # option of every set: its user says that the machine's errors are as large as they seem
 
 
@@ -262,6 +263,16 @@ class Kind(ABC):
         return None
 
     # --------------------------------------------------------------------------------- systematic effects, simulation, advice
+
+    def lengths(self, observations: ObservationSet) -> np.ndarray:
+        """Lengths that a scale of the instrument changes, (m, k) [mm], dead path included; 0 for angles, which have no scale.
+
+        They change with the reading, by as much as it."""
+        return np.where(self.is_angle, 0.0, observations.readings)
+
+    def lengths_of(self, observations: ObservationSet) -> str:
+        """What lengths are by the set's own keys: `LIGHT`, `ARTEFACT`, `EITHER`; "" where air and heat do not act on them."""
+        return ""
 
     def dead_paths(self, observations: ObservationSet, starts: Mapping[Any, float]) -> np.ndarray:
         """Start values of the part of a length that is not a path in air, (m, 1) [mm]."""

@@ -30,7 +30,7 @@ from volid.observations.alignments import (
     predict_aligned,
     slopes_apart,
 )
-from volid.observations.base import Group, Kind, NuisanceTable, Part
+from volid.observations.base import LIGHT, Group, Kind, NuisanceTable, Part
 from volid.observations.lines import LINE, Line, check_components, check_lines, check_offset_per, lines_of_set
 from volid.observations.placements import alignment_starts
 from volid.observations.unread import unread
@@ -53,7 +53,7 @@ class Component(Kind):
     labels: Mapping[str, str | None] = {"component": None, "line": "1", "run": "1"}
     choices: Mapping[str, tuple[str, ...]] = {"component": tuple(DIRECTIONS)}
     options: Mapping[str, Any] = {"slope": False}
-    optional: Mapping[str, Any] = {**OPTIONS, "offset_per": LINE}
+    optional: Mapping[str, Any] = {**OPTIONS, "offset_per": LINE, "interferometer": False}
     still_by = ("line",)
     tested_by = ("line", "component")
     named_by = ("component", "line")
@@ -101,12 +101,22 @@ class Component(Kind):
         check_aligned(observations)
 
     def is_whole(self, observations: ObservationSet) -> bool:
-        """Whether lines have the placement of an artefact, which counts from the places of all of them."""
-        return is_aligned(observations)
+        """Whether lines have the placement of an artefact or a path of light, which count from places of the whole line."""
+        return is_aligned(observations) or bool(observations.options.get("interferometer", False))
 
     def is_pinned(self, observations: ObservationSet) -> bool:
         """Whether there is a form error at every place of an artefact."""
         return is_aligned(observations) and float(observations.options.get("form_u", 0.0)) > 0.0
+
+    def lengths(self, observations: ObservationSet) -> np.ndarray:
+        """The values; with `interferometer` what it counts, the travel from the first reading of the line plus the value."""
+        if not observations.options.get("interferometer", False):
+            return super().lengths(observations)
+        return observations.readings + _travelled(observations)[:, None]
+
+    def lengths_of(self, observations: ObservationSet) -> str:
+        """Paths in light, where an interferometer counts them."""
+        return LIGHT if observations.options.get("interferometer", False) else ""
 
     def advice(self, sets: Sequence[ObservationSet], campaign: Campaign) -> list[str]:
         """Which lines have slopes of their own although one artefact may have held them all, and what no line reads."""
@@ -127,8 +137,9 @@ class Component(Kind):
     def check_values(self, observations: ObservationSet, campaign: Campaign) -> None:
         """Raises `InputError` when a value lies more than 1 mm or 1 mrad from the middle of its line, or a free slope.
 
-        Not where the set says `large_errors`.
+        Not where the set says `large_errors`. An interferometer's component is along the axis that moves.
         """
+        _check_travel(observations, campaign.machine)
         lines = [_line(observations, campaign, rows) for rows in lines_of_set(observations)]
         check_lines(observations, lines, aligned=is_aligned(observations))
 
@@ -151,6 +162,37 @@ def _group(component: str, lines: list[Line], table: NuisanceTable) -> Group:
     order = np.argsort(rows, kind="stable")
     settings = ComponentSettings(DIRECTIONS.index(component), slope)
     return Group(rows[order], settings, slots[:, order], arm[:, order])
+
+
+def _check_travel(observations: ObservationSet, machine: Machine) -> None:
+    """Raises `InputError` for a path of light that is not along the axis that moves."""
+    if not observations.options.get("interferometer", False):
+        return
+    labels, letters = observations.labels, np.array(machine.letters)
+    for line in dict.fromkeys(labels["line"]):
+        rows = np.flatnonzero(labels["line"] == line)
+        moving = letters[np.ptp(observations.positions[rows], axis=0) > 0.0].tolist()
+        wrong = rows[labels["component"][rows] != (moving[0] if len(moving) == 1 else "")]
+        if wrong.size:
+            i = int(wrong[0])
+            raise InputError(
+                f"{observations.where(i)}: component {labels['component'][i]} on a line along {', '.join(moving) or 'no axis'}, "
+                "and the set says interferometer = true, a path of light along the one axis that moves; leave it out for "
+                "straightness, angles, and other instruments"
+            )
+
+
+def _travelled(observations: ObservationSet) -> np.ndarray:
+    """Travel of the axis that a component is along, from the first reading of the line, (m,) [mm]; the sign is the axis's."""
+    positions, labels = observations.positions, observations.labels
+    result = np.zeros(len(observations))
+    names = np.char.add(np.char.add(labels["line"].astype(str), " "), labels["component"].astype(str))
+    for name in dict.fromkeys(names):
+        rows = np.flatnonzero(names == name)
+        span = np.ptp(positions[rows], axis=0)
+        moving = int(np.argmax(span))
+        result[rows] = positions[rows, moving] - positions[rows[0], moving]
+    return result
 
 
 COMPONENT = Component()

@@ -22,7 +22,7 @@ from volid.exceptions import InputError
 from volid.model.geometry import Vector, add, norm, rotate_small, subtract
 from volid.model.kinematics import functional_point, transform
 from volid.model.machine import TOOL, Machine
-from volid.observations.base import Group, Kind, NuisanceTable, Place
+from volid.observations.base import ARTEFACT, EITHER, LIGHT, Group, Kind, NuisanceTable, Place
 from volid.observations.beams import Beam
 from volid.observations.network import find_stations, placement_slots
 from volid.observations.response import PlaceOf
@@ -139,6 +139,12 @@ class Distance(Kind):
                 f"set '{observations.name}': target is for a reflector on another body; add target_body (bed, workpiece or an "
                 "axis letter), or state the functional point by tool = [x, y, z]"
             )
+
+    def lengths_of(self, observations: ObservationSet) -> str:
+        """Paths in light where an interferometer counts, a bar where the length is calibrated; absolute ones may be either."""
+        if observations.options.get("relative", True):
+            return LIGHT
+        return ARTEFACT if observations.options.get("calibrated_u", 0.0) > 0.0 else EITHER
 
     def dead_paths(self, observations: ObservationSet, starts: Mapping[Any, float]) -> np.ndarray:
         """Start values of the dead paths of relative distances, (m, 1) [mm]."""

@@ -33,7 +33,7 @@ from volid.observations.artefact_lengths import (
     fitted,
     nominal_lengths,
 )
-from volid.observations.base import Group, Kind, NuisanceTable, takes_large_errors
+from volid.observations.base import ARTEFACT, Group, Kind, NuisanceTable, takes_large_errors
 from volid.observations.response import Key
 
 UNITS = {1e-3: "metres", 1e3: "micrometres", 1.0 / 25.4: "inches"}
@@ -136,6 +136,10 @@ class Length(Kind):
         if wrong.any():
             more = f" and {wrong.sum() - 1} more such rows" if wrong.sum() > 1 else ""
             raise InputError(f"{observations.where(int(np.argmax(wrong)))}{more}: {said}")
+
+    def lengths_of(self, observations: ObservationSet) -> str:
+        """Lengths of an artefact."""
+        return ARTEFACT
 
     def dead_paths(self, observations: ObservationSet, starts: Mapping[Any, float]) -> np.ndarray:
         """Start values of the artefacts' offsets, (m, 1) [mm]."""

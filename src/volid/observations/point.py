@@ -22,7 +22,7 @@ from volid.exceptions import InputError
 from volid.model.geometry import Vector, rotate_small, subtract
 from volid.model.kinematics import functional_point, nominal_point, transform
 from volid.model.machine import TOOL, Machine
-from volid.observations.base import DEGREES, Group, Kind, NuisanceTable
+from volid.observations.base import DEGREES, EITHER, LIGHT, Group, Kind, NuisanceTable
 from volid.observations.pose import best_pose, check_units
 from volid.observations.response import TurnOf, as_rows
 from volid.observations.stations import Seen, station_slots
@@ -87,6 +87,10 @@ class Point(Kind):
         """The readings themselves."""
         return observations.readings, np.eye(3) * observations.u[:, :, None] ** 2
 
+    def lengths_of(self, observations: ObservationSet) -> str:
+        """Coordinates come from ranges, or from pictures."""
+        return EITHER
+
     def check_values(self, observations: ObservationSet, campaign: Campaign) -> None:
         """Raises `InputError` for coordinates in metres, micrometres or inches."""
         check_units(observations, _nominal(observations, campaign), coordinates, _UNITS)
@@ -132,6 +136,10 @@ class Polar(Kind):
             np.stack([along, across / IN_DEGREES, up * (r / IN_DEGREES)[:, None]], axis=2) * observations.u[:, None]
         )
         return coordinates(observations), turned @ turned.transpose(0, 2, 1)
+
+    def lengths_of(self, observations: ObservationSet) -> str:
+        """Ranges are paths in light."""
+        return LIGHT
 
     def check_values(self, observations: ObservationSet, campaign: Campaign) -> None:
         """Raises `InputError` for ranges that are not positive, elevations beyond a right angle, and readings in other units."""

@@ -25,6 +25,7 @@ from volid.compensation.residual.volume import (
     predict_uncompensated,
     volumetric_summary,
 )
+from volid.environment.remarks import accounts
 from volid.exceptions import InputError, NotDeterminedError
 from volid.fitting.diagnosis.adequacy import ACCEPTED, ENLARGED, SuspectReading
 from volid.fitting.diagnosis.hold_out import by_angle, total
@@ -72,6 +73,7 @@ def summary_data(solution: Solution, tool: Sequence[float] | None = None) -> dic
         "repeats": _repeats(solution.campaign),
         "repeatability": repeatability_data(repeatability(solution.campaign, solution.readings.outliers)),
         "held_out": _held_out(solution),
+        "environment": accounts(solution.campaign),
         "notes": list(solution.notes),
         "provenance": dict(solution.provenance),
     }

@@ -8,6 +8,7 @@ from typing import Any
 
 from volid.model.axis_lines import AXIS_LINE, MACHINE, PARAMETER
 from volid.model.iso230 import DIRECTIONS, ROTATIONS
+from volid.report.environment_text import environment_words
 from volid.report.repeats import repeatability_lines
 from volid.report.sets import set_test_lines
 from volid.report.text import bullets, micro, paragraph, table, unit_of, vector
@@ -26,6 +27,7 @@ def format_summary(data: dict[str, Any]) -> str:
         _head_lines(data),
         _set_lines(data),
         set_test_lines(data),
+        _environment_lines(data),
         _held_out_lines(data),
         *([_barrier_lines(data)] if data["barrier"] else _number_blocks(data)),
         _reading_lines(data),
@@ -126,6 +128,13 @@ def _set_lines(data: dict[str, Any]) -> list[str]:
     ]
     lines = table(["set", "kind", "readings", "outliers", "stated u (RMS)", "residual RMS"], rows, left=2)
     return [*lines, *_fit_lines(data), *_repeat_lines(data["repeats"]), *repeatability_lines(data["repeatability"])]
+
+
+def _environment_lines(data: dict[str, Any]) -> list[str]:
+    """What was done to the readings of every set for air and temperature."""
+    return bullets(
+        "air and temperature", [f"{a['set']}: {'; '.join(environment_words(a))}" for a in data["environment"]]
+    )
 
 
 def _fit_lines(data: dict[str, Any]) -> list[str]:

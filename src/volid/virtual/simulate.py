@@ -13,6 +13,7 @@ from volid.campaign import Campaign, Effect, ObservationSet, Station, standard_u
 from volid.effects.distributions import standardised
 from volid.effects.prediction import Extended, effect_samples, groups_of
 from volid.effects.random import random_parts, split_normal
+from volid.environment.reduction import in_air, with_shared_effects
 from volid.exceptions import InputError
 from volid.fitting.equations.choice import engine_for_readings
 from volid.fitting.equations.engine import Engine
@@ -71,7 +72,7 @@ def simulate(
     """
     plan = standard_plan(plan) if isinstance(plan, Machine) else plan
     truth = random_truth(plan.machine, seed) if truth is None else truth
-    plan = on_machine(plan, truth.machine)
+    plan = with_shared_effects(on_machine(plan, truth.machine))
     _ask(plan)
     real = replace(plan, stations=tuple(_true_station(s, truth, plan) for s in plan.stations))
     engine = engine_for_readings(plan)
@@ -83,6 +84,7 @@ def simulate(
     record = {"simulated": True, "simulation_seed": seed, "simulation_truth": truth.source or "given"}
     approximate = tuple(_approximate(s, seed, station_error) for s in real.stations)
     campaign = replace(plan, sets=sets, stations=approximate, conditions={**plan.conditions, **record})
+    campaign = in_air(campaign, drawn.table.starts)
     stations = {s.name: s.position for s in real.stations if s.position is not None}
     instruments = {**truth.instruments, **drawn.recorded()}
     return campaign, replace(truth, stations={**truth.stations, **stations}, instruments=instruments)

@@ -11,6 +11,7 @@ from typing import Any
 from volid.campaign import Campaign
 from volid.exceptions import InputError, shown
 from volid.io.basics.hdf5_values import is_hdf5
+from volid.io.campaign.environments import joined
 from volid.io.campaign.hdf5 import read_campaign
 from volid.io.campaign.manifest import MANIFEST, read_manifest
 from volid.io.campaign.rules import check_consistent, check_unique
@@ -83,6 +84,7 @@ def _merge(campaigns: list[Campaign]) -> Campaign:
             stations=_merged(campaigns, lambda c: c.stations, "station"),
             alignments=_merged(campaigns, lambda c: c.alignments, "alignment"),
             sets=tuple(s for c in campaigns for s in c.sets),
+            environments=joined([c.environments for c in campaigns]),
             title="; ".join(dict.fromkeys(c.title for c in campaigns if c.title)),
             conditions=_merge_conditions(campaigns),
             warnings=tuple(dict.fromkeys(w for c in campaigns for w in c.warnings)),

@@ -12,7 +12,10 @@ Root attributes: `format`; `title`; `conditions` and `warnings` (JSON texts); `a
   - `labels/<column>` (m,) text; `rows` (m,) line numbers in `source`; where recorded `time` (m,) [s] and
     `temperature` (m,) [°C], NaN where not recorded; for kinds that see two functional points `to_positions`, `to_directions`,
     `to_tool`, of the second.
-Root attribute `alignments` (JSON text), where there are any: placements that lines share.
+- `environments/1`, … where there are any, with attributes `keys` (JSON text: what the manifest says of it), `source` and
+  `columns`, and for every column of the log a dataset of its name: `time` [s], `air_temperature_C`, `pressure_hPa`,
+`humidity_percent`, `…_C`. A set whose readings were corrected for air and temperature holds `as_read` (m, k) besides, the
+readings before that. Root attribute `alignments` (JSON text), where there are any: placements that lines share.
 """
 
 from __future__ import annotations
@@ -32,6 +35,7 @@ from volid.io.basics.hdf5_values import check_format, reading, to_json, write_ar
 from volid.io.basics.hdf5_writing import hdf5_output
 from volid.io.basics.toml_table import Table
 from volid.io.campaign.effects import check_effect
+from volid.io.campaign.environments import read_environments, write_environments
 from volid.io.campaign.rules import FORMAT, alignments_of, check_consistent, find_kind
 from volid.io.campaign.sets import check_option
 from volid.io.machines import format_machine, parse_machine
@@ -78,6 +82,8 @@ def write_campaign_group(campaign: Campaign, group: h5py.Group) -> None:
         group.attrs["alignments"] = to_json([asdict(alignment) for alignment in campaign.alignments])
     group["machine"] = format_machine(campaign.machine)
     _write_stations(group.create_group("stations"), campaign.stations)
+    if campaign.environments:
+        write_environments(group.create_group("environments"), campaign.environments)
     sets = group.create_group("sets")
     for i, readings in enumerate(campaign.sets, start=1):
         _write_set(sets.create_group(str(i)), readings)
@@ -113,6 +119,8 @@ def _write_set(group: h5py.Group, readings: ObservationSet) -> None:
     for name, unit in (("time", "s"), ("temperature", "°C")):
         if getattr(readings, name) is not None:
             write_array(group, name, getattr(readings, name)).attrs["unit"] = unit
+    if readings.as_read is not None:
+        write_array(group, "as_read", readings.as_read)
     if readings.rows is not None:
         write_array(group, "rows", readings.rows, np.int64)
 
@@ -148,6 +156,7 @@ def read_outline(group: Group) -> Campaign:
         conditions=attributes.json("conditions", dict),
         warnings=tuple(warnings),
         source=group.source,
+        environments=read_environments(group.group("environments")) if "environments" in group else (),
         alignments=alignments_of(attributes.json("alignments", list, "[]"), f"{group.where}, attribute alignments"),
     )
 
@@ -184,6 +193,7 @@ def read_set(group: Group, machine: Machine, rows: slice = ALL) -> ObservationSe
         effects=_effects(attributes.json("effects", list), machine, group.where),
         source=attributes.text("source"),
         rows=group.array("rows", (m,), int, rows=rows) if "rows" in group else None,
+        as_read=group.array("as_read", (m, k), rows=rows) if "as_read" in group else None,
         to=_second(group, (m, axes), rows) if kind.ends == 2 else None,
     )
 

@@ -10,13 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from volid.campaign import Alignment, Campaign, End, ObservationSet, Station, standard_uncertainty
+from volid.campaign import TIME, Alignment, Campaign, End, ObservationSet, Station, standard_uncertainty
+from volid.environment.reduction import as_read
 from volid.exceptions import InputError, OutputError
 from volid.io.basics.atomic import atomic_folder, atomic_with_companions
 from volid.io.basics.cells import CellWriter
 from volid.io.basics.csv_form import CsvForm
 from volid.io.basics.toml_table import Table, check_format, format_lines, read_toml
 from volid.io.campaign import calibration
+from volid.io.campaign.environments import environment_lines, read_environment, resolved, write_log
 from volid.io.campaign.foreign import IMPORTED
 from volid.io.campaign.named_stations import with_named
 from volid.io.campaign.reach import read_machine_of, refuse_other_types, refuse_outside
@@ -45,7 +47,9 @@ def read_manifest(path: str | Path, *, plan: bool = False, allow_outside: bool =
 def campaign_of(top: Table, folder: Path, *, plan: bool = False, allow_outside: bool = False) -> Campaign:
     """The campaign that a manifest's `top` table describes, with its files in `folder`. Raises `InputError`."""
     check_format(top, FORMAT)
-    top.only(("format", "machine", "title", "warnings", "conditions", "csv", "station", "alignment", "set"))
+    top.only(
+        ("format", "machine", "title", "warnings", "conditions", "csv", "station", "alignment", "environment", "set")
+    )
     refuse_other_types(top)
     if not allow_outside:
         refuse_outside(top, folder)
@@ -55,10 +59,11 @@ def campaign_of(top: Table, folder: Path, *, plan: bool = False, allow_outside: 
         raise InputError(f"{top.where}: there is no [[set]]; add one for each file of readings")
     form = CsvForm().with_stated(top)
     read = [read_set(table, folder, machine, plan=plan, form=form) for table in sets]
+    logs = [read_environment(table, folder, form) for table in top.tables("environment")]
     form.check_units(top)
     readings = tuple(found.readings for found in read)
     stations, remarks = with_named(tuple(_station(table, machine) for table in top.tables("station")), readings)
-    return check_consistent(
+    found = check_consistent(
         Campaign(
             machine=machine,
             stations=stations,
@@ -66,10 +71,17 @@ def campaign_of(top: Table, folder: Path, *, plan: bool = False, allow_outside: 
             sets=readings,
             title=top.text("title", "", one_line=False),
             conditions=_conditions(top, read),
-            warnings=(*_warnings(top), *(note for found in read for note in found.notes), *remarks),
+            environments=tuple(environment for environment, _ in logs),
+            warnings=(
+                *_warnings(top),
+                *(note for found in read for note in found.notes),
+                *(note for _, notes in logs for note in notes),
+                *remarks,
+            ),
             source=top.where,
         )
     )
+    return resolved(found)
 
 
 def _conditions(top: Table, read: Sequence[ReadSet]) -> dict[str, Any]:
@@ -110,10 +122,11 @@ def write_manifest(campaign: Campaign, place: str | Path, *, overwrite: bool = F
 
     `place` is a folder for `campaign.toml`, `machine.toml` and the sets; or, ending in .toml, the manifest itself: the others
     then stand beside it and begin with its name, PLAN.toml, PLAN.machine.toml, PLAN.volume.csv. Numbers keep all their
-    digits. Not kept: the line numbers and file names of the readings' first source. Raises `OutputError` when a file or a filled
+    digits; readings that were corrected for air and temperature are written as they were read. Not kept: the line numbers and
+    file names of the readings' first source. Raises `OutputError` when a file or a filled
     folder exists (unless `overwrite`), cannot be written, or a value has no text form.
     """
-    place = Path(place)
+    place, campaign = Path(place), as_read(campaign)
     if place.suffix.lower() == ".toml":
         machine, *names = [f"{place.stem}.{name}" for name in (MACHINE, *_file_names(campaign))]
         companions = [machine, *names, *(n for files in _calibrations(campaign, names) for n in files.values())]
@@ -129,20 +142,24 @@ def _write(campaign: Campaign, folder: Path, manifest: str, machine: str, names:
     try:
         (folder / manifest).write_text(_manifest(campaign, machine, names), encoding="utf-8")
         (folder / machine).write_text(format_machine(campaign.machine), encoding="utf-8")
-        for readings, name in zip(campaign.sets, names, strict=True):
+        for readings, name in zip(campaign.sets, names, strict=False):
             _write_csv(readings, campaign.machine, folder / name)
         for readings, files in zip(campaign.sets, _calibrations(campaign, names), strict=True):
             for key, name in files.items():
                 calibration.write_file(key, readings.options, folder / name)
+        for environment, name in zip(campaign.environments, names[len(campaign.sets) :], strict=True):
+            if TIME in environment.log:
+                write_log(environment, folder / name)
     except TypeError as error:
         raise OutputError(f"{manifest} cannot be written: {error}; keep the campaign in HDF5") from None
 
 
 def _file_names(campaign: Campaign) -> list[str]:
-    """A file name for each set: its name, with anything unusual in a file name replaced."""
+    """A file name for each set, then each environment: its name, with anything unusual in a file name replaced."""
     names: list[str] = []
-    for i, readings in enumerate(campaign.sets, start=1):
-        stem = re.sub(r"[^\w.-]+", "_", readings.name).strip("._") or "set"
+    entries = [entry.name for entry in campaign.sets] + [entry.name for entry in campaign.environments]
+    for i, entry in enumerate(entries, start=1):
+        stem = re.sub(r"[^\w.-]+", "_", entry).strip("._") or "set"
         taken = {name.casefold() for name in names}
         names.append(f"{stem}.csv" if f"{stem}.csv".casefold() not in taken else f"{stem}_{i}.csv")
     return names
@@ -150,7 +167,7 @@ def _file_names(campaign: Campaign) -> list[str]:
 
 def _calibrations(campaign: Campaign, names: list[str]) -> list[dict[str, str]]:
     """Names of the files that hold calibrated points, of every set by key."""
-    pairs = zip(campaign.sets, names, strict=True)
+    pairs = zip(campaign.sets, names, strict=False)  # behind them stand those of logs
     return [calibration.files_of(s.options, name, names) if KINDS[s.kind].calibrated else {} for s, name in pairs]
 
 
@@ -164,7 +181,9 @@ def _manifest(campaign: Campaign, machine: str, names: list[str]) -> str:
         lines += ["", "[[station]]", *format_lines(keys)]
     for alignment in campaign.alignments:
         lines += ["", "[[alignment]]", *format_lines({k: v or None for k, v in asdict(alignment).items()})]
-    for readings, name, files in zip(campaign.sets, names, _calibrations(campaign, names), strict=True):
+    for environment, name in zip(campaign.environments, names[len(campaign.sets) :], strict=True):
+        lines += environment_lines(environment, name)
+    for readings, name, files in zip(campaign.sets, names, _calibrations(campaign, names), strict=False):
         keys = {"name": readings.name, "kind": KINDS[readings.kind].file_kind or readings.kind, "file": name}
         lines += ["", "[[set]]", *format_lines(keys | dict(readings.options) | files)]
         for effect in readings.effects:

@@ -10,6 +10,7 @@ import numpy as np
 
 from volid.campaign import Alignment, Campaign, ObservationSet, Station
 from volid.effects.prediction import check_effects
+from volid.environment.checks import check_environments
 from volid.exceptions import InputError
 from volid.io.basics.toml_table import nearest
 from volid.model.machine import BED, TOOL, WORKPIECE, Machine
@@ -188,4 +189,5 @@ def check_consistent(campaign: Campaign) -> Campaign:
         KINDS[readings.kind].check(readings)
         check_target(readings, campaign)
         check_effects(readings)
+    check_environments(campaign)
     return campaign

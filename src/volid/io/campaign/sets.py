@@ -82,12 +82,12 @@ def _rows(table: Table, folder: Path, machine: Machine, form: CsvForm) -> tuple[
     """The keys of the set, the rows of its file, and what is recorded of a file that another program wrote."""
     if delimited.is_text(table):
         table, record = delimited.as_csv(table)
-        csv = _csv(table, folder, form.with_stated(table))
+        csv = named_csv(table, folder, form.with_stated(table))
         return *delimited.joined(table, csv, folder, machine), record
     if is_foreign(table):
         csv, table, record = read_foreign(table, folder, machine)
         return table, csv, record
-    return table, _csv(table, folder, form.with_stated(table)), {}
+    return table, named_csv(table, folder, form.with_stated(table)), {}
 
 
 def _ends(table: Table, csv: CsvTable, kind: Kind, machine: Machine, content: _Content) -> list[End]:
@@ -140,8 +140,8 @@ class _Content(NamedTuple):
     options: dict[str, Any]
 
 
-def _csv(table: Table, folder: Path, form: CsvForm) -> CsvTable:
-    """The set's file, with its columns named as `columns` says and without those in `ignore`."""
+def named_csv(table: Table, folder: Path, form: CsvForm) -> CsvTable:
+    """The file that a table names, with its columns named as `columns` says and without those in `ignore`."""
     csv = read_csv(folder / table.text("file"), form)
     columns, ignored = table.table("columns", {}), table.get("ignore", [])
     names = {key: _column(columns, key, form.header) for key in columns.data}

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from volid.campaign import ROW_ARRAYS, Campaign, End, ObservationSet
+from volid.environment.matching import narrowed
 from volid.exceptions import InputError
 from volid.io.basics.hdf5_values import is_hdf5, reading
 from volid.io.campaign.hdf5 import read_outline, read_set
@@ -62,7 +63,7 @@ class CampaignStream:
             for group in file.group("sets").numbered():
                 for start in range(0, group.length("positions", 2), rows):
                     readings = read_set(group, outline.machine, slice(start, start + rows))
-                    yield check_consistent(replace(outline, sets=(_finite(readings),)))
+                    yield check_consistent(narrowed(replace(outline, sets=(_finite(readings),))))
 
     def sample(self, rows: int) -> Campaign:
         """A campaign of about `rows` rows spread evenly over the file, with at least 25 rows of every combination of labels.
@@ -73,15 +74,15 @@ class CampaignStream:
         step = max(1, -(-self.rows // rows))
         found: dict[str, list[ObservationSet]] = {}
         seen: dict[tuple[str, ...], int] = {}
-        outline = None
+        with reading(self.path, "campaign", FORMAT) as file:
+            outline = read_outline(file)
         for part in self.parts():
             (readings,) = part.sets
             wanted = np.zeros(len(readings), dtype=bool)
             wanted[::step] = True
             _want_all_labels(readings, wanted, seen)
             found.setdefault(readings.name, []).append(readings.rows_of(np.flatnonzero(wanted)))
-            outline = part
-        if outline is None:
+        if not found:
             raise InputError(f"{self.path}: no set has a row; expected readings")
         return replace(outline, sets=tuple(_joined(parts) for parts in found.values()))
 
