@@ -16,6 +16,7 @@ import numpy as np
 
 from volid.backend.elementary import in_rows
 from volid.campaign import Campaign, ObservationSet
+from volid.exceptions import InputError
 from volid.model.geometry import Vector
 from volid.model.iso230 import DIRECTIONS, ROTATIONS
 from volid.model.jacobian import rigid_motion_rows, tool_rotation_rows
