@@ -84,21 +84,41 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--tool", metavar="x,y,z", type=tool_vector, action="append", help="tool vector, mm; repeatable"
     )
     parser.add_argument("--points", metavar="N[,N2]", type=counts, help="numbers of positions")
+    _add_lengths(parser)
+    _add_angles(parser)
+    parser.add_argument("--sensor-on", choices=("tool", "workpiece"), help="where the R-test's sensors sit")
+    parser.add_argument("--centre", metavar="x,y,z", type=place, help="of a circle, mm")
+    parser.add_argument("--planes", metavar="XY,…", type=planes, help="planes of circles")
+    parser.add_argument("--vertical", choices=("X", "Y", "Z"), help="of direct measurement: the axis that is vertical")
+    parser.add_argument("--seed", type=seed, metavar="N", help="of the positions")
+    add_unusual(parser)
+    add_output(parser, "PLAN.toml", "manifest; CSV and machine file stand beside it", required=True)
+
+
+def _add_lengths(parser: argparse.ArgumentParser) -> None:
+    """Lengths and their uncertainties."""
     parser.add_argument(
         "--u",
         metavar="U",
         type=number("mm", above=0.0),
         help="standard uncertainty of a reading, mm",
     )
-    parser.add_argument("--sensor-on", choices=("tool", "workpiece"), help="where the R-test's sensors sit")
-    parser.add_argument("--centre", metavar="x,y,z", type=place, help="of a circle, mm")
-    parser.add_argument("--planes", metavar="XY,…", type=planes, help="planes of circles")
-    parser.add_argument(
-        "--arc", metavar="DEG", type=number("degrees", above=0.0, most=360.0), help="angle of an arc, degrees"
-    )
     parser.add_argument("--length", metavar="L", type=number("mm", above=0.0), help="of the ball bar or the gauge, mm")
     parser.add_argument("--calibrated-u", metavar="U", type=length_u, help="of the calibrated length, mm")
     parser.add_argument("--scale-u", metavar="U", type=number(least=0.0), help="of the gauge's scale, a ratio")
+    parser.add_argument(
+        "--form-u",
+        metavar="U",
+        type=number("mm", least=0.0),
+        help="of straightedges and squares in direct measurement, mm; 0: straight; default 0.0005",
+    )
+
+
+def _add_angles(parser: argparse.ArgumentParser) -> None:
+    """Angles of arcs and cones."""
+    parser.add_argument(
+        "--arc", metavar="DEG", type=number("degrees", above=0.0, most=360.0), help="angle of an arc, degrees"
+    )
     parser.add_argument(
         "--half-angle",
         metavar="DEG",
@@ -111,16 +131,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=number("degrees", least=-180.0, most=180.0),
         help="of the cone's axis, degrees",
     )
-    parser.add_argument("--vertical", choices=("X", "Y", "Z"), help="of direct measurement: the axis that is vertical")
-    parser.add_argument(
-        "--form-u",
-        metavar="U",
-        type=number("mm", least=0.0),
-        help="of straightedges and squares in direct measurement, mm; 0: straight; default 0.0005",
-    )
-    parser.add_argument("--seed", type=seed, metavar="N", help="of the positions")
-    add_unusual(parser)
-    add_output(parser, "PLAN.toml", "manifest; CSV and machine file stand beside it", required=True)
 
 
 def run(args: argparse.Namespace) -> int:

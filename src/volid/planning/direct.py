@@ -116,7 +116,7 @@ class _Lines:
         """Both horizontal rotations of every axis by levels in pairs."""
         letters = [_about(a) for a in self.places.horizontal]
         rows = [Row(c, axis, axis, 1) for axis in LINEAR_AXES for c in letters]
-        return self._set("levels", rows, LEVEL_U, {"vertical": self.places.vertical}, "level")
+        return self._set("levels", rows, LEVEL_U, {"vertical": self.places.vertical}, levels=True)
 
     def laser(self) -> ObservationSet:
         """Positioning by linear optics."""
@@ -179,12 +179,14 @@ class _Lines:
         return self._set(place, rows, self.u, stated | ({"form_u": self.form_u} if self.form_u else {}))
 
     def _set(
-        self, name: str, rows: list[Row], u: float, options: Mapping[str, Any], kind: str = "component"
+        self, name: str, rows: list[Row], u: float, options: Mapping[str, Any], levels: bool = False
     ) -> ObservationSet:
-        parts = [self._line(row, kind == "level") for row in rows]
+        parts = [self._line(row, levels) for row in rows]
         joined = [np.concatenate(arrays) for arrays in zip(*(p.arrays for p in parts), strict=True)]
         labels = {key: np.concatenate([p.labels[key] for p in parts]) for key in parts[0].labels}
-        return Readings(joined[0], joined[1], joined[2], labels).as_set(name, kind, u, options)
+        return Readings(joined[0], joined[1], joined[2], labels).as_set(
+            name, "level" if levels else "component", u, options
+        )
 
     def _line(self, row: Row, levels: bool) -> Readings:
         q, directions, runs = self.places.along(row.axis, row.runs)
