@@ -28,7 +28,9 @@ _MEASURES = (  # beginning of a key in lower case, key of the record, factor by 
     ("env factor", "environment_factor"),
     ("exp coeff", "expansion_ppm_per_K"),
 )
-_EXPANSION = "it states an expansion coefficient of {:g} ppm/K, by which its program reduces readings to 20 °C: do not reduce them again"
+_EXPANSION = (
+    "it states an expansion of {:g} ppm/K, by which its program reduces readings to 20 °C: do not reduce them again"
+)
 _KILOPASCALS = (30.0, 120.0)  # a number in this range is a pressure in kPa; in 300 to 1200 in hPa
 _MATERIAL = "material_"
 
