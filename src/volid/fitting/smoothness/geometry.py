@@ -107,7 +107,8 @@ def determined(
     used = campaign
     if factors is not None:
         rows = [np.flatnonzero(np.any(f > 0.0, axis=1)) for f in factors]
-        used = replace(campaign, sets=tuple(s.rows_of(r) for s, r in zip(campaign.sets, rows, strict=True)))
+        kept = tuple(s.rows_of(r) for s, r in zip(campaign.sets, rows, strict=True) if len(r))
+        used = replace(campaign, sets=kept or campaign.sets)
     still = _axes_to_leave(problem.model, processes) | _pinned_axes(campaign)
     table = NuisanceTable.of(problem.nuisance)
     beside = [p for p in processes if still & {parse(n).axis for n in p.names}]

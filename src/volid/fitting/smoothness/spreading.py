@@ -37,8 +37,8 @@ def spread_out(campaign: Campaign, n_unknowns: int, still: set[str] | None = Non
     share = campaign.n_readings / max(n_unknowns, 1)
     scale = np.array([axis.length for axis in campaign.machine.axes])
     free = np.array([letter not in (still or ()) for letter in campaign.machine.letters])
-    sets = [_moved(s.rows_of(_chosen(s, share, rng)), scale, free, rng) for s in campaign.sets]
-    return replace(campaign, sets=tuple(s for s in sets if len(s)))
+    sets = tuple(_moved(s.rows_of(_chosen(s, share, rng)), scale, free, rng) for s in campaign.sets if len(s))
+    return replace(campaign, sets=sets)
 
 
 def _chosen(readings: ObservationSet, share: float, rng: np.random.Generator) -> np.ndarray:
