@@ -80,7 +80,7 @@ class Projection(Kind):
         "body": WORKPIECE,
     }
     optional: Mapping[str, Any] = {"alignment": "", "offset_per": LINE}
-    scopes: Mapping[str, tuple[str, ...]] = {"line": ("line",), "run": ("line", "run"), "beam": ("line", "segment")}
+    scopes: Mapping[str, tuple[str, ...]] = {"line": ("line",), "run": ("line", "run"), "segment": ("line", "segment")}
     tested_by = ("line",)
     named_by = ("line",)
     still_by = ("line",)
