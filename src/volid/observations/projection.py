@@ -42,7 +42,7 @@ from volid.model.kinematics import from_tool_frame, functional_point, transform
 from volid.model.machine import BED, WORKPIECE, Machine
 from volid.observations.base import Group, Kind, NuisanceTable, takes_large_errors
 from volid.observations.beam_advice import advice
-from volid.observations.beam_checks import check_beam, check_beside, check_displacements
+from volid.observations.beam_checks import check_beam, check_beside, check_direction, check_displacements
 from volid.observations.beam_lines import FLAT, MIRRORS, RETRO, SIDES, beams_of, described_beam
 from volid.observations.beam_unknowns import (
     LINE,
@@ -173,6 +173,8 @@ class Projection(Kind):
             if angle_keys(line) and np.isinf(float(observations.options["misalignment_u"])):
                 check_beside(line)
             if not takes_large_errors(observations):
+                if not angle_keys(line):
+                    check_direction(line)
                 for _, own in uninterrupted(line):
                     check_displacements(line, own)
 
