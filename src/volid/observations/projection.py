@@ -163,10 +163,12 @@ class Projection(Kind):
 
     def check_values(self, observations: ObservationSet, campaign: Campaign) -> None:
         """Raises `InputError` for beams that the tool leaves, and displacements of another sign or unit, or deviations."""
-        known = (WORKPIECE, BED, *campaign.machine.letters)
+        machine = campaign.machine
+        known = [b for b in (WORKPIECE, BED, *machine.letters) if machine.body_index(b) < len(machine.axes)]
         if observations.options["body"] not in known:
             raise InputError(
-                f"set '{observations.name}': body is '{observations.options['body']}'; expected one of {', '.join(known)}"
+                f"set '{observations.name}': body is '{observations.options['body']}'; expected one that the tool moves against, "
+                f"{', '.join(known)}"
             )
         for line in beams_of(observations, campaign):
             check_beam(line)
