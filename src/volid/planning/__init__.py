@@ -4,7 +4,18 @@
 """
 
 from volid.planning.ball_bar import cone_frustum
+from volid.planning.circles import circles
 from volid.planning.diagonals import diagonals, parallel_lines, step_diagonals
 from volid.planning.rtest import iso10791_path, rtest_static_grid
+from volid.planning.step_gauge import step_gauge
 
-__all__ = ["cone_frustum", "diagonals", "iso10791_path", "parallel_lines", "rtest_static_grid", "step_diagonals"]
+__all__ = [
+    "circles",
+    "cone_frustum",
+    "diagonals",
+    "iso10791_path",
+    "parallel_lines",
+    "rtest_static_grid",
+    "step_diagonals",
+    "step_gauge",
+]

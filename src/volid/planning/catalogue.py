@@ -14,11 +14,13 @@ from volid.campaign import Campaign
 from volid.exceptions import InputError
 from volid.model.machine import Machine
 from volid.planning.ball_bar import cone_frustum
+from volid.planning.circles import circles
 from volid.planning.diagonals import diagonals, parallel_lines, step_diagonals
 from volid.planning.rtest import iso10791_path, rtest_static_grid
 from volid.planning.standard import standard_plan
+from volid.planning.step_gauge import step_gauge
 
-GRID, CONE, STANDARD = "static-grid", "cone-frustum", "standard"
+GRID, CONE, STANDARD, CIRCLES, GAUGE = "static-grid", "cone-frustum", "standard", "circles", "step-gauge"
 BODY_DIAGONALS, DIAGONALS, STEP_DIAGONALS, PARALLEL = "body-diagonals", "diagonals", "step-diagonals", "parallel-lines"
 ISO = ("K1", "K2", "K4")
 LAYOUTS = ("A", "B", "C")  # two rotary axes in the head, two in the table, one on each side
@@ -83,25 +85,20 @@ def _standard(machine: Machine, **given: Any) -> Campaign:
     return standard_plan(machine, **given)
 
 
-def _cone(machine: Machine, **given: Any) -> Campaign:
-    given = one_count(given, "n", CONE)
-    if "tool" in given:
-        given["tool"] = _one(given["tool"], "tool", CONE)
-    return cone_frustum(machine, **given)
-
-
-def _along_beams(name: str, make: Callable[..., Campaign], machine: Machine, **given: Any) -> Campaign:
+def _one_tool(name: str, make: Callable[..., Campaign], machine: Machine, **given: Any) -> Campaign:
+    """A plan of `n` points with one tool vector."""
     given = one_count(given, "n", name)
     if "tool" in given:
         given["tool"] = _one(given["tool"], "tool", name)
     return make(machine, **given)
 
 
-def _parallel(machine: Machine, **given: Any) -> Campaign:
-    given = one_count(given, "n", PARALLEL)
+def _tools(name: str, make: Callable[..., Campaign], machine: Machine, **given: Any) -> Campaign:
+    """A plan of `n` points with any number of tool vectors."""
+    given = one_count(given, "n", name)
     if "tool" in given:
         given["tools"] = given.pop("tool")
-    return parallel_lines(machine, **given)
+    return make(machine, **given)
 
 
 def _iso(test: str, machine: Machine, **given: Any) -> Campaign:
@@ -129,7 +126,7 @@ _ENTRIES = (
     Plan(
         CONE,
         "ball bar at a cone frustum, all axes at once",
-        _cone,
+        partial(_one_tool, CONE, cone_frustum),
         {
             "points": "73",
             "centre": "",
@@ -150,27 +147,55 @@ _ENTRIES = (
     Plan(
         BODY_DIAGONALS,
         "laser displacements along the four body diagonals of ISO 230-6, there and back, retro-reflector",
-        partial(_along_beams, BODY_DIAGONALS, partial(diagonals, faces=False)),
+        partial(_one_tool, BODY_DIAGONALS, partial(diagonals, faces=False)),
         {"points": "11 of a line", **_BEAM},
     ),
     Plan(
         DIAGONALS,
         "the same with two diagonals of each of three planes in the middle of the volume",
-        partial(_along_beams, DIAGONALS, diagonals),
+        partial(_one_tool, DIAGONALS, diagonals),
         {"points": "11 of a line", **_BEAM},
     ),
     Plan(
         STEP_DIAGONALS,
         "sequential step diagonals: along the body diagonals by steps of X, then Y, then Z, there and\n"
         "back, flat mirror of unknown tilt; points: steps of each axis",
-        partial(_along_beams, STEP_DIAGONALS, step_diagonals),
+        partial(_one_tool, STEP_DIAGONALS, step_diagonals),
         {"points": "10", **_BEAM},
     ),
     Plan(
         PARALLEL,
         "laser displacements along every linear axis, on four parallel lines, there and back",
-        _parallel,
+        partial(_tools, PARALLEL, parallel_lines),
         {"points": "11 of a line", **_BEAM},
+    ),
+    Plan(
+        CIRCLES,
+        "ball bar on circles and arcs in the planes of the linear axes, each in both senses",
+        partial(_one_tool, CIRCLES, circles),
+        {
+            "points": "73 a run",
+            "planes": "XY,YZ,ZX",
+            "arc": "220, in planes that hold the tool's axis",
+            "centre": "",
+            "length": "150",
+            "calibrated_u": "0.0005; inf where the length is unknown",
+            "tool": "0,0,-150",
+            "u": "0.0005",
+        },
+    ),
+    Plan(
+        GAUGE,
+        "lengths of a step gauge along seven lines, each axis and four body diagonals",
+        partial(_tools, GAUGE, step_gauge),
+        {
+            "points": "5 lengths a line",
+            "length": "the longest, 0.9 of the line",
+            "calibrated_u": "0.0002",
+            "scale_u": "5e-7",
+            "tool": "0,0,-150",
+            "u": "0.0005",
+        },
     ),
     *(
         Plan(name, _ISO_WORDS, partial(_iso, name), _ISO_PARAMETERS)
