@@ -341,6 +341,24 @@ def test_positions_that_leave_the_beam_are_named_with_where_they_go():
         check_campaign(read(changed(BODY, lines=lines)))
 
 
+def test_a_direction_of_two_digits_is_too_rough_and_one_of_four_is_not():
+    """(0.77, 0.51, 0.38) is 3 mrad off: 4 µm of 781 mm; four digits are 40 µrad off: 1 nm."""
+    exact = np.array(BODY.sets[0].options["lines"]["PPP"])
+    campaign = read(BODY)
+
+    def stated(digits):
+        return changed(campaign, lines={**campaign.sets[0].options["lines"], "PPP": exact.round(digits).tolist()})
+
+    rough = exact.round(2) / np.linalg.norm(exact.round(2))
+    short = 1e3 * np.sqrt(600**2 + 400**2 + 300**2) * (1.0 - rough @ exact)
+    said = rf"line 'PPP' is said to run .* run along \[0.768221, 0.512148, 0.384111\]: .* be {short:.2g} µm too short"
+    with pytest.raises(InputError, match=said):
+        check_campaign(stated(2))
+    check_campaign(stated(4))
+    check_campaign(changed(stated(2), misalignment=True, misalignment_u=5e-3))
+    check_campaign(with_large_errors(stated(2)))
+
+
 @pytest.mark.parametrize("axis", ["X", "Z"])
 def test_an_axis_that_counts_the_other_way_is_thought_of(axis):
     campaign = read(parallel_lines(machine_of(THREE), 5))
@@ -416,9 +434,13 @@ def test_angles_that_nothing_shows_are_refused_unless_a_prior_is_stated():
         check_campaign(shared)
 
 
-def test_a_body_that_no_beam_can_stand_on_is_named():
-    with pytest.raises(InputError, match="body is 'tool'; expected one of workpiece, bed, Y, X, Z"):
-        check_campaign(changed(read(BODY), body="tool"))
+@pytest.mark.parametrize("body", ["tool", "Z"])
+def test_a_body_that_no_beam_can_stand_on_is_named(body):
+    """Z carries the tool: a beam from there would never change."""
+    with pytest.raises(
+        InputError, match=f"body is '{body}'; expected one that the tool moves against, workpiece, bed, Y, X$"
+    ):
+        check_campaign(changed(read(BODY), body=body))
 
 
 def test_a_manifest_as_a_user_writes_it(tmp_path):

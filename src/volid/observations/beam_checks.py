@@ -11,6 +11,8 @@ UNITS = {1e-3: "metres", 1e3: "micrometres", 1.0 / 25.4: "inches"}
 BESIDE = {FLAT: 300.0, "retro": 20.0}  # mm that the tool may be beside the beam before the mirror has lost it
 ON_BEAM = 0.1  # mm across a beam: less shows no angle
 TURNED = 1e-2  # that a flat mirror may turn nominally along its line, as a sine
+INCLINED = 0.995  # cosine: positions that run more obliquely are meant to
+NOTICED = 0.5  # of u, by which a displacement may be too short because of the direction's digits
 SHORT = 1.0  # mm: shorter displacements tell neither sign nor unit
 LARGEST, SHARE = 1.0, 0.003  # mm, and of the displacement: how far readings may be from the commanded positions
 FITS = 0.1  # of a displacement: how near readings in another unit, or of the other sign, come to the commanded ones
@@ -36,6 +38,27 @@ def check_beam(line: BeamLine) -> None:
                 f"{line.seen.where(i)}: a rotary axis turns the flat mirror by {np.rad2deg(off[i]):.3g}° from the beam of line "
                 f"'{line.name}'; expected the same rotary positions along a line, or another line for others"
             )
+
+
+def check_direction(line: BeamLine) -> None:
+    """Raises `InputError` where positions on one straight line run a little beside the direction that is stated of the beam.
+
+    A direction of two digits makes displacements that are compared with it 10 µm/m too short, and nothing else shows that.
+    """
+    moved = line.places - line.places[0]
+    far = moved[int(np.argmax(np.linalg.norm(moved, axis=1)))]
+    size = float(np.linalg.norm(far))
+    if size <= SHORT or np.linalg.norm(np.cross(moved, far / size), axis=1).max() > ON_BEAM:
+        return
+    cosine = float(far @ line.beam.along) / size
+    short = (1.0 - abs(cosine)) * size
+    if abs(cosine) > INCLINED and short > NOTICED * line.seen.u.min():
+        digits = ", ".join(f"{c + 0.0:.6f}" for c in np.sign(cosine) * far / size)
+        raise InputError(
+            f"{line.observations.file_and_set}: line '{line.name}' is said to run along [{_listed(line.beam.along)}], while its "
+            f"positions run along [{digits}]: displacements would be taken to be {1e3 * short:.2g} µm too short. State the "
+            "direction with all digits; if the beam really was inclined, state misalignment = true and misalignment_u (rad)"
+        )
 
 
 def check_beside(line: BeamLine) -> None:

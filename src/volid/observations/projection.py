@@ -42,7 +42,7 @@ from volid.model.kinematics import from_tool_frame, functional_point, transform
 from volid.model.machine import BED, WORKPIECE, Machine
 from volid.observations.base import Group, Kind, NuisanceTable, takes_large_errors
 from volid.observations.beam_advice import advice
-from volid.observations.beam_checks import check_beam, check_beside, check_displacements
+from volid.observations.beam_checks import check_beam, check_beside, check_direction, check_displacements
 from volid.observations.beam_lines import FLAT, MIRRORS, RETRO, SIDES, beams_of, described_beam
 from volid.observations.beam_unknowns import (
     LINE,
@@ -80,7 +80,7 @@ class Projection(Kind):
         "body": WORKPIECE,
     }
     optional: Mapping[str, Any] = {"alignment": "", "offset_per": LINE}
-    scopes: Mapping[str, tuple[str, ...]] = {"line": ("line",), "run": ("line", "run"), "beam": ("line", "segment")}
+    scopes: Mapping[str, tuple[str, ...]] = {"line": ("line",), "run": ("line", "run"), "segment": ("line", "segment")}
     tested_by = ("line",)
     named_by = ("line",)
     still_by = ("line",)
@@ -163,16 +163,20 @@ class Projection(Kind):
 
     def check_values(self, observations: ObservationSet, campaign: Campaign) -> None:
         """Raises `InputError` for beams that the tool leaves, and displacements of another sign or unit, or deviations."""
-        known = (WORKPIECE, BED, *campaign.machine.letters)
+        machine = campaign.machine
+        known = [b for b in (WORKPIECE, BED, *machine.letters) if machine.body_index(b) < len(machine.axes)]
         if observations.options["body"] not in known:
             raise InputError(
-                f"set '{observations.name}': body is '{observations.options['body']}'; expected one of {', '.join(known)}"
+                f"set '{observations.name}': body is '{observations.options['body']}'; expected one that the tool moves against, "
+                f"{', '.join(known)}"
             )
         for line in beams_of(observations, campaign):
             check_beam(line)
             if angle_keys(line) and np.isinf(float(observations.options["misalignment_u"])):
                 check_beside(line)
             if not takes_large_errors(observations):
+                if not angle_keys(line):
+                    check_direction(line)
                 for _, own in uninterrupted(line):
                     check_displacements(line, own)
 

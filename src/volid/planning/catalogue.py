@@ -89,27 +89,6 @@ def _standard(machine: Machine, **given: Any) -> Campaign:
     return standard_plan(machine, **given)
 
 
-def _cone(machine: Machine, **given: Any) -> Campaign:
-    given = one_count(given, "n", CONE)
-    if "tool" in given:
-        given["tool"] = _one(given["tool"], "tool", CONE)
-    return cone_frustum(machine, **given)
-
-
-def _circles(machine: Machine, **given: Any) -> Campaign:
-    given = one_count(given, "n", CIRCLES)
-    if "tool" in given:
-        given["tool"] = _one(given["tool"], "tool", CIRCLES)
-    return circles(machine, **given)
-
-
-def _gauge(machine: Machine, **given: Any) -> Campaign:
-    given = one_count(given, "n", GAUGE)
-    if "tool" in given:
-        given["tools"] = given.pop("tool")
-    return step_gauge(machine, **given)
-
-
 def _direct(machine: Machine, **given: Any) -> Campaign:
     given = one_count(given, "points", DIRECT)
     if "tool" in given:
@@ -125,18 +104,20 @@ def _plate(machine: Machine, **given: Any) -> Campaign:
     return ball_plate(machine, **given)
 
 
-def _along_beams(name: str, make: Callable[..., Campaign], machine: Machine, **given: Any) -> Campaign:
+def _one_tool(name: str, make: Callable[..., Campaign], machine: Machine, **given: Any) -> Campaign:
+    """A plan of `n` points with one tool vector."""
     given = one_count(given, "n", name)
     if "tool" in given:
         given["tool"] = _one(given["tool"], "tool", name)
     return make(machine, **given)
 
 
-def _parallel(machine: Machine, **given: Any) -> Campaign:
-    given = one_count(given, "n", PARALLEL)
+def _tools(name: str, make: Callable[..., Campaign], machine: Machine, **given: Any) -> Campaign:
+    """A plan of `n` points with any number of tool vectors."""
+    given = one_count(given, "n", name)
     if "tool" in given:
         given["tools"] = given.pop("tool")
-    return parallel_lines(machine, **given)
+    return make(machine, **given)
 
 
 def _iso(test: str, machine: Machine, **given: Any) -> Campaign:
@@ -164,7 +145,7 @@ _ENTRIES = (
     Plan(
         CONE,
         "ball bar at a cone frustum, all axes at once",
-        _cone,
+        partial(_one_tool, CONE, cone_frustum),
         {
             "points": "73",
             "centre": "",
@@ -183,9 +164,34 @@ _ENTRIES = (
         {"points": "400 per station", "tool": "three", "u": "0.0003 and 3e-7 of the distance", "seed": "0"},
     ),
     Plan(
+        BODY_DIAGONALS,
+        "laser displacements along the four body diagonals of ISO 230-6, there and back, retro-reflector",
+        partial(_one_tool, BODY_DIAGONALS, partial(diagonals, faces=False)),
+        {"points": "11 of a line", **_BEAM},
+    ),
+    Plan(
+        DIAGONALS,
+        "the same with two diagonals of each of three planes in the middle of the volume",
+        partial(_one_tool, DIAGONALS, diagonals),
+        {"points": "11 of a line", **_BEAM},
+    ),
+    Plan(
+        STEP_DIAGONALS,
+        "sequential step diagonals: along the body diagonals by steps of X, then Y, then Z, there and\n"
+        "back, flat mirror of unknown tilt; points: steps of each axis",
+        partial(_one_tool, STEP_DIAGONALS, step_diagonals),
+        {"points": "10", **_BEAM},
+    ),
+    Plan(
+        PARALLEL,
+        "laser displacements along every linear axis, on four parallel lines, there and back",
+        partial(_tools, PARALLEL, parallel_lines),
+        {"points": "11 of a line", **_BEAM},
+    ),
+    Plan(
         CIRCLES,
         "ball bar on circles and arcs in the planes of the linear axes, each in both senses",
-        _circles,
+        partial(_one_tool, CIRCLES, circles),
         {
             "points": "73 a run",
             "planes": "XY,YZ,ZX",
@@ -200,7 +206,7 @@ _ENTRIES = (
     Plan(
         GAUGE,
         "lengths of a step gauge along seven lines, each axis and four body diagonals",
-        _gauge,
+        partial(_tools, GAUGE, step_gauge),
         {
             "points": "5 lengths a line",
             "length": "the longest, 0.9 of the line",
@@ -230,31 +236,6 @@ _ENTRIES = (
             "tool": "0,0,-150",
             "u": "0.0005",
         },
-    ),
-    Plan(
-        BODY_DIAGONALS,
-        "laser displacements along the four body diagonals of ISO 230-6, there and back, retro-reflector",
-        partial(_along_beams, BODY_DIAGONALS, partial(diagonals, faces=False)),
-        {"points": "11 of a line", **_BEAM},
-    ),
-    Plan(
-        DIAGONALS,
-        "the same with two diagonals of each of three planes in the middle of the volume",
-        partial(_along_beams, DIAGONALS, diagonals),
-        {"points": "11 of a line", **_BEAM},
-    ),
-    Plan(
-        STEP_DIAGONALS,
-        "sequential step diagonals: along the body diagonals by steps of X, then Y, then Z, there and\n"
-        "back, flat mirror of unknown tilt; points: steps of each axis",
-        partial(_along_beams, STEP_DIAGONALS, step_diagonals),
-        {"points": "10", **_BEAM},
-    ),
-    Plan(
-        PARALLEL,
-        "laser displacements along every linear axis, on four parallel lines, there and back",
-        _parallel,
-        {"points": "11 of a line", **_BEAM},
     ),
     *(
         Plan(name, _ISO_WORDS, partial(_iso, name), _ISO_PARAMETERS)
