@@ -56,6 +56,23 @@ def test_rows_in_another_order_are_the_same_readings(tmp_path):
     assert content(one) == content(other)
 
 
+def test_odd_runs_that_are_listed_backwards_are_said(tmp_path):
+    text = run_file(RUNS, THREE)
+    rows = [line for line in text.split("\r\n") if len(line.split()) == 3 and line.split()[0].isdigit()]
+    backwards = text.replace(
+        "\r\n".join(rows), "\r\n".join(sorted(rows, key=lambda r: (r.split()[0], -int(r.split()[1]))))
+    )
+    found, campaign = read(tmp_path, backwards)
+    assert found.directions[0, campaign.machine.letters.index("X")] == 1.0
+    assert any("odd runs are listed from the last target to the first" in w for w in campaign.warnings)
+    assert not any("odd runs are listed" in w for w in read(tmp_path, text)[1].warnings)
+
+
+def test_targets_count_from_where_the_user_says(tmp_path):
+    found, campaign = read(tmp_path, run_file(RUNS, (-400.0, 0.0, 400.0)), offset=450.0)
+    np.testing.assert_array_equal(found.positions[:3, campaign.machine.letters.index("X")], [50, 450, 850])
+
+
 def test_falling_targets_turn_the_directions(tmp_path):
     found, campaign = read(tmp_path, run_file(RUNS, THREE[::-1]))
     x = campaign.machine.letters.index("X")
@@ -113,6 +130,7 @@ def test_the_environment_is_kept_in_the_units_of_its_keys(tmp_path):
     assert record["date_time"] == ["10:46 Dec 12 2016", "11:01 Dec 12 2016"]
     assert record["as_written"]["TITLE"] == "made up"
     assert any("material_2_C: -10 °C was taken for a sensor that is not connected" in w for w in campaign.warnings)
+    assert any("expansion of 8 ppm/K, by which its program reduces readings to 20 °C" in w for w in campaign.warnings)
 
 
 def test_a_file_without_environment_has_no_temperature(tmp_path):

@@ -16,7 +16,7 @@ from volid.io.instruments.runs import Runs
 from volid.io.instruments.sections import ENVIRONMENT, USER, Sections
 from volid.model.machine import Axis
 
-KEYS = ("axis", "at", "component", "unit")
+KEYS = ("axis", "at", "offset", "component", "unit")
 _NO_SENSOR = -10.0  # °C, what programs write where no sensor is connected
 _MEASURES = (  # beginning of a key in lower case, key of the record, factor by the size of the number
     ("air temp", "air_temperature_C"),
@@ -28,15 +28,22 @@ _MEASURES = (  # beginning of a key in lower case, key of the record, factor by 
     ("env factor", "environment_factor"),
     ("exp coeff", "expansion_ppm_per_K"),
 )
+_EXPANSION = (
+    "it states an expansion of {:g} ppm/K, by which its program reduces readings to 20 °C: do not reduce them again"
+)
 _KILOPASCALS = (30.0, 120.0)  # a number in this range is a pressure in kPa; in 300 to 1200 in hPa
 _MATERIAL = "material_"
 
 
 class Line(NamedTuple):
-    """`axis` moved, `at`: position of every other axis by letter; `component` of the deviation; `notes` how that was found."""
+    """`axis` moved, `at`: position of every other axis by letter; `component` of the deviation; `notes` how that was found.
+
+    `offset`: what the axis showed where the file counts 0 [mm or degrees].
+    """
 
     axis: Axis
     at: Mapping[str, float]
+    offset: float
     component: str
     notes: tuple[str, ...]
 
@@ -54,7 +61,7 @@ def line_of(request: Request, sections: Sections, components: tuple[str, ...]) -
             f"{axis.letter} moved"
         )
     component = request.table.text("component", own, choices=components)
-    return Line(axis, _others(request, axis), component, notes)
+    return Line(axis, _others(request, axis), request.table.number("offset", 0.0), component, notes)
 
 
 def _axis(request: Request, sections: Sections) -> tuple[Axis, tuple[str, ...]]:
@@ -102,7 +109,10 @@ def found_on(line: Line, runs: Runs, sections: Sections, unit: str) -> Found:
     n = len(runs.value)
     environment, left_out = _environment(sections)
     columns: dict[str, Any] = {letter: [value] * n for letter, value in line.at.items()}
-    columns |= {line.axis.letter: runs.target.tolist(), f"{line.axis.letter}_dir": runs.way.astype(int).tolist()}
+    columns |= {
+        line.axis.letter: (runs.target + line.offset).tolist(),
+        f"{line.axis.letter}_dir": runs.way.astype(int).tolist(),
+    }
     columns |= {"component": [line.component] * n, "run": runs.run.tolist(), "value": runs.value.tolist()}
     material = [t for key, values in environment.items() if key.startswith(_MATERIAL) for t in values]
     if material:
@@ -138,10 +148,12 @@ def _environment(sections: Sections) -> tuple[dict[str, list[float]], tuple[str,
         values = next((_numbers(value) for key, value in pairs.items() if key.startswith(beginning)), [])[:2]
         if name == "pressure_hPa":
             values = _in_hectopascals(values)
-        if name.startswith(_MATERIAL) and values and set(values) == {_NO_SENSOR}:
+        if name.startswith(_MATERIAL) and _NO_SENSOR in values:
             notes.append(f"{name}: {_NO_SENSOR:g} °C was taken for a sensor that is not connected")
         elif values:
             found[name] = values
+    if any(found.get("expansion_ppm_per_K", [])):
+        notes.append(_EXPANSION.format(found["expansion_ppm_per_K"][0]))
     return found, tuple(notes)
 
 

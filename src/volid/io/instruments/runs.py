@@ -52,7 +52,8 @@ def read_runs(file: ForeignFile, sections: Sections, table: Table) -> Runs:
     run, index, value = (np.array(column) for column in zip(*cells, strict=True))
     rising = np.sign(targets[-1] - targets[0])
     way = np.where(run % 2 == 1, rising, -rising)
-    runs = Runs(targets[index - 1], run, way, value, np.array([n for n, _ in lines]), _cut_off(sections))
+    notes = (*_cut_off(sections), *_listed_otherwise(run, index))
+    runs = Runs(targets[index - 1], run, way, value, np.array([n for n, _ in lines]), notes)
     _check_repeated(file, runs, index)
     _check_complete(file, runs, sections, len(targets), table)
     return _without_filling(file, runs, sections, table)
@@ -60,6 +61,16 @@ def read_runs(file: ForeignFile, sections: Sections, table: Table) -> Runs:
 
 def _cut_off(sections: Sections) -> tuple[str, ...]:
     return () if END in sections else ("there is no section EOF:: at its end; the file may have been cut off",)
+
+
+def _listed_otherwise(run: np.ndarray, index: np.ndarray) -> tuple[str, ...]:
+    """A remark where the rows of every odd run stand in the order of a run back."""
+    within = (np.diff(run) == 0) & (run[1:] % 2 == 1)
+    if not within.any() or (np.diff(index)[within] > 0).any():
+        return ()
+    return (
+        "odd runs are listed from the last target to the first; they were taken to go towards the last, as the layout says",
+    )
 
 
 def _target_lines(sections: Sections) -> list[tuple[int, str]]:
