@@ -23,7 +23,7 @@ def add_foreign(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--positions", metavar="CSV", help="axis positions that the files do not hold")
     group.add_argument("--axis", metavar="X", help="the axis that moved, where the file does not say")
     group.add_argument(
-        "--at", metavar="Y=300,Z=-250", type=_positions, help="where the other axes stood, mm or degrees"
+        "--at", metavar="Y=300,Z=-250", type=_positions, help="where axes stood that did not move, mm or degrees"
     )
     group.add_argument("--component", metavar="C", help="component of the deviation: X, Y, Z, A, B or C")
     group.add_argument("--tool", metavar="x,y,z", type=tool_vector, help="tool vector of what was measured, mm")

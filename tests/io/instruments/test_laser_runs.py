@@ -235,7 +235,7 @@ KEYS = {
         {"at": {"Y": 300.0}},
         r"\[at\]: no position of Z; expected where every axis stood while X moved",
     ),
-    "a place of the axis itself": ({"at": {"X": 0.0, "Y": 300.0, "Z": 0.0}}, r"\[at\]: unknown key 'X'"),
+    "a place of no axis": ({"at": {"W": 0.0, "Y": 300.0, "Z": 0.0}}, r"\[at\]: unknown key 'W'"),
     "no tool": ({"tool": None}, r"there is no tool vector; add tool = \[x, y, z\]"),
     "no u": ({"u": None}, "there is no standard uncertainty; add u"),
     "a rotation": ({"component": "A"}, 'component is "A"; expected one of "X", "Y", "Z"'),
@@ -328,12 +328,40 @@ def test_the_sign_of_averages_is_not_guessed(tmp_path):
         read(tmp_path, text, "x.pos", sign=2)
 
 
-@pytest.mark.parametrize("bad", ["400.000\t0.0020000\t7", "-400.000\tx", "400.000"])
+@pytest.mark.parametrize("bad", ["400.000\t0.0020000\t7", "-400.000\tx", "400.000", "x400.000\t0.0020000"])
 def test_a_damaged_row_of_averages_is_named(bad, tmp_path):
     text = averages_file([0.001, 0.002, 0.003], [0.001, 0.002, 0.003], THREE).replace("400.000\t0.0020000", bad, 1)
     line = text[: text.index(bad)].count("\n") + 1
     with pytest.raises(InputError, match=rf"x.pos, row {line}: '.*'; expected position and error, two numbers"):
         read(tmp_path, text, "x.pos", sign=1)
+
+
+def test_tables_of_averages_have_the_same_positions(tmp_path):
+    text = averages_file([0.001, 0.002, 0.003], [0.001, 0.002, 0.003], THREE)
+    end = text.rindex("400.000")
+    text = text[:end] + text[text.index("\n", end) + 1 :]
+    with pytest.raises(InputError, match=r"x.pos: the tables differ in their positions \(3 both, 3 forward, 2 back\)"):
+        read(tmp_path, text, "x.pos", sign=1)
+    assert len(read(tmp_path, text, "x.pos", sign=1, incomplete=True)[0]) == 5
+
+
+def test_one_list_of_places_serves_the_files_of_all_axes(tmp_path):
+    """Each axis moves in its own file and stands where the list says in the others."""
+    ends = {"X": (0.0, 1000.0), "Y": (0.0, 600.0), "Z": (-500.0, 0.0)}
+    for letter, (low, high) in ends.items():
+        (tmp_path / f"{letter}.rtl").write_text(run_file(RUNS, (low, (low + high) / 4, high), axis=f"{letter} axis"))
+    places = {"X": 500.0, "Y": 300.0, "Z": -250.0}
+    campaign = import_files([tmp_path / f"{a}.rtl" for a in ends], MACHINE, {"at": places, **MEASURED})
+    for letter, readings in zip(ends, campaign.sets, strict=True):
+        for i, axis in enumerate(campaign.machine.letters):
+            moved = set(readings.positions[:, i])
+            assert moved == ({places[axis]} if axis != letter else {*ends[letter], sum(ends[letter]) / 4})
+        assert set(readings.labels["component"]) == {letter}
+
+
+def test_a_file_of_another_interferometer_is_named(tmp_path):
+    with pytest.raises(InputError, match="seems to be runs of a laser interferometer in a file of another type"):
+        read(tmp_path, run_file(RUNS, THREE, file_type="rts"), "x.rts")
 
 
 def test_several_files_are_several_sets(tmp_path):

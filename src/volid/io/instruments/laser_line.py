@@ -82,7 +82,10 @@ def _axis(request: Request, sections: Sections) -> tuple[Axis, tuple[str, ...]]:
 
 
 def _others(request: Request, axis: Axis) -> dict[str, float]:
-    """Position of every axis that stood still. Raises `InputError` naming those that are missing."""
+    """Position of every axis that stood still; one of the axis that moved counts for nothing.
+
+    Raises `InputError` naming those that are missing.
+    """
     given = request.table.table("at", {})
     others = [a.letter for a in request.machine.axes if a is not axis]
     missing = [letter for letter in others if letter not in given.data]
@@ -92,7 +95,7 @@ def _others(request: Request, axis: Axis) -> dict[str, float]:
             f"{given.where}: no position of {', '.join(missing)}; expected where every axis stood while {axis.letter} moved, "
             f"such as at = {{ {example} }}"
         )
-    given.only(others)
+    given.only(a.letter for a in request.machine.axes)  # one list may serve files of several axes
     return {letter: given.number(letter) for letter in others}
 
 

@@ -8,11 +8,13 @@ its sign, and not that of `.rtl` files), so the user states it.
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 
 from volid.exceptions import InputError
+from volid.io.basics.toml_table import Table
 from volid.io.instruments.base import FROM_DESCRIPTIONS, ForeignFile, Format, Found, ReadingsFormat, Request
 from volid.io.instruments.laser_line import KEYS, check_linear, found_on, line_of, unit_of
 from volid.io.instruments.numerals import decimal_of, number
@@ -25,6 +27,7 @@ _TABLE = re.compile(r"^[ \t]{0,40}Position[ \t]{1,40}(\w[\w -]{0,60}) Avg\.? Err
 _ANYWHERE = re.compile(_TABLE.pattern, re.IGNORECASE | re.MULTILINE)
 _BEGINS_AS_ROW = re.compile(r"\s*[-+−]?[.,]?\d")
 _WAYS = (("bidirectional", 0, "both"), ("forward", 1, "forward"), ("backward", -1, "back"), ("reverse", -1, "back"))
+_ARRAYS = ("position", "way", "run", "value", "line")
 _AVERAGED = "it holds averages of the runs, not the runs: their scatter is not among the readings, so u has to hold it"
 
 
@@ -64,34 +67,39 @@ class Pos(ReadingsFormat):
         if sign not in (1.0, -1.0):
             raise request.table.wrong("sign", "1 where error is actual - nominal, -1 where it is nominal - actual")
         averaged = _ANYWHERE.search(file.text) is not None
-        runs = _averages(file) if averaged else read_runs(file, sections, request.table)
+        runs = _averages(file, request.table) if averaged else read_runs(file, sections, request.table)
         runs = runs._replace(value=sign * runs.value)
         return found_on(line, runs, sections, unit_of(request, "mm", "mm"))
 
 
-def _averages(file: ForeignFile) -> Runs:
+def _averages(file: ForeignFile, table: Table) -> Runs:
     """Forward and back where the file has both, or else the averages that it has. Raises `InputError` naming the line."""
-    rows = _rows(file)
-    ways = {row.way for row in rows}
-    kept = (
-        [row for row in rows if row.way]
-        if {1, -1} <= ways
-        else [row for row in rows if row.way == (1 if 1 in ways else 0)]
-    )
-    kept = kept or rows
-    if len(kept) < 2:
+    tables: dict[int, list[_Row]] = {}
+    for row in _rows(file):
+        tables.setdefault(row.way, []).append(row)
+    _check_tables(file, tables, table)
+    ahead = next(tables[way] for way in (1, 0, -1) if way in tables)
+    kept = [*tables[1], *tables[-1]] if {1, -1} <= set(tables) else ahead
+    position, way, run, value, line = (np.array([getattr(row, name) for row in kept]) for name in _ARRAYS)
+    return Runs(position, run, way * np.sign(ahead[-1].position - ahead[0].position), value, line, (_AVERAGED,))
+
+
+def _check_tables(file: ForeignFile, tables: Mapping[int, list[_Row]], table: Table) -> None:
+    """Raises `InputError` where there are no two rows, or tables have other positions than each other."""
+    counts = {rows[0].run: len(rows) for rows in tables.values()}
+    if max(counts.values(), default=0) < 2:
+        raise InputError(f"{file.path}: no two rows below 'Position … Avg Error'; expected position and error in each")
+    positions = [sorted(row.position for row in rows) for rows in tables.values()]
+    if not table.flag("incomplete", False) and any(p != positions[0] for p in positions):
+        said = ", ".join(f"{n} {run}" for run, n in counts.items())
         raise InputError(
-            f"{file.path}: {len(kept)} row(s) below 'Position … Avg Error'; expected position and error in two or more"
+            f"{file.path}: the tables differ in their positions ({said}); the file may be damaged; state incomplete = true to "
+            "take the averages that are there"
         )
-    position = np.array([row.position for row in kept])
-    ahead = [row.position for row in kept if row.way == 1] or position
-    way = np.array([row.way for row in kept]) * np.sign(ahead[-1] - ahead[0])
-    run, value, line = (np.array([getattr(row, name) for row in kept]) for name in ("run", "value", "line"))
-    return Runs(position, run, way, value, line, (_AVERAGED,))
 
 
 def _rows(file: ForeignFile) -> list[_Row]:
-    """The rows of all tables; a table ends where a line holds no two numbers."""
+    """The rows of all tables; a table ends at a line that is no row."""
     lines = file.text.split("\n")
     decimal = decimal_of(token for line in lines if _is_row(line) for token in line.split())
     if decimal is None:
@@ -103,19 +111,23 @@ def _rows(file: ForeignFile) -> list[_Row]:
     for n, line in enumerate(lines, start=1):
         if heading := _TABLE.match(line):
             table = _way(file, n, heading[1])
-        elif table and line.strip():
-            cells = [number(token, decimal) for token in line.split()]
-            if len(cells) == 2 and cells[0] is not None and cells[1] is not None:
-                found.append(_Row(*table, cells[0], cells[1], n))
-            elif _BEGINS_AS_ROW.match(line):
-                raise file.wrong(n, f"'{line.strip()}'", "position and error, two numbers")
-            else:
-                table = None
+        elif table and (_is_row(line) or _BEGINS_AS_ROW.match(line)):
+            found.append(_Row(*table, *_cells(file, n, line, decimal), n))
+        elif line.strip():
+            table = None
     return found
 
 
 def _is_row(line: str) -> bool:
-    return len(line.split()) == 2 and all(token[-1:].isdigit() for token in line.split())
+    return len(line.split()) == 2 and any(c.isdigit() for c in line)
+
+
+def _cells(file: ForeignFile, n: int, line: str, decimal: str) -> tuple[float, float]:
+    """Position and error of a line."""
+    cells = [value for token in line.split() if (value := number(token, decimal)) is not None]
+    if len(cells) != 2 or len(line.split()) != 2:
+        raise file.wrong(n, f"'{line.strip()}'", "position and error, two numbers")
+    return cells[0], cells[1]
 
 
 def _way(file: ForeignFile, n: int, title: str) -> tuple[int, str]:

@@ -11,6 +11,7 @@ from volid.io.basics.encodings import decode, read_bytes
 from volid.io.basics.toml_table import FILE_TYPES, nearest
 from volid.io.instruments import FORMATS, Format
 from volid.io.instruments.base import ForeignFile
+from volid.io.instruments.sections import is_run_file
 
 _BEGINNINGS = (
     (b"\x89HDF\r\n\x1a\n", "an HDF5 file, as volid writes campaigns and solutions"),
@@ -127,6 +128,7 @@ def _is_table(text: str) -> bool:
 
 
 _SEEMS: tuple[tuple[str, Callable[[str], bool]], ...] = (
+    ("runs of a laser interferometer in a file of another type", is_run_file),
     ("a web page (HTML)", _begins("<!doctype html", "<html")),
     ("an XML document of another type", _begins("<?xml", "<!doctype", "<")),
     ("a JSON document", _begins("{", "[{")),
