@@ -211,3 +211,22 @@ def test_touches_are_for_kinds_that_take_centres(tmp_path):
     path.write_text(path.read_text().replace('"displacement"', '"distance"'))
     with pytest.raises(InputError, match=r"touches = true in a set of kind 'distance'; expected one of displacement"):
         read_manifest(path)
+
+
+def test_many_outliers_are_counted_and_too_many_refused(head, tmp_path):
+    """One touch of every fourth sphere is 50 µm off along its normal: ten are named, ten counted. A third of all are refused."""
+    exact, data = head
+
+    def shifted(share):
+        off = 0.05 * np.asarray(share)[:, None] * data.normal
+        moved = {a: (data.q[:, exact.column(a)] + off[:, i]).tolist() for i, a in enumerate("XYZ")}
+        return axes_form(exact, data, path=data.group) | moved
+
+    campaign = read_manifest(write(tmp_path, exact, shifted(np.arange(len(data.q)) % 32 == 1)))
+    said = [w for w in campaign.warnings if "left out" in w]
+    assert len(said) == 11 and "10 more touches left out" in said[-1]
+    many = shifted(np.random.default_rng(0).random(len(data.q)) < 0.3)
+    with pytest.raises(
+        InputError, match=r"of 640 touches contradict the others, and \d+ of 80 spheres are contradicted"
+    ):
+        read_manifest(write(tmp_path, exact, many, "touch_u = 0.002"))

@@ -42,8 +42,10 @@ delimited text of any other program is read by a map of its columns: --as text w
 or --map MAP.toml, a file of these keys. A campaign that was imported so remembers its map, and is the --map of the next file.
 
 touches of a probe (msr, linuxcnc, text with --key touches=true): a sphere is fitted to the touches of each tool path, name or
-pose of the rotary axes (--key gap=40 or --key count=9 tell spheres apart where these do not), and its centre is the reading, with
-the u that the scatter of all touches and their places give. Optional keys: sphere_diameter, ball_diameter, fix_radius, touch_u.
+pose of the rotary axes (--key gap=40 or --key count=9 tell spheres apart where these do not), and its centre is the reading,
+with the u that the scatter of all touches and their places give; --u is what a centre is uncertain by besides, such as the
+machine's repeatability. Optional keys: origin, sphere_diameter, ball_diameter, fix_radius, touch_u (datasets/README.md says
+what they mean).
 
 CAMPAIGN is one HDF5 file; ending in .toml a manifest with its CSV files beside it, or a folder for them, ending in /.
 

@@ -3,9 +3,9 @@ others.
 
 The scatter is s² = Σ v² / f over all spheres, with f = Σ (touches - unknowns) degrees of freedom: a sphere with five touches
 has one degree of freedom, a hundred of them have a hundred. A touch is left out when its residual is too large for chance:
-v/√ρ, with ρ its redundancy, is compared with the scatter of all others (externally studentized, Cook and Weisberg 1982), at 1
-% for the whole file (Bonferroni). What several touches of a sphere explain alike is not decided: the sphere is left out then.
-"""
+v/√ρ, with ρ its redundancy, is compared with the scatter of all others (externally studentized, Cook and Weisberg 1982), or
+with that of most of them (from the median) where several outlying touches hide each other; together at 1 % for the whole file
+(Bonferroni). What several touches of a sphere explain alike is not decided: the sphere is left out then."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from volid.exceptions import NotDeterminedError
 from volid.multilateration.sphere import Sphere, fit_sphere
 
 _CHANCE = 0.01  # of naming a good touch, in a whole file
+_TO_DEVIATION, _EFFICIENCY = 1.4826, 0.37  # of the median of absolute normal deviates
 _LEAST = 1e-6  # mm: no probe scatters less; exact numbers otherwise have outliers of rounding
 _MANY = 1e7  # degrees of freedom of an uncertainty that is stated
 _NO_CHECK = 1e-6  # redundancy of a touch that no other one checks
@@ -100,6 +101,7 @@ class _State:
         self.place = np.zeros(len(groups), int)  # of the touch with the largest residual
         for i, points in enumerate(groups):
             self.fit(i, np.ones(len(points), bool))
+        self.robust = _robust_scatter(self.spheres)
 
     def fit(self, i: int, used: np.ndarray) -> None:
         """Sphere `i` with the touches `used`, or why there is none."""
@@ -145,15 +147,16 @@ class _State:
         return (i, int(self.place[i])) if self.largest[i] > self._limit(float(self.largest[i])) else None
 
     def _limit(self, size: float) -> float:
-        """What v/√ρ [mm] stays below by chance, with the scatter of all other touches."""
-        n = int(self.used.sum())
+        """What v/√ρ [mm] stays below by chance: with the scatter of all other touches, or that of most of them if it is less."""
+        share = _CHANCE / (2 * int(self.used.sum()))  # of each side
         scatter, freedom = self.scatter()
         if self.stated is not None:
-            return self.stated * float(-stdtrit(_MANY, _CHANCE / (2 * n)))
+            return self.stated * float(-stdtrit(_MANY, share))
         if freedom < 2:
             return np.inf
         others = np.sqrt(max(freedom * scatter**2 - size**2, 0.0) / (freedom - 1))
-        return max(others, _LEAST) * float(-stdtrit(freedom - 1, _CHANCE / (2 * n)))
+        of_others = max(others, _LEAST) * float(-stdtrit(freedom - 1, share / 2))
+        return min(of_others, max(self.robust, _LEAST) * float(-stdtrit(_EFFICIENCY * freedom, share / 2)))
 
     def leave_out(self, i: int, place: int) -> None:
         """Leave out a touch; or the whole sphere where other touches explain the contradiction alike."""
@@ -173,11 +176,23 @@ class _State:
         )
 
 
-def _largest(sphere: Sphere) -> tuple[float, int]:
-    """The largest v/√ρ [mm] of the touches used, and its place; touches that nothing checks do not count."""
+def _robust_scatter(spheres: Sequence[Sphere | None]) -> float:
+    """Standard deviation of a touch from the median of |v|/√ρ [mm], which a few outlying touches do not change; 0 for none."""
+    sizes = [_sizes(s) for s in spheres if s is not None and s.degrees_of_freedom]
+    together = np.concatenate([v[v >= 0.0] for v in sizes]) if sizes else np.zeros(0)
+    return _TO_DEVIATION * float(np.median(together)) if together.size else 0.0
+
+
+def _sizes(sphere: Sphere) -> np.ndarray:
+    """v/√ρ [mm] of every touch; -1 for touches that nothing checks or that were left out."""
     checked = sphere.used & (np.nan_to_num(sphere.redundancies) > _NO_CHECK)
-    sizes = np.where(checked, np.abs(sphere.residuals) / np.sqrt(np.where(checked, sphere.redundancies, 1.0)), 0.0)
-    return float(sizes.max()), int(np.argmax(sizes))
+    return np.where(checked, np.abs(sphere.residuals) / np.sqrt(np.where(checked, sphere.redundancies, 1.0)), -1.0)
+
+
+def _largest(sphere: Sphere) -> tuple[float, int]:
+    """The largest v/√ρ [mm] of the touches used, and its place."""
+    sizes = _sizes(sphere)
+    return max(float(sizes.max()), 0.0), int(np.argmax(sizes))
 
 
 def _alike(sphere: Sphere, place: int, points: np.ndarray) -> tuple[int, ...]:

@@ -18,6 +18,7 @@ from volid.observations import Kind
 from volid.planning.following import follow
 
 _LARGEST_SCATTER = 0.1  # mm, unless `touch_u` says otherwise: a hundred times that of a touch probe
+_SAID = 10  # remarks of one sort
 _MOST_OUTLIERS = 0.1  # share of all touches
 _RADIUS_SLACK = 0.5  # mm: pre-travel of a probe, form and wear stay far below
 
@@ -108,7 +109,8 @@ class Fitted:
         text += f" … {max(radii):.4f} mm" if len(radii) > 1 else " mm"
         if freedom := self.fits.degrees_of_freedom:
             text += f", scatter of a touch {1e3 * self.fits.scatter:.2g} µm with {freedom} degrees of freedom"
-        return [text, *self._outliers(), *(f"a centre left out, {reason}" for reason in self.lost())]
+        lost = [f"a centre left out, {reason}" for reason in self.lost()]
+        return [text, *_first(self._outliers(), "touches"), *_first(lost, "centres")]
 
     def record(self) -> dict[str, Any]:
         """What the fits say: u and scatter of a touch, and of every sphere its radius and the residuals of its touches. [mm]"""
@@ -151,24 +153,33 @@ def fitted(touches: Touches, groups: list[np.ndarray], probe: Probe) -> Fitted:
         fits = fit_spheres([touches.points[g] for g in groups], radius, probe.touch_u)
     except NotDeterminedError as error:
         raise InputError(f"{touches.source}: {error}") from None
-    if len(fits.outliers) > max(3, _MOST_OUTLIERS * len(touches)):
-        raise InputError(
-            f"{touches.source}: {len(fits.outliers)} of {len(touches)} touches contradict the others; do groups "
-            "hold touches of "
-            "several spheres, or of something else? Tell spheres apart by a column path or sphere, by count = … or gap = … (mm)"
-        )
-    if fits.scatter > max(_LARGEST_SCATTER, 10.0 * (probe.touch_u or 0.0)):
-        raise InputError(
-            f"{touches.source}: the touches lie {fits.scatter:.3g} mm (rms) beside the spheres that fit them best; do groups "
-            "hold touches of several spheres, or of something else? Tell spheres apart by a column path or sphere, by count "
-            "= … or gap = … (mm)"
-        )
     found = Fitted(touches, groups, fits)
+    _check_agreement(found, probe.touch_u)
     if not found.kept:
         raise InputError(f"{touches.source}, {found.lost()[0]}")
     if probe.radius is not None:
         _check_radii(found, probe.radius)
     return found
+
+
+def _check_agreement(found: Fitted, touch_u: float | None) -> None:
+    """Raises `InputError` where so many touches contradict each other, or by so much, that they are not those of the spheres."""
+    fits, n, source = found.fits, len(found.groups), found.touches.source
+    lost = n - len(found.kept)
+    cure = (
+        "do groups hold touches of several spheres, or of something else? Tell spheres apart by a column path or sphere, by "
+        "count = … or gap = … (mm)"
+    )
+    if len(fits.outliers) + lost > max(3, _MOST_OUTLIERS * len(found.touches), 0.5 * n):
+        raise InputError(
+            f"{source}: {len(fits.outliers)} of {len(found.touches)} touches contradict the others, and {lost} of "
+            f"{n} spheres are "
+            f"contradicted or not determined, such as {next(iter(found.lost()), 'none')}; is touch_u too small, or {cure}"
+        )
+    if fits.scatter > max(_LARGEST_SCATTER, 10.0 * (touch_u or 0.0)):
+        raise InputError(
+            f"{source}: the touches lie {fits.scatter:.3g} mm (rms) beside the spheres that fit them best; {cure}"
+        )
 
 
 def _turns(machine: Machine, positions: np.ndarray, frame: str) -> np.ndarray:
@@ -186,6 +197,12 @@ def _check_radii(found: Fitted, expected: float) -> None:
                 f"{found.touches.source}, {found.place(group)}: the fitted radius is {sphere.radius:.3f} mm; expected "
                 f"{expected:.3f} mm, that of sphere and stylus ball. Check unit, diameters and which touches belong together"
             )
+
+
+def _first(said: list[str], what: str) -> list[str]:
+    """The first of many remarks, and how many more there are."""
+    more = [f"{len(said) - _SAID} more {what} left out"] if len(said) > _SAID else []
+    return said[:_SAID] + more
 
 
 def _cells(values: np.ndarray) -> tuple[str, ...]:
