@@ -196,6 +196,9 @@ def attention(solution: Solution, named: bool = False) -> list[str]:
     asked = solution.adequacy.questions
     if asked and not solution.adequacy.rejected:
         messages.append(f"the result is not accepted before a question is answered: {asked[0].text}")
+    contradicting = [t.set for t in solution.adequacy.sets if t.contradicts]
+    if contradicting and not solution.adequacy.rejected:
+        messages.append(f"set '{contradicting[0]}' contradicts others (volid summary says which and how)")
     if not solution.statistics.converged:
         messages.append("the fit has not converged: do not use its numbers")
     if not (solution.adequacy.rejected and solution.adequacy.causes):  # levels and segments follow from the misfit then

@@ -20,7 +20,7 @@ from volid.fitting.diagnosis.tally import assess
 from volid.fitting.diagnosis.verdict import judge, untested
 from volid.fitting.equations.problem import Problem
 from volid.fitting.equations.solver import Optimum
-from volid.fitting.mixed.set_tests import set_tests
+from volid.fitting.mixed.set_tests import set_tests, with_sets
 from volid.fitting.results import Residuals, Statistics, read_only
 from volid.fitting.smooth_fit import SmoothFit
 from volid.fitting.solution import Solution
@@ -95,7 +95,7 @@ class Assembly:
         )  # fmt: skip
         self.tests = around(fit, outcome, tested.chi_square, tested.degrees_of_freedom), fit
         judged = judge(*self.tests, found.machine, tested, self.fitter.waves)
-        return replace(judged, sets=set_tests(self.tests[0]))
+        return with_sets(judged, set_tests(self.tests[0]))
 
     @cached_property
     def _whitened(self) -> list[np.ndarray]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 from volid.backend.threads import one_blas_thread
@@ -62,7 +63,7 @@ def fit(
         estimate_u: estimate the u of the readings anew, by restricted maximum likelihood: True or "all" for every set, or names
             of sets; one factor for the readings of each unit. The u of the solution are the stated ones times these factors
             (`Solution.variance_components`), and the solution is that of a campaign which states them so. Sets that hardly
-            anything checks keep their u.
+            anything checks keep their u. Not part of u of the result: that the factors are uncertain themselves.
         solver: "chord" (few assemblies of the normal equations) or "optimistix" (a solver of that library, one assembly per
             step); both reach the same minimum.
         engine: "interpreted" (NumPy) or "compiled" (JAX); None: the one with which the whole fit takes less time. The solver
@@ -137,7 +138,9 @@ def _with_estimated_u(campaign: Campaign, components: tuple[Component, ...], ask
     if asked.robust:
         stages, fitter = _without_breaks(stages, fitter, asked.how)
     changed, found = Estimation(stages, fitter, components).run()
-    return with_components(_fit(changed, asked), found)
+    solution = _fit(changed, asked)
+    broken = [w for w in stages.warnings if w not in solution.notes]  # beams that are mended now
+    return with_components(replace(solution, notes=(*solution.notes, *broken)), found)
 
 
 def _without_breaks(stages: Stages, fitter: SmoothFit, how: How) -> tuple[Stages, SmoothFit]:

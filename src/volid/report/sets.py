@@ -50,7 +50,7 @@ def _table(tests: list[dict[str, Any]]) -> list[str]:
 def _component(c: dict[str, Any]) -> list[str]:
     if c["u"] is None:
         return paragraph(f"set {c['set']}, {c['part']}: {c['state']}", "u")
-    text = f"set {c['set']}, {c['part']}: estimated, {c['factor']:.3g} ± {c['u']:.2g} times the stated u"
+    text = f"set {c['set']}, {c['part']}: {c['state']}, {c['factor']:.3g} ± {c['u']:.2g} times the stated u"
     return paragraph(f"{text} ({c['redundancy']:.0f} degrees of freedom; standard uncertainty)", "u")
 
 

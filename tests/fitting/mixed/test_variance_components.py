@@ -5,13 +5,27 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.optimize import minimize
-from support.mixed_sets import COARSE, CUBIC, FINE, LINE, SMOOTH, TWO, campaign_of, design, drawn, instruments, line_set
+from support.mixed_sets import (
+    COARSE,
+    CUBIC,
+    FINE,
+    LINE,
+    SMOOTH,
+    TWO,
+    campaign_of,
+    design,
+    drawn,
+    error,
+    instruments,
+    line_set,
+)
 
 import volid
 from volid.backend.threads import one_blas_thread
 from volid.campaign import Effect
 from volid.exceptions import InputError
 from volid.fitting.diagnosis.adequacy import QUESTIONED
+from volid.observations import KINDS
 
 
 def by_part(solution):
@@ -56,15 +70,23 @@ def test_two_sets_of_one_mean():
         assert c.u == pytest.approx(deviation, rel=1e-6)
 
 
+def t(x):
+    """Position from -1 to 1."""
+    return (x - 250.0) / 250.0
+
+
 @one_blas_thread()
-def likeliest(sets):
-    """Factors of largest restricted likelihood, from the dense covariance of the readings, by SciPy."""
-    columns, y = design(sets), np.concatenate([s.readings[:, 0] for s in sets])
+def likeliest(sets, columns, known):
+    """Factors of largest restricted likelihood, from the dense covariance of the readings, by SciPy.
+
+    `columns`: of what is unknown; `known` (n, n): covariance that calibrated unknowns make.
+    """
+    y = np.concatenate([s.readings[:, 0] for s in sets])
     u, number = np.concatenate([s.u[:, 0] for s in sets]), np.repeat(np.arange(len(sets)), [len(s) for s in sets])
     across = np.linalg.qr(columns, mode="complete")[0][:, np.linalg.matrix_rank(columns) :]
 
     def value(tau):
-        covariance = across.T @ ((u**2 * np.exp(tau[number]))[:, None] * across)
+        covariance = across.T @ (np.diag(u**2 * np.exp(tau[number])) + known) @ across
         contrasts = across.T @ y
         return 0.5 * (np.linalg.slogdet(covariance)[1] + contrasts @ np.linalg.solve(covariance, contrasts))
 
@@ -82,7 +104,30 @@ def test_factors_maximise_the_restricted_likelihood(seed):
         drawn("probe", COARSE, rng, (1e-3, 1e-3)),
     )
     found = volid.fit(campaign_of(CUBIC, *sets), estimate_u=True)
-    np.testing.assert_allclose([c.factor for c in found.variance_components], likeliest(sets), rtol=1e-4)
+    np.testing.assert_allclose(
+        [c.factor for c in found.variance_components], likeliest(sets, design(sets), 0.0), rtol=1e-4
+    )
+
+
+def test_what_is_calibrated_keeps_its_u():
+    """Two artefacts of calibrated length, whose offsets are no unknowns of their own but a covariance of the readings."""
+    rng, x = np.random.default_rng(21), np.tile(np.linspace(0.0, 250.0, 9), 4)
+    laser, calibrated = drawn("laser", FINE, rng, (3e-4, 1e-4)), 8e-4
+    one = np.arange(len(x)) % 2 == 0
+    place, true = (line_set("length", x + reach, 0.0 * x, 1e-3) for reach in (0.0, 250.0))
+    offsets = np.where(one, 6e-4, -9e-4)
+    readings = 250.0 + error(x + 250.0) - error(x) + offsets + 4e-4 * rng.standard_normal(len(x))
+    labels = {"artefact": np.where(one, "A", "B")}
+    options = {**KINDS["length"].options, "calibrated_u": calibrated}
+    bar = replace(place, kind="length", readings=readings[:, None], labels=labels, options=options, to=true.ends[0])
+    found = volid.fit(campaign_of(CUBIC, laser, replace(bar, name="bar")), estimate_u=True)
+    powers = [np.concatenate([t(FINE) ** k, t(x + 250.0) ** k - t(x) ** k]) for k in (1, 2, 3)]
+    number = np.repeat([0, 1], [len(FINE), len(x)])
+    same = np.concatenate([np.zeros(len(FINE)), np.where(one, 1.0, 2.0)])
+    known = calibrated**2 * ((same[:, None] == same) & (number[:, None] + number == 2))
+    less = replace(bar, readings=bar.readings - 250.0)
+    expected = likeliest((laser, less), np.column_stack([*powers, number == 0]).astype(float), known)
+    np.testing.assert_allclose([c.factor for c in found.variance_components], expected, rtol=1e-4)
 
 
 def test_the_solution_is_that_of_a_campaign_which_states_these_u():

@@ -16,7 +16,7 @@ from volid.campaign import Campaign
 from volid.fitting.diagnosis.robust import down_weight, name_outliers, set_aside
 from volid.fitting.equations.problem import reweight, with_random_effects
 from volid.fitting.mixed.components import Component, scaled
-from volid.fitting.mixed.records import ESTIMATED, VarianceComponent
+from volid.fitting.mixed.records import ESTIMATED, UNFINISHED, VarianceComponent
 from volid.fitting.mixed.reml import Score, information
 from volid.fitting.smooth_fit import SmoothFit
 from volid.fitting.stages import Stages
@@ -49,6 +49,7 @@ class Estimation:
         nothing = [np.zeros(s.readings.shape, dtype=bool) for s in stages.measured.sets]
         self.at = _At(np.zeros(len(components)), fitter, nothing)
         self.free = np.ones(len(components), dtype=bool)
+        self.arrived = True
 
     def run(self) -> tuple[Campaign, tuple[VarianceComponent, ...]]:
         """The campaign with the u that was found, and what was found."""
@@ -103,7 +104,8 @@ class Estimation:
             part = Score(score.squares[self.free], score.redundancy[self.free], score.information[own])
             new = np.clip(self.at.tau[self.free] + part.step, -limit, limit)
             sizes = np.abs(new - self.at.tau[self.free]) / np.sqrt(np.diagonal(part.covariance))
-            if np.max(sizes, initial=0.0) < (ARRIVED_SMOOTH if self.at.fitter.processes else ARRIVED):
+            self.arrived = float(np.max(sizes, initial=0.0)) < (ARRIVED_SMOOTH if self.at.fitter.processes else ARRIVED)
+            if self.arrived:
                 return
             self.at.tau[self.free] = new
 
@@ -178,7 +180,7 @@ class Estimation:
                 redundancy=float(score.redundancy[g]),
                 factor=float(factors[g]),
                 u=float(deviation[g]),
-                state=ESTIMATED if self.free[g] else _too_few(score.redundancy[g]),
+                state=_too_few(score.redundancy[g]) if not self.free[g] else ESTIMATED if self.arrived else UNFINISHED,
             )
             for g, c in enumerate(self.components)
         )

@@ -30,22 +30,20 @@ def pattern_of(campaign: Campaign, number: int, v: np.ndarray, rows: np.ndarray,
     `v` (n,): whitened residuals of the set, row by row; `rows` (n, r): J L, so that v has the covariance 1 - J L LᵀJᵀ; `scatter`:
     by which factor the set scatters more than u says, at least 1.
     """
-    readings = campaign.sets[number]
-    found, tried = NOTHING, 0
-    active = np.any(rows != 0.0, axis=1) | (v != 0.0)
-    for group in groupings(campaign, readings, readings):
-        mask = (
-            group.rows if group.rows.ndim == 2 else np.repeat(group.rows[:, None], readings.readings.shape[1], axis=1)
-        ).ravel()
-        mask = mask & active
-        n = int(np.count_nonzero(mask))
-        left = n - float(np.sum(rows[mask].sum(axis=0) ** 2))
-        if not n or left < LEAST * n:
-            continue
-        tried += 1
-        total = float(v[mask].sum())
-        probability = float(erfc(abs(total) / (scatter * np.sqrt(2.0 * left))))
-        if probability < found.probability:
-            what = "all of it" if group.sort == SET else group.what
-            found = Pattern(what, total / n, probability)
-    return found._replace(probability=min(1.0, tried * found.probability))
+    readings, active = campaign.sets[number], np.any(rows != 0.0, axis=1) | (v != 0.0)
+    groups = list(groupings(campaign, readings, readings))
+    masks = np.array([_wide(group.rows, readings.readings.shape[1]) & active for group in groups], dtype=float)
+    counts, totals = masks.sum(axis=1), masks @ v
+    left = counts - np.sum((masks @ rows) ** 2, axis=1)
+    tried = np.flatnonzero((counts > 0.0) & (left > LEAST * counts))
+    if not len(tried):
+        return NOTHING
+    chances = erfc(np.abs(totals[tried]) / (scatter * np.sqrt(2.0 * left[tried])))
+    best = int(tried[np.argmin(chances)])
+    what = "all of it" if groups[best].sort == SET else groups[best].what
+    return Pattern(what, float(totals[best] / counts[best]), min(1.0, len(tried) * float(chances.min())))
+
+
+def _wide(rows: np.ndarray, columns: int) -> np.ndarray:
+    """Which readings, row by row, from which rows (m,), or which rows and columns (m, k)."""
+    return (rows if rows.ndim == 2 else np.repeat(rows[:, None], columns, axis=1)).ravel()

@@ -6,7 +6,9 @@ import math
 from dataclasses import dataclass, fields
 from typing import Any
 
+OTHERS = "the other sets"
 ESTIMATED = "estimated"
+UNFINISHED = "estimated, but the rounds stopped before they converged"
 NAN = math.nan  # always this one, so that equal records compare equal
 
 
@@ -29,7 +31,7 @@ class VarianceComponent:
         redundancy: How many of them check others: the sum of 1 - h at the end.
         factor: u of the readings in the solution = factor · stated u; 1 where it was not estimated.
         u: Standard uncertainty of the factor; NaN where it was not estimated.
-        state: "estimated", or why the stated u was kept.
+        state: "estimated" (and what is wrong with that), or why the stated u was kept.
 
     >>> VarianceComponent("bar", "distance", 120, 88.0, 1.9, 0.14, "estimated").is_estimated
     True
@@ -49,12 +51,14 @@ class VarianceComponent:
     @property
     def is_estimated(self) -> bool:
         """Whether the factor was estimated."""
-        return self.state == ESTIMATED
+        return self.state in (ESTIMATED, UNFINISHED)
 
 
 @dataclass(frozen=True)
 class SetTest:
     """What a fit says of one set among the others. Chi-squares are over the u that the fit used.
+
+    Of a campaign of very many readings, those that were tested one by one stand for all.
 
     Args:
         set: The set.
@@ -80,7 +84,8 @@ class SetTest:
         pattern: Readings of the set whose mean residual deviates most, in words; "" where it is nothing.
         pattern_mean: Their mean residual over u.
         pattern_probability: Of a mean at least as far off by chance, all groups counted.
-        contradicts: Whether the set certainly contradicts others.
+        contradicts: What it certainly contradicts: "the other sets", or the name of one set, where nothing tells whether that or
+            this one is wrong; "" for nothing.
         verdict: All of that in words.
     """
 
@@ -104,7 +109,7 @@ class SetTest:
     pattern: str
     pattern_mean: float
     pattern_probability: float
-    contradicts: bool
+    contradicts: str
     verdict: str
 
     def __post_init__(self) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from volid.fitting.diagnosis.adequacy import Question
-from volid.fitting.mixed.records import VarianceComponent
+from volid.fitting.mixed.records import ESTIMATED, VarianceComponent
 from volid.fitting.questions import with_questions
 from volid.fitting.solution import Solution
 
@@ -29,6 +29,7 @@ def _notes(found: Sequence[VarianceComponent]) -> list[str]:
     return [
         f"u of {names} was estimated from the residuals; so the unit weight of these readings is 1 whatever the model is, and "
         "agreement of the sets with each other and patterns in their residuals are what tests it",
+        *(f"u of set '{c.set}' ({c.part}) was {c.state}" for c in estimated if c.state != ESTIMATED),
         *kept,
     ]
 

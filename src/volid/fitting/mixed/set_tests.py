@@ -12,19 +12,22 @@ was estimated from all sets.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from volid.campaign import Campaign
+from volid.fitting.diagnosis.adequacy import Adequacy
 from volid.fitting.diagnosis.around import Around
 from volid.fitting.mixed.patterns import NOTHING, Pattern, pattern_of
-from volid.fitting.mixed.records import SetTest
+from volid.fitting.mixed.records import OTHERS, SetTest
 from volid.fitting.mixed.sums import OneSet, Quadratic, Sums, prediction, sums_of
 
 SIGNIFICANT = 1e-3  # probability of a finding by chance, all sets together
 WORSE, BETTER = 1.15, 0.85  # scatter over u from which on u is said to be too small, or too large
 PAIR = 2
+UNDECIDED = "and nothing tells which is right"
 OWN = 1e-6  # of a reading's variance, below which it is all that determines one of the set's own unknowns
 
 
@@ -127,7 +130,7 @@ def _record(
     scatter, disagreement, predicted = found.scatter, found.disagreement, found.predicted
     pattern = pattern_of(around.campaign, number, v, rows, max(scatter.weight, 1.0) if scatter.exists else 1.0)
     pattern = pattern if pattern.probability * len(sums.numbers) < SIGNIFICANT else NOTHING
-    outside = _predicted(sums, g, rows, v)
+    outside, against = _predicted(sums, g, rows, v), _against(around.campaign, number, accused)
     rest = Quadratic(total.value - predicted.value, total.mean - predicted.mean, 1.0)
     return SetTest(
         set=readings.name,
@@ -150,32 +153,44 @@ def _record(
         pattern=pattern.what,
         pattern_mean=pattern.mean,
         pattern_probability=pattern.probability,
-        contradicts=number in accused,
-        verdict=_words(around.campaign, number, found, accused, pattern, len(sums.numbers)),
+        contradicts=against,
+        verdict=_words(found, against, pattern, len(sums.numbers)),
     )
 
 
-def _words(
-    campaign: Campaign, number: int, found: _Findings, accused: dict[int, bool], pattern: Pattern, count: int
-) -> str:
+def _against(campaign: Campaign, number: int, accused: dict[int, bool]) -> str:
+    """What a set contradicts, as `SetTest` has it."""
+    if number not in accused or accused[number]:
+        return OTHERS if number in accused else ""
+    return next(campaign.sets[n].name for n, certain in accused.items() if n != number and not certain)
+
+
+def _words(found: _Findings, against: str, pattern: Pattern, count: int) -> str:
     """What is found of a set, in words."""
     said, scatter, limit = [], found.scatter, SIGNIFICANT / count
     if not scatter.exists and not found.whole.exists:
         return "nothing of it is checked by other readings"
-    if number in accused:
-        others = [campaign.sets[n].name for n in accused if n != number and not accused[n]]
-        said.append(
-            "contradicts the other sets"
-            if accused[number]
-            else f"contradicts set '{others[0]}', and nothing tells which is right"
-        )
+    if against:
+        said.append(f"contradicts {against}" if against == OTHERS else f"contradicts set '{against}', {UNDECIDED}")
     if scatter.weight > WORSE and scatter.probability() < limit:
         said.append(f"its u seems too small by the factor {scatter.weight:.2f}")
     if scatter.weight < BETTER and scatter.probability(larger=False) < limit:
         said.append(f"its u seems too large by the factor {1.0 / max(scatter.weight, 1e-3):.2f}")
     if pattern.what:
         said.append(f"systematic residuals, most in {pattern.what} (mean {pattern.mean:+.2f} u)")
-    if not said:
-        doubt = "" if scatter.exists else ", as far as anything checks it"
-        return f"agrees with its u{' and with the other sets' if count > 1 else ''}{doubt}"
-    return "; ".join(said)
+    doubt = "" if scatter.exists else ", as far as anything checks it"
+    return "; ".join(said) or f"agrees with its u and with the other sets{doubt}"
+
+
+def with_sets(judged: Adequacy, tests: tuple[SetTest, ...]) -> Adequacy:
+    """The verdict on a fit with those on its sets, and with what contradicts what in its words."""
+    certain = [t for t in tests if t.contradicts == OTHERS]
+    pair = [t for t in tests if t.contradicts not in ("", OTHERS)]
+    said = [
+        f"set '{t.set}' contradicts the other sets, which have unit weight {t.rest_weight:.2f} without it"
+        for t in certain
+    ]
+    if pair:
+        names = " and ".join(f"'{t.set}'" for t in pair)
+        said.append(f"sets {names} contradict each other, {UNDECIDED}")
+    return replace(judged, sets=tests, verdict="; ".join([judged.verdict, *said]))

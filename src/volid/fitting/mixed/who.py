@@ -79,7 +79,17 @@ class Share:
 
 @dataclass(frozen=True)
 class WhoDetermines:
-    """The table of who determines what: `sets`, one row each, and `shares`, one row for every function and set."""
+    """The table of who determines what.
+
+    Args:
+        sets: One row for every set.
+        shares: One row for every function and set.
+
+    >>> rows = Determined("bar", 72, 72, 20, 0, ()), Determined("station", 72, 72, 44, 31, ("EAZ",))
+    >>> share = Share("EAZ", "station", "rad", 2e-6, float("nan"), 4e-6)
+    >>> WhoDetermines(rows, (share,)).share("EAZ", "station").matters
+    True
+    """
 
     sets: tuple[Determined, ...]
     shares: tuple[Share, ...]
@@ -107,8 +117,8 @@ def who_determines(solution: Solution) -> WhoDetermines:
     >>> import volid
     >>> solution = volid.fit(volid.load_campaign("datasets/published_positioning/campaign.toml"))
     >>> found = volid.who_determines(solution)
-    >>> [(row.set, row.only == row.together) for row in found.sets]  # of a single set
-    [('positioning', True)]
+    >>> [(row.set, row.by_itself, row.only, row.functions) for row in found.sets]
+    [('X', 41, 41, ('EXX',)), ('Z', 27, 27, ('EZZ',))]
     """
     for option in (EXTRAPOLATED, "streamed"):
         if option in solution.options:
