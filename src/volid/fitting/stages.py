@@ -37,7 +37,7 @@ from volid.observations.base import takes_large_errors
 from volid.plausibility.checks import check_campaign
 
 Progress = Callable[[str], None]
-PESSIMISTIC, FREE = 0.5, 30  # unit weight below which, and degrees of freedom above which, u is estimated anew
+PESSIMISTIC, FREE = 0.5, 30  # unit weight of readings below which, and redundancy above which, u is estimated anew
 FEW_SEGMENTS, MOST_SEGMENTS = 2000, 6000  # of all functions: no trouble to try, and what fits into memory and patience
 LARGER, SAME = 6, 0.02  # times that a larger u is tried, and relative change of it that is none
 
@@ -202,12 +202,12 @@ class Stages:
         With a u that is far too large functions are taken for smoother than they are, and what they leave looks like noise.
         """
         tested = found.adequacy
-        kappa = tested.unit_weight if tested.degrees_of_freedom > FREE else 1.0
+        kappa = tested.reading_weight if tested.redundancy > FREE else 1.0
         if not kappa < PESSIMISTIC or not fitter.processes:
             return kappa
         self.task.progress("testing the model with a smaller u")
         for _ in range(LARGER):
-            last, kappa = kappa, Assembly(fitter.with_larger_u(kappa), outliers).tested().unit_weight
+            last, kappa = kappa, Assembly(fitter.with_larger_u(kappa), outliers).tested().reading_weight
             if abs(kappa / last - 1.0) < 5.0 * SAME:
                 break
         return kappa

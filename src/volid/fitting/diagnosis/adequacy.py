@@ -83,6 +83,8 @@ class Adequacy:
     the critical value. `rejected`: the model, with the stated uncertainties, is rejected by the data. `grade`: one of `GRADES`.
     `factor`: what every u of the solution is multiplied by, 1 for none. `causes`: what explains the misfit, best first.
     `questions`: what the readings cannot tell, and is asked. `sets`: what is found of each set among the others.
+    `redundancy`: how many readings check others, what is known beforehand (smoothness, calibrations) not counted, and
+    `reading_weight`: their unit weight without it; NaN in solutions that were read from a file.
     """
 
     chi_square: float
@@ -98,6 +100,8 @@ class Adequacy:
     causes: tuple[Cause, ...] = ()
     questions: tuple[Question, ...] = ()
     sets: tuple[SetTest, ...] = ()
+    redundancy: float = float("nan")
+    reading_weight: float = float("nan")
 
     @property
     def barrier(self) -> str:

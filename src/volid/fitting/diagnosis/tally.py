@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.special import chdtrc
 
@@ -34,7 +36,7 @@ class Tally:
     def __init__(self, like: Campaign, n: int) -> None:
         self._like = {s.name: s for s in like.sets}
         self._limit = critical_value(n)
-        self._total = 0.0
+        self._total = self._redundancy = 0.0
         self._groups: dict[tuple[str, str], np.ndarray] = {}  # sum of squares, of redundancies, readings
         self._suspects: list[SuspectReading] = []
 
@@ -45,6 +47,7 @@ class Tally:
         squares = [np.where(a, r**2, 0.0) for r, a in zip(residuals, active, strict=True)]
         redundancy = [np.where(a, 1.0 - h, 0.0) for h, a in zip(leverages, active, strict=True)]
         self._total += sum(float(s.sum()) for s in squares)
+        self._redundancy += sum(float(f.sum()) for f in redundancy)
         for s, sq, re in zip(campaign.sets, squares, redundancy, strict=True):
             for sort, what, rows in groupings(campaign, s, self._like[s.name]):
                 found = np.array([sq[rows].sum(), re[rows].sum(), re[rows].size])
@@ -55,11 +58,14 @@ class Tally:
         """The tests of what was counted; their verdict is still to be given (`verdict.judge`)."""
         total = self._total + prior_chi_square
         probability = float(chdtrc(dof, total)) if dof > 0 else float("nan")
-        found = [_test(*key, *sums) for key, sums in self._groups.items()]
-        groups = tuple(sorted((g for g in found if g), key=lambda g: (g.probability, -g.unit_weight)))
+        tests = [_test(*key, *sums) for key, sums in self._groups.items()]
+        groups = tuple(sorted((g for g in tests if g), key=lambda g: (g.probability, -g.unit_weight)))
         suspects = tuple(sorted(self._suspects, key=lambda x: -abs(x.normalised)))
         weight = float(np.sqrt(total / dof)) if dof > 0 else float("nan")
-        return Adequacy(total, dof, weight, probability, groups, suspects, False, "")
+        checked = self._redundancy
+        own = float(np.sqrt(self._total / checked)) if checked > 0.0 else float("nan")
+        found = Adequacy(total, dof, weight, probability, groups, suspects, False, "")
+        return replace(found, redundancy=checked, reading_weight=own)
 
 
 def _suspects(

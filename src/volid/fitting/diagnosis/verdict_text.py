@@ -10,7 +10,8 @@ from volid.fitting.diagnosis.adequacy import ACCEPTED, ENLARGED, Adequacy, Group
 
 CERTAIN = 1e-6  # the same, for a verdict that rejects
 CONCENTRATED = 1.5  # unit weight of one group over that of all others
-PESSIMISTIC = 0.8  # unit weight below which u is said to be too large
+PESSIMISTIC = 0.8  # unit weight of readings below which u is said to be too large
+FREE = 30  # redundant readings that can say so
 WORST = 4  # groups named in the verdict
 BARE_U = "times the U that the stated u gives"
 ACCEPTED_BUT = "model accepted by the data, though a cause of a small misfit is known"
@@ -39,8 +40,11 @@ def verdict_text(adequacy: Adequacy, reasons: list[str], waves: Mapping[str, flo
     """The verdict in words."""
     weight, freedom = adequacy.unit_weight, adequacy.degrees_of_freedom
     if adequacy.grade == ACCEPTED:
-        if weight < PESSIMISTIC and freedom > 30:
-            return f"model accepted by the data; unit weight {weight:.2f}: the stated uncertainties are pessimistic"
+        if adequacy.reading_weight < PESSIMISTIC and min(freedom, adequacy.redundancy) > FREE:
+            return (
+                f"model accepted by the data; unit weight of the readings {adequacy.reading_weight:.2f}: the stated "
+                "uncertainties are pessimistic"
+            )
         return "model accepted by the data"
     p = adequacy.probability
     chance = f"probability {p:.1e}" if p > 0.0 else "probability below 1e-300"
