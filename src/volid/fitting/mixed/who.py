@@ -104,7 +104,8 @@ def who_determines(solution: Solution) -> WhoDetermines:
     """Who determines what: every set of a campaign, left out and alone, against all sets together.
 
     Not told: what two sets that are both left out would leave open; what a set contributes by its station to the readings of
-    another set that uses it (the station is then unknown to the others, too).
+    another set that uses it (the station is then unknown to the others, too); what an earlier solution determines without any
+    set.
 
     Args:
         solution: A solution, as `volid.fit` makes it.
