@@ -128,7 +128,9 @@ class Polar(Kind):
         zero = np.zeros_like(r)
         across = np.stack([-np.sin(azimuth), np.cos(azimuth), zero], axis=1) * (r * np.cos(elevation))[:, None]
         up = np.stack([-along[:, 2] * np.cos(azimuth), -along[:, 2] * np.sin(azimuth), np.cos(elevation)], axis=1)
-        turned = np.stack([along, across / IN_DEGREES, up * (r / IN_DEGREES)[:, None]], axis=2) * observations.u[:, None]
+        turned = (
+            np.stack([along, across / IN_DEGREES, up * (r / IN_DEGREES)[:, None]], axis=2) * observations.u[:, None]
+        )
         return coordinates(observations), turned @ turned.transpose(0, 2, 1)
 
     def check_values(self, observations: ObservationSet, campaign: Campaign) -> None:

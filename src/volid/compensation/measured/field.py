@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from volid.backend.even_points import every_step, evenly
+from volid.backend.even_points import evenly, every_step
 from volid.campaign import Campaign
 from volid.compensation.grids.grid import Grid
 from volid.compensation.grids.interpolation import grid_positions
@@ -35,8 +35,8 @@ SLACK = 1e-6  # ranges: nodes on the border of the hull are in it
 AT_ONCE = 1000  # nodes
 TYPE = "L-VOL"
 FRAME = (
-    "machine; the workpiece frame placed by least squares on all {places} measured places of all tool vectors: what a rigid motion "
-    "of the workpiece takes up is not in the values"
+    "machine; the workpiece frame placed by least squares on all {places} measured places of all tool vectors: what a rigid "
+    "motion of the workpiece takes up is not in the values"
 )
 NOTES = (
     "a measured field without kinematic model: rotations are blank, valid for this tool vector only",
@@ -75,6 +75,17 @@ class MeasuredField:
     def frame(self) -> str:
         """The frame of the values, in words."""
         return FRAME.format(places=len(self.points))
+
+    @property
+    def attention(self) -> tuple[str, ...]:
+        """Components whose interpolation is not to be relied upon because positions stand too far apart, in words."""
+        letters = [self.points.machine.letters[i] for i in self.scale.columns]
+        return tuple(
+            f"between the positions of {letters[s.axis]} the field is not seen: {name} of positions held out is missed by "
+            f"{s.factor:.1f} times its u, by which u is enlarged; measure more positions, or scattered ones"
+            for name, s in zip("XYZ", self.process.smooth, strict=True)
+            if s.factor > 1.0
+        )
 
     def inside(self, positions: Float[np.ndarray, "k axes"], tool: Sequence[float]) -> Bool[np.ndarray, " k"]:
         """Whether places lie within the convex hull of those that were measured with a tool vector, (k,)."""
@@ -115,7 +126,8 @@ class MeasuredField:
         if len(self.points.with_tool(vector)) < FEWEST:
             named = "; ".join(", ".join(f"{c:g}" for c in t) for t in self.tools) or "none"
             raise InputError(
-                f"`tool={','.join(f'{c:g}' for c in vector)}`: {len(self.points.with_tool(vector))} places were measured with it; "
+                f"`tool={','.join(f'{c:g}' for c in vector)}`: {len(self.points.with_tool(vector))} places were measured with "
+                "it; "
                 f"expected a tool vector with at least {FEWEST} places: {named}"
             )
         return vector
@@ -161,7 +173,7 @@ class MeasuredField:
 def _nodes(positions: np.ndarray, step: float | None, points: int | None) -> np.ndarray:
     low, high = float(positions.min()), float(positions.max())
     if step is not None:
-        if not 0.0 < step:
+        if not step > 0.0:
             raise InputError(f"`step={step:g}`: expected a distance above 0")
         return every_step(low, high, step)
     if points is not None and points < 2:
