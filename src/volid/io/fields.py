@@ -15,8 +15,8 @@ from volid.campaign import Campaign
 from volid.compensation.grids.grid import Grid
 from volid.compensation.measured.against import Comparison
 from volid.exceptions import shown
+from volid.io.basics.hdf5_values import to_json
 from volid.io.basics.provenance import sha256
-from volid.io.basics.toml_values import to_json
 from volid.io.functions_csv import text_output, write_csv
 from volid.io.grids import FORMAT, HDF5, grid_sheet, write_grid_hdf5
 from volid.io.record import COMPENSATION, ERROR, values_lines
@@ -31,7 +31,7 @@ def field_header(
     compared: Comparison | None = None,
 ) -> dict[str, str]:
     """The record of a grid file of a measured field. `values`: "error" or "compensation"; `source`: the campaign's file."""
-    machine = campaign.machine
+    machine, tool = campaign.machine, ", ".join(f"{v:.12g}" for v in grid.tool)
     lines = {
         "format": FORMAT,
         "type": grid.type,
@@ -40,7 +40,7 @@ def field_header(
         "absolute": "absolute values, not increments",
         "reversal": "as measured: the mean of both approach directions where both were measured",
         "units": f"{', '.join(grid.axes)}, dX, dY, dZ mm; dA, dB, dC blank; u_… standard uncertainty (k = 1)",
-        "tool vector": f"{', '.join(f'{v:.12g}' for v in grid.tool)} mm; valid for this tool vector only, rotations were not measured",
+        "tool vector": f"{tool} mm; valid for this tool vector only, because rotations were not measured",
         "frame": grid.frame,
         "limits": "; ".join(
             f"{a} {n[0]:g} … {n[-1]:g}, {len(n)} points" for a, n in zip(grid.axes, grid.nodes, strict=True)
@@ -76,6 +76,22 @@ def save_field(
 
     Raises:
         OutputError: `path` exists and `overwrite` is False, or it cannot be written.
+
+    Source: ISO/TR 16907 9.3.1, 12.
+
+    >>> import numpy as np
+    >>> import volid
+    >>> machine = volid.load_machine("models/wYXbZt_vertical.toml")  # axes Y, X, Z
+    >>> q = np.random.default_rng(1).uniform([0, 0, -400], [400, 500, 0], (30, 3))
+    >>> tool, still = np.tile([0.0, 0.0, -150.0], (30, 1)), np.zeros((30, 3))
+    >>> read, labels = q[:, [1, 0, 2]] + tool, {"station": np.full(30, "T")}
+    >>> points = volid.ObservationSet("tracker", "point", q, still, tool, read, still + 0.001, labels)
+    >>> campaign = volid.Campaign(machine, (volid.Station("T"),), (points,))
+    >>> path = getfixture("tmp_path") / "field.csv"
+    >>> volid.save_field(volid.measured_field(campaign).grid(points=3), campaign, path)
+    >>> grid = volid.load_grid(path)
+    >>> grid.type, grid.values.shape, bool(np.isnan(grid.values[:, 3:]).all())
+    ('L-VOL', (27, 6), True)
     """
     write_field(grid, field_header(grid, ERROR if errors else COMPENSATION, campaign), path, overwrite)
 

@@ -34,8 +34,8 @@ def comparison_lines(found: Comparison) -> list[str]:
     """The verdict, the numbers behind it, and the regions."""
     same = ", fitted to the same readings" if found.same_readings else ""
     lines = paragraph(
-        f"{found.verdict[:1].upper()}{found.verdict[1:]} (tool {vector(list(found.tool))} mm{same}: {len(found.positions)} places, RMS "
-        f"difference {1e3 * found.rms:.2f} µm, chi-square {found.chi_square:.0f} for {found.degrees_of_freedom:.0f} degrees of "
+        f"{found.verdict[:1].upper()}{found.verdict[1:]} (tool {vector(list(found.tool))} mm{same}: {len(found.positions)} places, "
+        f"RMS difference {1e3 * found.rms:.2f} µm, chi-square {found.chi_square:.0f} for {found.degrees_of_freedom:.0f} degrees of "
         f"freedom, probability {found.probability:.2g})."
     )
     if found.left_out:

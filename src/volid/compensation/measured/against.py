@@ -141,6 +141,21 @@ def compare_field(
     Raises:
         InputError: another machine, or too few places within what the solution was measured over.
         NotDeterminedError: the solution's data do not determine the deviation for this tool vector.
+
+    Source: ISO/TR 16907:2015 9.3.1, 11.3.
+
+    >>> import numpy as np
+    >>> import volid
+    >>> solution = volid.fit(volid.load_campaign("datasets/vertical_multilateration/campaign.toml"))
+    >>> q = np.random.default_rng(1).uniform([50, 50, -450], [550, 950, -50], (60, 3))  # Y, X, Z
+    >>> tool, still = np.tile([0.0, 0.0, -250.0], (60, 1)), np.zeros((60, 3))
+    >>> tool[:, 0] = 80.0
+    >>> read = q[:, [1, 0, 2]] + tool + solution.evaluate(q, tool).values[:, :3]
+    >>> read += 0.001 * np.random.default_rng(2).standard_normal((60, 3))
+    >>> points = volid.ObservationSet("t", "point", q, still, tool, read, still + 0.001, {"station": np.full(60, "T")})
+    >>> campaign = volid.Campaign(solution.campaign.machine, (volid.Station("T"),), (points,))
+    >>> volid.compare_field(volid.measured_field(campaign), solution).describes
+    True
     """
     vector = np.asarray(field.tools[0] if tool is None else tool, dtype=float)
     points = field.points.of(field.points.with_tool(vector))

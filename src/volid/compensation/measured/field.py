@@ -51,6 +51,14 @@ class MeasuredField:
     Args:
         points: The measured places.
         title: Title of the campaign.
+
+    >>> import numpy as np
+    >>> import volid
+    >>> machine = volid.load_machine("models/wYXbZt_vertical.toml")
+    >>> q, tool = np.random.default_rng(1).uniform(0.0, 300.0, (20, 3)), np.tile([0.0, 0.0, -150.0], (20, 1))
+    >>> points = MeasuredPoints(machine, q, tool, np.zeros((20, 3)), 1e-6 * np.eye(60), np.zeros(20, dtype=int), ("T",))
+    >>> MeasuredField(points).tools.tolist()
+    [[0.0, 0.0, -150.0]]
     """
 
     points: MeasuredPoints
@@ -191,6 +199,18 @@ def measured_field(campaign: Campaign) -> MeasuredField:
         InputError: nothing gives coordinates, no tool vector has enough places, or the places lie on one line.
 
     Source: ISO/TR 16907:2015 9.3.1.
+
+    >>> import numpy as np
+    >>> import volid
+    >>> machine = volid.load_machine("models/wYXbZt_vertical.toml")  # axes Y, X, Z
+    >>> q = np.random.default_rng(1).uniform([0, 0, -400], [400, 500, 0], (30, 3))
+    >>> tool, still = np.tile([0.0, 0.0, -150.0], (30, 1)), np.zeros((30, 3))
+    >>> read, labels = q[:, [1, 0, 2]] + tool, {"station": np.full(30, "T")}
+    >>> points = volid.ObservationSet("tracker", "point", q, still, tool, read, still + 0.001, labels)
+    >>> field = measured_field(volid.Campaign(machine, (volid.Station("T"),), (points,)))
+    >>> values, u = field.at(q[:5], (0.0, 0.0, -150.0))
+    >>> bool(np.abs(values).max() < 1e-6), bool((u < 0.001).all())
+    (True, True)
     """
     found = MeasuredField(measured_points(campaign), campaign.title)
     if not len(found.tools):
