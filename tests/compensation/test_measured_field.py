@@ -131,7 +131,8 @@ def test_readings_without_noise_come_back_and_tools_share_one_frame():
         values, _ = field.at(q, tool)
         np.testing.assert_allclose(values, truth_at(field, q, tool, truth), atol=2e-5)
     shift = field.at(q, OTHER)[0] - field.at(q, TOOL)[0]
-    np.testing.assert_allclose(shift, np.tile(50e-6 * np.array([-100.0, 0.0, -80.0]), (len(q), 1)), atol=2e-5)
+    # 50 µrad × (80, 0, -100) mm; what a rotation of the workpiece makes of it at places 1 m apart is a twentieth
+    np.testing.assert_allclose(shift, np.tile(50e-6 * np.array([-100.0, 0.0, -80.0]), (len(q), 1)), atol=3e-4)
 
 
 def test_polar_readings_and_distances_from_stations_give_the_same_field():
@@ -190,9 +191,9 @@ def test_a_grid_is_blank_where_nothing_was_measured_and_serves_as_other_grids(tm
 
 @pytest.fixture(scope="module")
 def machines():
-    """Machines of rigid bodies, solutions from distances, and a tracker's places on the same machines without and with the sag."""
+    """Rigid machines, solutions from distances, and a tracker's places on the same machines without and with the sag."""
     found = []
-    for seed in range(6):
+    for seed in range(4):
         rng = np.random.default_rng(100 + seed)
         truth = random_truth(EXACT, rng, waviness=0.5)
         ranges = tracker_campaign(
@@ -205,7 +206,7 @@ def machines():
 
 
 def test_the_field_of_a_rigid_machine_is_described(machines):
-    """Level 1 %: of six, one false alarm at most (two: probability 0.15 %); the probabilities are those of chi-square."""
+    """Level 1 %: of four, one false alarm at most (two: probability 0.06 %); the probabilities are those of chi-square."""
     found = [compare_field(measured_field(rigid), solution) for solution, rigid, _ in machines]
     assert sum(not f.describes for f in found) <= 1
     assert all(0.7 < f.chi_square / f.degrees_of_freedom < 1.35 for f in found)
@@ -223,7 +224,7 @@ def test_a_sag_that_no_chain_has_is_found_where_it_is(machines):
 
 
 def test_a_model_fitted_to_the_same_readings_is_judged_by_what_it_left(machines):
-    for _, rigid, bent in machines[:2]:
+    for _, rigid, bent in machines[:1]:
         own = compare_field(measured_field(rigid), fit(rigid))
         assert own.same_readings and own.describes and own.degrees_of_freedom < 3 * 150 - 6 - 20
         assert 0.7 < own.chi_square / own.degrees_of_freedom < 1.35
@@ -244,7 +245,8 @@ def test_command_writes_the_grid_and_names_where_the_model_fails(machines, tmp_p
     for name, campaign, expected in (("rigid", rigid, 0), ("bent", bent, 1)):
         write_campaign(campaign, tmp_path / f"{name}.h5")
         status, out, err = run(
-            "field", tmp_path / f"{name}.h5", "--points", "4", "--errors", "--compare", tmp_path / "s.h5", "-o", tmp_path / f"{name}.csv"
+            "field", tmp_path / f"{name}.h5", "--points", "4", "--errors", "--compare", tmp_path / "s.h5",
+            "-o", tmp_path / f"{name}.csv",
         )  # fmt: skip
         assert status == expected, err
         assert ("The model describes" in out) == (not expected) and "rotations are blank" in out

@@ -33,10 +33,10 @@ def field_lines(field: MeasuredField, grids: list[Grid]) -> list[str]:
 def comparison_lines(found: Comparison) -> list[str]:
     """The verdict, the numbers behind it, and the regions."""
     same = ", fitted to the same readings" if found.same_readings else ""
+    of = f"tool {vector(list(found.tool))} mm{same}: {len(found.positions)} places"
     lines = paragraph(
-        f"{found.verdict[:1].upper()}{found.verdict[1:]} (tool {vector(list(found.tool))} mm{same}: {len(found.positions)} places, "
-        f"RMS difference {1e3 * found.rms:.2f} µm, chi-square {found.chi_square:.0f} for {found.degrees_of_freedom:.0f} degrees of "
-        f"freedom, probability {found.probability:.2g})."
+        f"{found.verdict[:1].upper()}{found.verdict[1:]} ({of}, RMS difference {1e3 * found.rms:.2f} µm, chi-square "
+        f"{found.chi_square:.0f} for {found.degrees_of_freedom:.0f} degrees of freedom, probability {found.probability:.2g})."
     )
     if found.left_out:
         lines += paragraph(f"{found.left_out} places outside what the solution was measured over are left out.")
