@@ -39,6 +39,7 @@ _PUBLIC = {  # public name: where it comes from, in the order of the work
     "End": "volid.campaign:End",
     "check_campaign": "volid.plausibility.checks:check_campaign",
     "closures": "volid.plausibility.checks:closures",
+    "repeatability": "volid.fitting.repeatability:repeatability",
     # a virtual machine instead of a real one
     "standard_plan": "volid.planning.standard:standard_plan",
     "random_truth": "volid.virtual.random_truth:random_truth",
@@ -78,6 +79,10 @@ _PUBLIC = {  # public name: where it comes from, in the order of the work
     "Control": "volid.compensation.control:Control",
     "best_rigid": "volid.compensation.rigid:best_rigid",
     "volumetric_summary": "volid.compensation.residual.volume:volumetric_summary",
+    "measured_field": "volid.compensation.measured.field:measured_field",
+    "MeasuredField": "volid.compensation.measured.field:MeasuredField",
+    "compare_field": "volid.compensation.measured.against:compare_field",
+    "save_field": "volid.io.fields:save_field",
     "predict_residual": "volid.compensation.residual.volume:predict_residual",
     "forecast": "volid.compensation.residual.forecast:forecast",
     "Forecast": "volid.compensation.residual.forecast:Forecast",

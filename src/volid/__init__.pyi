@@ -7,6 +7,8 @@ from volid.compensation.control import Control
 from volid.compensation.grids.grid import Grid, RotaryGrid
 from volid.compensation.grids.linear import linear_grid
 from volid.compensation.grids.rotary import rotary_grids
+from volid.compensation.measured.against import compare_field
+from volid.compensation.measured.field import MeasuredField, measured_field
 from volid.compensation.package import Compensation, compensate
 from volid.compensation.residual.forecast import Forecast, forecast
 from volid.compensation.residual.volume import predict_residual, volumetric_summary
@@ -19,6 +21,7 @@ from volid.fitting.datum import parse_datum
 from volid.fitting.fit import fit
 from volid.fitting.location_errors import LocationError, location_errors, location_parameter
 from volid.fitting.mixed.who import WhoDetermines, who_determines
+from volid.fitting.repeatability import repeatability
 from volid.fitting.solution import Solution
 from volid.fitting.streamed import fit_streamed
 from volid.io import load_campaign
@@ -26,6 +29,7 @@ from volid.io import read_machine as load_machine
 from volid.io import write_campaign as save_campaign
 from volid.io.campaign.stream import CampaignStream
 from volid.io.compensations import load_control, save_compensation
+from volid.io.fields import save_field
 from volid.io.grid_reader import read_grid as load_grid
 from volid.io.grids import save_grid
 from volid.io.solutions import read_solution as load_solution
@@ -55,6 +59,7 @@ __all__ = [  # noqa: RUF022
     "End",
     "check_campaign",
     "closures",
+    "repeatability",
     "standard_plan",
     "random_truth",
     "Truth",
@@ -91,6 +96,10 @@ __all__ = [  # noqa: RUF022
     "Control",
     "best_rigid",
     "volumetric_summary",
+    "measured_field",
+    "MeasuredField",
+    "compare_field",
+    "save_field",
     "predict_residual",
     "forecast",
     "Forecast",

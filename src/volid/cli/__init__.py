@@ -51,6 +51,10 @@ VERBS = {
         "location errors of the rotary axes: axis average lines, relative to the machine or to another axis",
     ),
     "grid": ("grid", "spatial grid of compensation (or error) values over the working volume"),
+    "field": (
+        "field",
+        "a field measured point by point as a spatial grid, without kinematic model, and the model tested by it",
+    ),
     "residual": (
         "residual",
         "what each compensation type leaves over the working volume, side by side, with intervals",

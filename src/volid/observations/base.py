@@ -234,7 +234,8 @@ class Kind(ABC):
         return None
 
     def points_read(self, observations: ObservationSet) -> tuple[np.ndarray, np.ndarray] | None:
-        """Coordinates of the functional point in the station's frame (m, 3) [mm], and their covariance (m, 3, 3) [mm²]; else None."""
+        """Coordinates of the functional point in the station's frame (m, 3) [mm], and their covariance (m, 3, 3) [mm²]; else
+        None."""
         return None
 
     # ------------------------------------------------------------------------------------------------- what must be right

@@ -35,8 +35,8 @@ SLACK = 1e-6  # ranges: nodes on the border of the hull are in it
 AT_ONCE = 1000  # nodes
 TYPE = "L-VOL"
 FRAME = (
-    "machine; the workpiece frame placed by least squares on all {places} measured places of all tool vectors: what a rigid motion "
-    "of the workpiece takes up is not in the values"
+    "machine; the workpiece frame placed by least squares on all {places} measured places of all tool vectors: what a rigid "
+    "motion of the workpiece takes up is not in the values"
 )
 NOTES = (
     "a measured field without kinematic model: rotations are blank, valid for this tool vector only",
@@ -51,6 +51,14 @@ class MeasuredField:
     Args:
         points: The measured places.
         title: Title of the campaign.
+
+    >>> import numpy as np
+    >>> import volid
+    >>> machine = volid.load_machine("models/wYXbZt_vertical.toml")
+    >>> q, tool = np.random.default_rng(1).uniform(0.0, 300.0, (20, 3)), np.tile([0.0, 0.0, -150.0], (20, 1))
+    >>> points = MeasuredPoints(machine, q, tool, np.zeros((20, 3)), 1e-6 * np.eye(60), np.zeros(20, dtype=int), ("T",))
+    >>> MeasuredField(points).tools.tolist()
+    [[0.0, 0.0, -150.0]]
     """
 
     points: MeasuredPoints
@@ -75,6 +83,17 @@ class MeasuredField:
     def frame(self) -> str:
         """The frame of the values, in words."""
         return FRAME.format(places=len(self.points))
+
+    @property
+    def attention(self) -> tuple[str, ...]:
+        """Components whose interpolation is not to be relied upon because positions stand too far apart, in words."""
+        letters = [self.points.machine.letters[i] for i in self.scale.columns]
+        return tuple(
+            f"between the positions of {letters[s.axis]} the field is not seen: {name} of positions held out is missed by "
+            f"{s.factor:.1f} times its u, by which u is enlarged; measure more positions, or scattered ones"
+            for name, s in zip("XYZ", self.process.smooth, strict=True)
+            if s.factor > 1.0
+        )
 
     def inside(self, positions: Float[np.ndarray, "k axes"], tool: Sequence[float]) -> Bool[np.ndarray, " k"]:
         """Whether places lie within the convex hull of those that were measured with a tool vector, (k,)."""
@@ -115,7 +134,8 @@ class MeasuredField:
         if len(self.points.with_tool(vector)) < FEWEST:
             named = "; ".join(", ".join(f"{c:g}" for c in t) for t in self.tools) or "none"
             raise InputError(
-                f"`tool={','.join(f'{c:g}' for c in vector)}`: {len(self.points.with_tool(vector))} places were measured with it; "
+                f"`tool={','.join(f'{c:g}' for c in vector)}`: {len(self.points.with_tool(vector))} places were measured with "
+                "it; "
                 f"expected a tool vector with at least {FEWEST} places: {named}"
             )
         return vector
@@ -179,6 +199,18 @@ def measured_field(campaign: Campaign) -> MeasuredField:
         InputError: nothing gives coordinates, no tool vector has enough places, or the places lie on one line.
 
     Source: ISO/TR 16907:2015 9.3.1.
+
+    >>> import numpy as np
+    >>> import volid
+    >>> machine = volid.load_machine("models/wYXbZt_vertical.toml")  # axes Y, X, Z
+    >>> q = np.random.default_rng(1).uniform([0, 0, -400], [400, 500, 0], (30, 3))
+    >>> tool, still = np.tile([0.0, 0.0, -150.0], (30, 1)), np.zeros((30, 3))
+    >>> read, labels = q[:, [1, 0, 2]] + tool, {"station": np.full(30, "T")}
+    >>> points = volid.ObservationSet("tracker", "point", q, still, tool, read, still + 0.001, labels)
+    >>> field = measured_field(volid.Campaign(machine, (volid.Station("T"),), (points,)))
+    >>> values, u = field.at(q[:5], (0.0, 0.0, -150.0))
+    >>> bool(np.abs(values).max() < 1e-6), bool((u < 0.001).all())
+    (True, True)
     """
     found = MeasuredField(measured_points(campaign), campaign.title)
     if not len(found.tools):

@@ -5,7 +5,8 @@ points onto the nominal ones. Distances from at least four stations to the same 
 network, whose frame is placed in the same way. The deviation is actual less nominal, in the machine frame. What such a placement
 takes out is no error that these readings can show; `frame_columns` says what remains unknown of it, station by station.
 
-Not modelled: errors that all readings of an instrument share (scale, refraction); approach directions, of which the mean is taken.
+Not modelled: errors that all readings of an instrument share (scale, refraction); approach directions, of which the mean is
+taken.
 """
 
 from __future__ import annotations
@@ -284,8 +285,8 @@ def _network(ranges: _Ranges, place: np.ndarray, kept: np.ndarray, positions: np
     lost = sorted(set(solution.undetermined) & set(targets.values()))
     if lost:
         raise InputError(
-            f"the distances leave {len(lost)} places undetermined, whose stations lie in one plane with them or see them along too "
-            "few beams; measure from further stations, or leave these rows out"
+            f"the distances leave {len(lost)} places undetermined, because their stations lie in one plane with them, or too few "
+            "see them; measure from further stations, or leave these rows out"
         )
     k, m = 3 * len(stations), len(numbers)
     order = k + np.concatenate([3 * np.arange(m) + c for c in range(3)])

@@ -9,6 +9,10 @@ likelihood times wide priors: s around 5 µm, l around half a range, n around a 
 Gaussian Processes for Machine Learning, 2006, 2.7, 4.2.1, 5.4. Order 5/2, two derivatives, is rougher than error functions are:
 the interpolation between places is trusted less than with the smoothness of `volid fit`.
 
+Places on few levels of an axis see nothing between the levels, and a short wave looks like a smooth one there. Therefore every
+inner level of an axis is predicted from all others; where the predictions miss by more than their u, all u of the interpolation
+are enlarged by that factor, which is stated.
+
 Not modelled: a field that is smoother in one part than in another (a step within a smooth field gets too small a u near it).
 """
 
@@ -29,15 +33,20 @@ BOUNDS = 5.0  # standard deviations of the priors
 FREE = 10.0  # standard deviation of what is free, over the largest deviation; at least FREE_LEAST
 FREE_LEAST = 1.0  # mm
 FEWEST = 8  # places with one tool vector
+FULL_LEVEL = 4  # places on a level, on average: fewer are scattered places
+NOTICED = 1.2  # factor of u that counts: chance alone stays below
 LEARNT = 300  # places that s, l and n are estimated from
 
 
 class Smoothness(NamedTuple):
-    """Of one component: size s [mm], lengths l by varying axis (d,) [ranges], and n [mm]."""
+    """Of one component: size s [mm], lengths l by varying axis (d,) [ranges], and n [mm]; factor by which u is enlarged because
+    levels held out are missed by more than their u, and the number of that axis among the varying ones (-1: none)."""
 
     size: float
     lengths: np.ndarray
     scatter: float
+    factor: float = 1.0
+    axis: int = -1
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +77,9 @@ def matern(one: np.ndarray, other: np.ndarray, smooth: Smoothness) -> np.ndarray
 
 def _squares(one: np.ndarray, other: np.ndarray, lengths: np.ndarray) -> np.ndarray:
     """5 ((q_j - q_j') / l_j)², (d, a, b)."""
-    return np.array([5.0 * ((a[:, None] - b[None]) / l) ** 2 for a, b, l in zip(one.T, other.T, lengths, strict=True)])
+    return np.array(
+        [5.0 * ((a[:, None] - b[None]) / length) ** 2 for a, b, length in zip(one.T, other.T, lengths, strict=True)]
+    )
 
 
 def free_part(x: np.ndarray) -> np.ndarray:
@@ -107,7 +118,31 @@ def _learnt(points: MeasuredPoints, scale: Scale, groups: list[np.ndarray], k: i
 
     best = minimize(cost, np.zeros(d + 2), jac=True, method="L-BFGS-B", bounds=[(-BOUNDS, BOUNDS)] * (d + 2))
     phi = np.exp(centre + spread * best.x)
-    return Smoothness(float(phi[0]), phi[1:-1], float(phi[-1]))
+    found = Smoothness(float(phi[0]), phi[1:-1], float(phi[-1]))
+    missed = [_missed(blocks, found, j) for j in range(d)]
+    worst = int(np.argmax(missed))
+    return found._replace(factor=missed[worst], axis=worst) if missed[worst] > NOTICED else found
+
+
+def _missed(blocks: list[_Block], smooth: Smoothness, j: int) -> float:
+    """RMS of what inner levels of axis j miss when they are predicted from all others, over its u; 1 where there are no levels.
+
+    With A the inverse of the covariance of the readings y, rows B held out: y_B - prediction = (A_BB)⁻¹ (A y)_B, covariance
+    (A_BB)⁻¹.
+    """
+    squares: list[np.ndarray] = []
+    for block in blocks:
+        levels = np.unique(np.round(block.x[:, j], 4), return_inverse=True)[1]
+        if not 2 < levels.max() + 1 <= len(levels) / FULL_LEVEL:
+            continue
+        total = matern(block.x, block.x, smooth) + block.free + np.diag(block.variance + smooth.scatter**2)
+        inverse = np.linalg.inv(total)
+        pulled = inverse @ block.y
+        for level in range(1, int(levels.max())):
+            out = np.flatnonzero(levels == level)
+            covariance = np.linalg.inv(inverse[np.ix_(out, out)])
+            squares.append((covariance @ pulled[out]) ** 2 / np.diag(covariance))
+    return max(1.0, float(np.sqrt(np.mean(np.concatenate(squares))))) if squares else 1.0
 
 
 class _Block(NamedTuple):
@@ -190,5 +225,5 @@ class Process:
             variance = own_variance - (half**2).sum(axis=0)
             across = prior @ self.motion[:, own + k * m].T - half.T @ self.half
             variance += np.einsum("ai,ij,aj->a", rows, self.motion_covariance, rows) - 2.0 * (rows * across).sum(axis=1)
-            u[:, k] = np.sqrt(np.maximum(variance, 0.0) + self.smooth[k].scatter ** 2)
+            u[:, k] = np.sqrt(self.smooth[k].factor ** 2 * np.maximum(variance, 0.0) + self.smooth[k].scatter ** 2)
         return values, u
