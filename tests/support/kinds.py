@@ -354,7 +354,9 @@ EXAMPLES = {
     "artefact, of unknown scale": Example("artefact", THREE, _plate(plate_points(), scale_u=np.inf)),
     "artefact, holes": Example("artefact", THREE, _plate(plate_points(height=0.0), components="XY")),
     "artefact, a beam": Example("artefact", THREE, _plate(BEAM, places=BEAM_AT)),
-    "artefact, on the bed": Example("artefact", THREE, _plate(plate_points(), body="bed", places=PLATE_AT[1:2], tools=TOOLS[:2])),
+    "artefact, on the bed": Example(
+        "artefact", THREE, _plate(plate_points(), body="bed", places=PLATE_AT[1:2], tools=TOOLS[:2])
+    ),
     "artefact, table and head": Example("artefact", FIVE, _plate(plate_points())),
     "length": Example("length", THREE, _lengths(), ((METRES, IN_METRES), (MICRO, IN_MICRO))),
     "length, relative": Example("length", THREE, _lengths(relative=True, scale_u=np.inf)),
