@@ -36,10 +36,8 @@ def find_kind(name: str, where: str) -> Kind:
     here = f"this version reads {', '.join(KINDS)}"
     if name in LATER_KINDS:
         raise InputError(f"{where}: kind '{name}' is not supported yet; {here}")
-    raise InputError(
-        f"{where}: unknown kind '{name}'{nearest(name, [*KINDS, *LATER_KINDS]) or ';'} {here}; "
-        f"{', '.join(k for k in LATER_KINDS if k not in KINDS)} come later"
-    )
+    later = f"; {', '.join(LATER_KINDS)} come later" if LATER_KINDS else ""
+    raise InputError(f"{where}: unknown kind '{name}'{nearest(name, [*KINDS, *LATER_KINDS]) or ';'} {here}{later}")
 
 
 def check_station(station: Station, machine: Machine, where: str) -> None:
