@@ -13,6 +13,7 @@ from support.machines import exact_machine, resolved, volid_machine
 
 from volid.campaign import Campaign, ObservationSet
 from volid.fitting.diagnosis.identifiability import analyse
+from volid.fitting.equations.choice import engine_named
 from volid.fitting.equations.problem import build_problem
 from volid.fitting.fit import fit
 from volid.fitting.starts import find_starts
@@ -328,3 +329,22 @@ def test_machines_are_recovered_from_plates_with_balls_and_with_holes(components
     found = [recovered(seed, components=components) for seed in range(5)]
     assert not any(solution.adequacy.rejected for solution, _ in found)
     within([judgement for _, judgement in found])
+
+
+@pytest.mark.slow
+def test_compiled_and_interpreted_programs_agree():
+    """Predictions and derivatives with a calibration, a scale and depths, to rounding."""
+    campaign = beam_along_x(COVARIANCES["neighbours alike"], scale_u=1e-6)
+    (s,) = campaign.sets
+    campaign = replace(campaign, sets=(replace(s, options=s.options | {"components": "XY"}),))
+    model = build_model(campaign.machine, {n: (1,) for n in motion_names(campaign.machine)})
+    found = []
+    for name in ("interpreted", "compiled"):
+        problem = build_problem(campaign, model, engine=engine_named(name))
+        z = problem.start + 1e-4 * np.random.default_rng(0).normal(size=len(problem.start))
+        equations = problem.equations
+        found.append(
+            [np.asarray(v) for v in (*equations.predictions(z), *(c for b in equations.jacobian(z) for c in b))]
+        )
+    for one, other in zip(*found, strict=True):
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-12 * np.abs(one).max())
