@@ -106,7 +106,14 @@ def originals() -> dict[str, Original]:
         folder = Path(place)
         write_files(folder / "campaign", volume=csv_text(volume_rows(np.array([[0.0, 0.0, -500.0], [9.0, 5.0, -4.0]]))))
         found["campaign"] = Original(_files_of(folder / "campaign"), _checked)
-        for name in ("point", "polar", "displacement", "component, table and head", "distance of a network"):
+        for name in (
+            "point",
+            "polar",
+            "displacement",
+            "component, table and head",
+            "distance of a network",
+            "artefact",
+        ):
             found[name] = _as_text(name, folder / name.replace(" ", "_"))
         published = _files_of(DATASETS / "published_positioning")
         wanted = ("campaign.toml", "machine.toml", "X.csv", "Z.csv")

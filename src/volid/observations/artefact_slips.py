@@ -14,6 +14,7 @@ from volid.observations.artefact_places import Place, Rows
 
 FITS = 5e-3  # of the points' extent: more than a machine's errors
 BETTER = 0.1  # of the misfit: what is left where a mistake is mended
+ENOUGH = 4  # rows that show by themselves whether they fit
 MANY = 40  # rows up to which every pair is tried; beyond, those that fit worst
 UNITS = {1e3: "metres", 1e-3: "micrometres", 25.4: "inches"}
 
@@ -84,7 +85,7 @@ def _exchanged(parts: list[Rows], points: np.ndarray, found: np.ndarray) -> Iter
 def _two_places(parts: list[Rows], points: np.ndarray, found: np.ndarray) -> Iterator[tuple[str, float]]:
     """Rows before and after which the artefact stood elsewhere."""
     said = _row_names(parts)
-    for i in range(2, len(points) - 1):
+    for i in range(ENOUGH, len(points) - ENOUGH + 1):
         after = max(misfit(points[:i], found[:i]), misfit(points[i:], found[i:]))
         yield f"the artefact stands elsewhere from {said(i)} on; give that placement another name", after
 

@@ -67,7 +67,7 @@ def ball_plate(
         length: Length of the longer side, from ball to ball [mm]; None: 0.8 of the smallest travel, less what tools differ by.
         u: Standard uncertainty of a coordinate of a centre as probed [mm].
         calibrated_u: Standard uncertainty of a calibrated coordinate, each by itself [mm].
-        scale_u: That of the plate's scale, a ratio: all coordinates longer or shorter in proportion.
+        scale_u: That of the plate's scale, a ratio: all coordinates longer or shorter in proportion; inf where it is unknown.
 
     Returns:
         A campaign with one `artefact` set without readings.
@@ -85,7 +85,8 @@ def ball_plate(
         (100, ['flat high', 'flat low', 'upright X', 'upright Y'])
     """
     _ask(machine, tools, points, u, calibrated_u)
-    checked_number("scale_u", scale_u, least=0.0)
+    if not np.isposinf(scale_u):
+        checked_number("scale_u", scale_u, least=0.0)
     low, high = np.array([machine.axis(a).travel for a in "XYZ"]).T
     spread = np.ptp(np.asarray(tools, dtype=float).reshape(-1, 3), axis=0)
     pitch = _pitch(high - low, spread, max(points), length)
