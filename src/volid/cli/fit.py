@@ -40,6 +40,10 @@ Functions refer to the measured range of their axes. How smooth they are follows
 where the machine file states no segments; what lies between the positions is part of every u.
 "Smooth over" in the summary is the distance over which the values of a function stay alike.
 
+Where the manifest names a log of the air ([[environment]]), lengths read in light are corrected
+with it, and lengths are reduced to 20 °C where it says how machine and artefact expand; "air and
+temperature" in the summary says by how much.
+
 exit status: 0 good; 1 written, but the model is rejected by the data, not everything is
 determined, an axis was measured at positions too far apart for its functions, or the iteration has
 not converged; 2 bad input
