@@ -46,6 +46,10 @@ from their residuals (restricted maximum likelihood), one factor for the reading
 factors stand in the summary and in SOLUTION.h5, beside the u that were stated:
   volid fit campaign.toml ballbar.h5 -o solution.h5 --estimate-u bar
 
+Where the manifest names a log of the air ([[environment]]), lengths read in light are corrected
+with it, and lengths are reduced to 20 °C where it says how machine and artefact expand; "air and
+temperature" in the summary says by how much.
+
 exit status: 0 good; 1 written, but the model is rejected by the data, not everything is
 determined, an axis was measured at positions too far apart for its functions, or the iteration has
 not converged; 2 bad input
