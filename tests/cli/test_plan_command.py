@@ -153,7 +153,7 @@ def test_positions_left_out_are_named_kept_and_make_status_1(run, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--test", "BK7"], "--test BK7 is unknown; expected one of static-grid, cone-frustum, standard, AK1"),
+        (["--test", "BK7"], "--test BK7 is unknown; expected one of static-grid, cone-frustum, standard, direct, AK1"),
         (["--test", "AK1"], "test 'AK1' is not for machine .* expected BK1, BK2, BK4"),
         (["--test", "BK1", "--points", "3,4"], "--points 3,4: the test BK1 takes one number"),
         (["--test", "BK1", "--length", "100"], "--length is not for the test BK1, but for cone-frustum; leave it out"),
