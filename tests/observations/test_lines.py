@@ -13,6 +13,7 @@ from volid.campaign import Alignment, Campaign, ObservationSet
 from volid.exceptions import InputError
 from volid.fitting.fit import fit
 from volid.io import load_campaign, write_campaign, write_manifest
+from volid.observations.component import COMPONENT
 
 MACHINE = """format = "volid-machine/1"
 name = "laser on X"
@@ -60,9 +61,10 @@ def test_runs_with_zeros_of_their_own_give_scale_and_reversal():
     zeros = {e.key[-1]: float(v) for e, v in zip(solution.nuisance_table, solution.nuisance, strict=True)}
     assert set(zeros) == {"1", "2", "3"}
     assert np.diff([zeros[run] for run in "123"]) == pytest.approx(np.diff(ZEROS), abs=1e-9)
-    # slope of 54 readings about the mean of their run
-    u = {f.position: f.u for f in solution.functions(points=2)}
-    assert u[0.0] > 0.0
+    # 27 readings each way; both ways of a run share its zero, so that reversal is the difference of two means
+    u = solution.motion_rows("EXX", np.array([200.0]), 1) - solution.motion_rows("EXX", np.array([200.0]), -1)
+    variance = (u @ np.asarray(solution.covariance)[: u.shape[1], : u.shape[1]] @ u.T)[0, 0]
+    assert np.sqrt(variance) == pytest.approx(U * np.sqrt(2.0 / 27.0), rel=0.05)
 
 
 def test_runs_share_the_offset_of_their_line_unless_it_is_said():
@@ -116,4 +118,4 @@ def test_a_gauge_on_a_straightedge_that_is_zeroed_before_every_run():
 
 def test_an_offset_of_anything_else_is_named():
     with pytest.raises(InputError, match="set 'laser': offset_per is 'day'; expected \"line\""):
-        fit(Campaign(machine_of(MACHINE), (), (laser(ZEROS, offset_per="day"),)))
+        COMPONENT.check(laser(ZEROS, offset_per="day"))

@@ -100,6 +100,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=number("degrees", least=-180.0, most=180.0),
         help="of the cone's axis, degrees; default 10",
     )
+    _add_direct(parser)
+    parser.add_argument("--seed", type=seed, metavar="N", help="of the positions of --test standard; default 0")
+    add_unusual(parser)
+    add_output(parser, "PLAN.toml", "manifest; CSV and machine file stand beside it", required=True)
+
+
+def _add_direct(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the direct measurement."""
     parser.add_argument("--vertical", choices=("X", "Y", "Z"), help="of direct measurement: the axis that is vertical")
     parser.add_argument(
         "--form-u",
@@ -107,9 +115,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=number("mm", least=0.0),
         help="of straightedges and squares in direct measurement, mm; 0: straight; default 0.0005",
     )
-    parser.add_argument("--seed", type=seed, metavar="N", help="of the positions of --test standard; default 0")
-    add_unusual(parser)
-    add_output(parser, "PLAN.toml", "manifest; CSV and machine file stand beside it", required=True)
 
 
 def run(args: argparse.Namespace) -> int:
