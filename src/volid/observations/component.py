@@ -97,8 +97,8 @@ class Component(Kind):
         check_aligned(observations)
 
     def is_whole(self, observations: ObservationSet) -> bool:
-        """Whether lines have the placement of an artefact, which counts from the places of all of them."""
-        return is_aligned(observations)
+        """Whether lines have the placement of an artefact, or a slope, which count from the places of all of them."""
+        return is_aligned(observations) or bool(observations.options.get("slope", False))
 
     def is_pinned(self, observations: ObservationSet) -> bool:
         """Whether there is a form error at every place of an artefact."""
