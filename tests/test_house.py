@@ -38,6 +38,7 @@ MANY_PARAMETERS = {
     "fitting/fit.py:fit": "public: each keyword goes to one stage of the fit",
     "multilateration/adjustment.py:adjust_network": "public: each keyword goes to one step of the adjustment",
     "planning/ball_bar.py:cone_frustum": "public: its arguments become one `_Test` at once",
+    "planning/circles.py:circles": "public: its arguments become one `_Test` at once",
     "uncertainty/trials/monte_carlo.py:monte_carlo": "public: keywords go to the run and to what carries it out",
 }
 

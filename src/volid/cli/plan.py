@@ -46,6 +46,16 @@ def sphere(text: str) -> tuple[str, tuple[float, float, float]]:
     return name.strip(), (x, y, z)
 
 
+def planes(text: str) -> tuple[str, ...]:
+    """ "XY,ZX" as planes, for argparse."""
+    return tuple(part.strip().upper() for part in text.split(","))
+
+
+def length_u(text: str) -> float:
+    """A standard uncertainty of a length, or "inf" where the length is unknown, for argparse."""
+    return float("inf") if text.strip().lower() == "inf" else number("mm", least=0.0)(text)
+
+
 def counts(text: str) -> tuple[int, ...]:
     """ "37,13" or "73" as numbers of positions, for argparse."""
     try:
@@ -78,30 +88,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--u",
         metavar="U",
         type=number("mm", above=0.0),
-        help="standard uncertainty of a reading, mm; default 0.0005; standard: 0.0003 and 3e-7 of the distance",
+        help="standard uncertainty of a reading, mm",
     )
+    parser.add_argument("--sensor-on", choices=("tool", "workpiece"), help="where the R-test's sensors sit")
+    parser.add_argument("--centre", metavar="x,y,z", type=place, help="of a circle, mm")
+    parser.add_argument("--planes", metavar="XY,…", type=planes, help="planes of circles")
     parser.add_argument(
-        "--sensor-on", choices=("tool", "workpiece"), help="where the R-test's sensors sit; default tool"
+        "--arc", metavar="DEG", type=number("degrees", above=0.0, most=360.0), help="angle of an arc, degrees"
     )
-    parser.add_argument("--centre", metavar="x,y,z", type=place, help="of the cone frustum's circle, mm")
-    parser.add_argument("--length", metavar="L", type=number("mm", above=0.0), help="of the ball bar, mm; default 100")
-    parser.add_argument(
-        "--calibrated-u", metavar="U", type=number("mm", above=0.0), help="of the bar's length, mm; default 0.0005"
-    )
+    parser.add_argument("--length", metavar="L", type=number("mm", above=0.0), help="of the ball bar or the gauge, mm")
+    parser.add_argument("--calibrated-u", metavar="U", type=length_u, help="of the calibrated length, mm")
+    parser.add_argument("--scale-u", metavar="U", type=number(least=0.0), help="of the gauge's scale, a ratio")
     parser.add_argument(
         "--half-angle",
         metavar="DEG",
         type=number("degrees", least=0.0, most=90.0),
-        help="of the cone, degrees; default 15",
+        help="of the cone, degrees",
     )
     parser.add_argument(
         "--inclination",
         metavar="DEG",
         type=number("degrees", least=-180.0, most=180.0),
-        help="of the cone's axis, degrees; default 10",
+        help="of the cone's axis, degrees",
     )
     _add_direct(parser)
-    parser.add_argument("--seed", type=seed, metavar="N", help="of the positions of --test standard; default 0")
+    parser.add_argument("--seed", type=seed, metavar="N", help="of the positions")
     add_unusual(parser)
     add_output(parser, "PLAN.toml", "manifest; CSV and machine file stand beside it", required=True)
 

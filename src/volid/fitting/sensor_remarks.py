@@ -23,7 +23,7 @@ from volid.fitting.equations.choice import INTERPRETED, engine_named
 from volid.fitting.equations.problem import build_problem
 from volid.fitting.linear_trial import Trial, few_coefficients, thin, trial_of
 from volid.fitting.location_errors import location_parameter
-from volid.fitting.smoothness.geometry import spread_out
+from volid.fitting.smoothness.spreading import spread_out
 from volid.fitting.solution import Solution
 from volid.model.error_model import LOCATION
 from volid.model.iso230 import SPINDLE, parse

@@ -4,6 +4,9 @@
 """
 
 from volid.planning.ball_bar import cone_frustum
+from volid.planning.circles import circles
+from volid.planning.direct import direct_plan
 from volid.planning.rtest import iso10791_path, rtest_static_grid
+from volid.planning.step_gauge import step_gauge
 
-__all__ = ["cone_frustum", "iso10791_path", "rtest_static_grid"]
+__all__ = ["circles", "cone_frustum", "direct_plan", "iso10791_path", "rtest_static_grid", "step_gauge"]

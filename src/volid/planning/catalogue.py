@@ -14,11 +14,20 @@ from volid.campaign import Campaign
 from volid.exceptions import InputError
 from volid.model.machine import Machine
 from volid.planning.ball_bar import cone_frustum
+from volid.planning.circles import circles
 from volid.planning.direct import direct_plan
 from volid.planning.rtest import iso10791_path, rtest_static_grid
 from volid.planning.standard import standard_plan
+from volid.planning.step_gauge import step_gauge
 
-GRID, CONE, STANDARD, DIRECT = "static-grid", "cone-frustum", "standard", "direct"
+GRID, CONE, STANDARD, CIRCLES, GAUGE, DIRECT = (
+    "static-grid",
+    "cone-frustum",
+    "standard",
+    "circles",
+    "step-gauge",
+    "direct",
+)
 ISO = ("K1", "K2", "K4")
 LAYOUTS = ("A", "B", "C")  # two rotary axes in the head, two in the table, one on each side
 
@@ -96,6 +105,20 @@ def _direct(machine: Machine, **given: Any) -> Campaign:
     return direct_plan(machine, **given)
 
 
+def _circles(machine: Machine, **given: Any) -> Campaign:
+    given = one_count(given, "n", CIRCLES)
+    if "tool" in given:
+        given["tool"] = _one(given["tool"], "tool", CIRCLES)
+    return circles(machine, **given)
+
+
+def _gauge(machine: Machine, **given: Any) -> Campaign:
+    given = one_count(given, "n", GAUGE)
+    if "tool" in given:
+        given["tools"] = given.pop("tool")
+    return step_gauge(machine, **given)
+
+
 def _iso(test: str, machine: Machine, **given: Any) -> Campaign:
     given = one_count(given, "n", test)
     if "tool" in given:
@@ -144,6 +167,34 @@ _ENTRIES = (
         "a square in two places; vertical is needed, levels see no turn about it",
         _direct,
         {"vertical": "", "points": "11 per travel", "form_u": "0.0005", "tool": "0,0,-150", "u": "0.0005"},
+    ),
+    Plan(
+        CIRCLES,
+        "ball bar on circles and arcs in the planes of the linear axes, each in both senses",
+        _circles,
+        {
+            "points": "73 a run",
+            "planes": "XY,YZ,ZX",
+            "arc": "220, in planes that hold the tool's axis",
+            "centre": "",
+            "length": "150",
+            "calibrated_u": "0.0005; inf where the length is unknown",
+            "tool": "0,0,-150",
+            "u": "0.0005",
+        },
+    ),
+    Plan(
+        GAUGE,
+        "lengths of a step gauge along seven lines, each axis and four body diagonals",
+        _gauge,
+        {
+            "points": "5 lengths a line",
+            "length": "the longest, 0.9 of the line",
+            "calibrated_u": "0.0002",
+            "scale_u": "5e-7",
+            "tool": "0,0,-150",
+            "u": "0.0005",
+        },
     ),
     *(
         Plan(name, _ISO_WORDS, partial(_iso, name), _ISO_PARAMETERS)

@@ -4,7 +4,7 @@ On a grid of few levels no reading sees between them, and a fine spline has more
 matter of geometry: the smoothness of the functions tells how much it matters. What is not determined are combinations that no
 position would tell apart: one tool vector, two stations, an axis that stood still. So the rank is decided on a campaign whose
 positions are moved at random between their neighbours, each reading several times where there are few, some of them where there
-are many. The random numbers are always the same.
+are many (`spreading`).
 """
 
 from __future__ import annotations
@@ -14,10 +14,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from volid.campaign import Campaign, ObservationSet
+from volid.campaign import Campaign
 from volid.fitting.diagnosis.identifiability import ROTATION_UNIT, UNIT, Identifiability, analyse
 from volid.fitting.equations.problem import Prior, Problem, build_problem
 from volid.fitting.smoothness.processes import Process, stacked_rows
+from volid.fitting.smoothness.spreading import SAME, spread_out
 from volid.model.error_functions import motion_names
 from volid.model.error_model import ErrorModel
 from volid.model.iso230 import parse
@@ -25,89 +26,16 @@ from volid.model.machine import Axis, Machine
 from volid.observations import KINDS
 from volid.observations.base import NuisanceTable
 
-SAME = 1e-6  # of the travel: positions that near are one level
-ENOUGH = 6  # readings per unknown from which on a part of them is enough
-WANTED = 3  # readings per unknown that a repeated campaign has at least
-MOST_COPIES = 40
 SINGULAR = 1e-13  # smallest pivot of scaled normal equations
 ORDINARY = 2e3  # `_level` of a hundred readings with u = 0.5 µm: there smoothness and readings stand as in the fit
 LARGEST_GAP = 60.0  # degrees: positions all around a turn leave none larger, or all of one size
 NEAR = 0.01  # of the travel: as near to its end a position measures the end
 
 
-def spread_out(campaign: Campaign, n_unknowns: int, still: set[str] | None = None) -> Campaign:
-    """The campaign with its positions moved between their neighbouring levels; readings and labels stay.
-
-    A reading keeps its station, tool vector and directions. An axis that was not moved, or is among those that stand `still`,
-    stays where it was.
-    """
-    rng = np.random.default_rng(12)
-    share = campaign.n_readings / max(n_unknowns, 1)
-    levels = [_levels(campaign, i) for i in range(len(campaign.machine.axes))]
-    levels = [v[:1] if a in (still or ()) else v for a, v in zip(campaign.machine.letters, levels, strict=True)]
-    sets = tuple(_moved(s, _chosen(s, share, rng), levels, rng) for s in campaign.sets)
-    return replace(campaign, sets=tuple(s for s in sets if len(s)))
-
-
 def _levels(campaign: Campaign, axis: int) -> np.ndarray:
     """Distinct positions of an axis in ascending order."""
     step = SAME * campaign.machine.axes[axis].length
     return np.asarray(np.unique(np.round(campaign.positions[:, axis] / step)) * step)
-
-
-def _chosen(readings: ObservationSet, share: float, rng: np.random.Generator) -> np.ndarray:
-    """Rows that are used, some of them several times."""
-    rows = np.arange(len(readings))
-    if share > ENOUGH:
-        groups = np.unique(
-            np.stack([np.unique(v, return_inverse=True)[1] for v in _kinds_of_row(readings)], axis=1),
-            axis=0,
-            return_inverse=True,
-        )[1]
-        keep = rng.permutation(len(rows))[: int(np.ceil(len(rows) * ENOUGH / share))]
-        first = np.unique(np.asarray(groups).ravel(), return_index=True)[1]
-        return np.unique(np.concatenate([keep, first]))
-    return np.tile(rows, min(MOST_COPIES, max(1, int(np.ceil(WANTED / max(share, 1e-9))))))
-
-
-def _kinds_of_row(readings: ObservationSet) -> list[np.ndarray]:
-    """What sorts readings: labels and tool vector."""
-    _, tool = np.unique(np.round(readings.side_by_side.tool, 6), axis=0, return_inverse=True)
-    return [*readings.labels.values(), np.asarray(tool).ravel()]
-
-
-def _moved(
-    readings: ObservationSet, rows: np.ndarray, levels: list[np.ndarray], rng: np.random.Generator
-) -> ObservationSet:
-    chosen = readings.rows_of(rows)
-    moved = [_between(levels, end.positions, rng) for end in chosen.ends]
-    return _standing_still(chosen, moved)
-
-
-def _between(levels: list[np.ndarray], positions: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Positions (m, n_axes) at random between the neighbours of their levels."""
-    positions = positions.copy()
-    for i, known in enumerate(levels):
-        if len(known) < 2:
-            continue
-        edges = np.concatenate([known[:1], 0.5 * (known[1:] + known[:-1]), known[-1:]])
-        at = np.clip(np.searchsorted(edges, positions[:, i], side="right") - 1, 0, len(known) - 1)
-        positions[:, i] = edges[at] + rng.random(len(positions)) * (edges[at + 1] - edges[at])
-    return positions
-
-
-def _standing_still(chosen: ObservationSet, moved: list[np.ndarray]) -> ObservationSet:
-    """The set at its moved positions, in which an axis stands still where it did: along a line, and from one end to the other."""
-    labels = [chosen.labels[label] for label in KINDS[chosen.kind].still_by]
-    lines = np.unique(np.stack(labels), axis=1, return_inverse=True)[1].ravel() if labels else np.arange(len(chosen))
-    for line in np.unique(lines) if labels else ():
-        own = np.flatnonzero(lines == line)
-        still = np.ptp(chosen.positions[own], axis=0) == 0.0
-        moved[0][np.ix_(own, still)] = moved[0][own[0], still]
-    if chosen.to is None:
-        return replace(chosen, positions=moved[0])
-    same = chosen.to.positions == chosen.positions
-    return replace(chosen, positions=moved[0], to=chosen.to._replace(positions=np.where(same, *moved)))
 
 
 def measured_machine(campaign: Campaign, earlier: Mapping[str, tuple[float, float]] | None = None) -> Machine:
