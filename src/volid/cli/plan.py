@@ -111,14 +111,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=number("degrees", least=-180.0, most=180.0),
         help="of the cone's axis, degrees",
     )
-    _add_direct(parser)
-    parser.add_argument("--seed", type=seed, metavar="N", help="of the positions")
+    _add_further(parser)
     add_unusual(parser)
     add_output(parser, "PLAN.toml", "manifest; CSV and machine file stand beside it", required=True)
 
 
-def _add_direct(parser: argparse.ArgumentParser) -> None:
-    """Arguments of the direct measurement."""
+def _add_further(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the direct measurement, and the seed."""
+    parser.add_argument("--seed", type=seed, metavar="N", help="of the positions")
     parser.add_argument("--vertical", choices=("X", "Y", "Z"), help="of direct measurement: the axis that is vertical")
     parser.add_argument(
         "--form-u",
