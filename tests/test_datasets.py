@@ -227,3 +227,42 @@ def test_rtest_deviations_agree_with_the_truth(rtest):
     size = np.linalg.norm(np.asarray(rtest.deviation(q, tool))[:, :3] - true, axis=1)
     assert np.sqrt(np.mean(size**2)) < 8.7e-4  # mm: 0.5 µm in three directions, one reading
     assert np.sqrt(np.mean(np.sum(true**2, axis=1))) > 0.03  # what there was to find
+
+
+# ------------------------------------------------------------------------------------------------- direct measurement
+
+DIRECT = DATASETS / "direct_measurement"
+
+
+@pytest.fixture(scope="module")
+def direct():
+    return fit(load_campaign(DIRECT / "campaign.toml"))
+
+
+def test_direct_measurement_is_what_its_readme_says(direct):
+    campaign = direct.campaign
+    assert campaign.conditions["synthetic"] is True and campaign.title.startswith("SYNTHETIC")
+    assert len(campaign.alignments) == 13 and len(campaign.sets) == 17
+    assert {s.kind for s in campaign.sets} == {"component", "level"}
+    model = tomllib.loads((DATASETS.parent / "models/wXZbYt_cross_bed.toml").read_text(encoding="utf-8"))
+    assert campaign.machine.structure == model["structure"]
+    assert not direct.adequacy.rejected and direct.fully_determined
+    assert abs(direct.adequacy.unit_weight - 0.99) < 0.005 and 880 < direct.adequacy.degrees_of_freedom < 900
+
+
+def test_direct_measurement_gives_all_functions_and_squareness(direct):
+    """The truth within u: 18 functions in both directions where they differ, three squareness errors."""
+    truth = read(DIRECT / "truth_functions.csv")
+    squared: dict[str, list[float]] = {}
+    for f in direct.functions(points=11):
+        rows = (truth["function"] == f.name) & (truth["direction"].astype(int) == f.direction)
+        value = truth["value"][rows].astype(float)
+        if f.position is not None and np.isfinite(f.position):
+            value = np.interp([f.position], truth["position"][rows].astype(float), value)
+        if f.u > (1e-8 if f.name[1] in "ABC" else 2e-5):  # less is that of the zero at the reference
+            squared.setdefault(f.name, []).append(float((f.value - value[0]) / f.u) ** 2)
+    assert len(squared) == 18 + 3
+    freedom = 18 * 3 + 3  # about: values of one function depend on each other
+    low, high = np.array(chi2.ppf([CHANCE / 2, 1 - CHANCE / 2], freedom)) / freedom
+    assert low < np.mean([np.mean(values) for values in squared.values()]) < high
+    assert max(max(values) for values in squared.values()) < 4.2**2  # some 60 values: normal quantile of 1e-3

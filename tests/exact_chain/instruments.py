@@ -20,7 +20,7 @@ from exact_chain.truth import Truth
 
 ZERO = {"mm": 5.0, "rad": 2e-3}  # of a laser, a gauge and a level before they are set to zero
 EDGE_SLOPE = {"mm": 1e-4, "rad": 1e-7}  # per mm
-TILT = 3e-3  # rad: an artefact off its nominal directions, by hand
+TILT, LEAN = 3e-3, 5e-4  # rad: an artefact off its nominal directions, in the plane that is read and out of it
 BED = 2e-5  # rad: the whole machine on its ground, from one reading to the next
 
 
@@ -43,11 +43,27 @@ class Instruments:
             self.drawn[key] = self.rng.uniform(-size, size, n)
         return self.drawn[key]
 
+    def placement(self, name: str, seen=None) -> np.ndarray:
+        """How an artefact stands turned, (3, 3); `seen` (3,): the direction about which its lines show a turn."""
+        if ("placement", name) not in self.drawn:
+            lean = self.rng.uniform(-LEAN, LEAN, 3)
+            self.drawn["placement", name] = lean + seen * (self.rng.uniform(-TILT, TILT) - lean @ seen)
+        return Rotation.from_rotvec(self.drawn["placement", name]).as_matrix()
+
     def surface_form(self, artefact: str, line: str, s: np.ndarray) -> np.ndarray:
-        """Height of an artefact's surface over its straight line at places s (m,) [mm]; three waves in 700 mm."""
+        """Height of an artefact's surface over its least-squares line at places s (m,) [mm]; three waves in 700 mm.
+
+        The line, between which and another one the artefact's angle is calibrated, is that of the part first read.
+        """
         phase = self.vector(("form", artefact, line), np.pi, 3)
-        waves = [np.sin(2 * np.pi * k * s / 700.0 + phase[k - 1]) for k in (1, 2, 3)]
-        return self.form * np.sum(waves, axis=0) / np.sqrt(1.5)
+
+        def waves(at):
+            return self.form * sum(np.sin(2 * np.pi * k * at / 700.0 + phase[k - 1]) for k in (1, 2, 3)) / np.sqrt(1.5)
+
+        if ("line", artefact, line) not in self.drawn:
+            dense = np.linspace(s.min(), s.max(), 400)
+            self.drawn["line", artefact, line] = np.polyfit(dense, waves(dense), 1)
+        return waves(s) - np.polyval(self.drawn["line", artefact, line], s)
 
 
 @dataclass(frozen=True)
@@ -92,7 +108,8 @@ class Virtual:
         """Readings of a gauge on an artefact that stands on the table."""
         alignment = alignments[options["alignment"]]
         artefact = alignment.get("artefact") or alignment["name"]
-        turn = Rotation.from_rotvec(self.instruments.vector(("placement", alignment["name"]), TILT)).as_matrix()
+        one = next(iter(options["lines"].values()))
+        turn = self.instruments.placement(alignment["name"], np.cross(one["along"], one["normal"]))
         actual = self.machine.functional_point(rows.q, rows.tool, self.truth, rows.direction)
         nominal = self.machine.functional_point(rows.q, rows.tool)
         first, values = next(iter(options["lines"])), np.zeros(len(rows.q))
@@ -137,8 +154,7 @@ class Virtual:
                 body = moving if which == 0 else (bodies[1] or self._other_end(moving))
                 turned = self._from_bed(body, rows, i)
                 if which == 0 and rows.labels["placement"][i] != "machine":
-                    place = self.instruments.vector(("placement", rows.labels["placement"][i]), TILT)
-                    turned = turned @ Rotation.from_rotvec(place).as_matrix()
+                    turned = turned @ self.instruments.placement(rows.labels["placement"][i])
                 # gravity as the body sees it is -v + ω × v; the horizontal part of ω is v × that
                 seen = np.cross(vertical, turned.T @ down[i])
                 component = rows.labels["component"][i]
@@ -183,8 +199,8 @@ def _until_it_touches(from_start: np.ndarray, read: np.ndarray, directions: tupl
     return travel
 
 
-def measure(folder, virtual: Virtual, noise: bool = True) -> Path:
-    """Write the readings of all sets of a plan into its CSV files; the manifest's path."""
+def measure(folder, virtual: Virtual, noise: np.random.Generator | None) -> Path:
+    """Write the readings of all sets of a plan into its CSV files, with `noise` of the stated u or none; the manifest's path."""
     folder, machine = Path(folder), virtual.machine
     manifest = tomllib.loads((folder / "campaign.toml").read_text(encoding="utf-8"))
     alignments = {a["name"]: a for a in manifest.get("alignment", [])}
@@ -202,7 +218,7 @@ def measure(folder, virtual: Virtual, noise: bool = True) -> Path:
             more = (alignments,) if aligned else ()
             columns, u = {"value": read(options["name"], rows, options, *more)}, float(options["u"])
         given = [h for h in header if h not in ("value", "moving", "reference")]
-        noises = {k: virtual.instruments.rng.normal(0.0, u, len(v)) if noise else 0.0 for k, v in columns.items()}
+        noises = {k: noise.normal(0.0, u, len(v)) if noise else 0.0 for k, v in columns.items()}
         _write(folder / options["file"], {h: cells[h] for h in given}, {k: v + noises[k] for k, v in columns.items()})
     return folder / "campaign.toml"
 

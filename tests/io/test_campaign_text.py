@@ -20,7 +20,6 @@ from support.work import calls
 from volid.campaign import Station
 from volid.exceptions import InputError, OutputError
 from volid.io import read_manifest, write_manifest
-from volid.io.campaign import rules
 
 VOLUME = csv_text(volume_rows())
 
@@ -243,15 +242,6 @@ def test_existing_folder_is_not_overwritten(tmp_path):
 def test_bad_manifest(tmp_path, old, new, message):
     with pytest.raises(InputError, match=message):
         read_manifest(write_files(tmp_path, manifest=edited(MANIFEST, old, new)))
-
-
-def test_a_kind_that_is_yet_to_come_is_told_from_one_that_is_misspelt(tmp_path, monkeypatch):
-    monkeypatch.setattr(rules, "LATER_KINDS", ("sundial",))
-    manifest = edited(MANIFEST, '"component"', '"sundial"')
-    with pytest.raises(
-        InputError, match="set 'levels': kind 'sundial' is not supported yet; this version reads distance"
-    ):
-        read_manifest(write_files(tmp_path, manifest=manifest))
 
 
 def test_manifest_without_sets_or_of_another_type(tmp_path):

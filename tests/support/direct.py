@@ -33,7 +33,7 @@ def measured(plan: Campaign, folder: Path, seed: int, *, form: float = 5e-4, **o
     truth = random_truth(exact, rng, tool_rotation=False, **options)
     instruments = Instruments(rng, form=form)
     write_manifest(plan, folder)
-    return Measured(load_campaign(measure(folder, Virtual(exact, truth, instruments))), exact, truth, instruments)
+    return Measured(load_campaign(measure(folder, Virtual(exact, truth, instruments), rng)), exact, truth, instruments)
 
 
 def with_u(plan: Campaign, factor: float, *names: str) -> Campaign:

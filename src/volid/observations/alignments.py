@@ -9,9 +9,10 @@ the functional point f is from the surface; that of the nominal machine, f0, fro
 R is exact for rotations of any size. With an offset for each line (the default) c is p0, and t is left out. δ is the error of the
 artefact's own angle at the line, which turns it from a towards n (0 for the line named first, prior `angle_u`), ε(s) the form
 error of the line at s (prior `form_u`). Both belong to the artefact and are shared by its placements: reversal determines them.
-Turns that no line shows at the nominal machine are held at 0: set to 2 mrad by hand, such a turn is 2 µm per millimetre by which
-the machine deviates across the line. Not modelled: the size of the gauge's tip, a gauge that turns with the errors of the tool.
-CONVENTIONS 6; ISO 230-1 (straightness by a straightedge, squareness by a square, reversal).
+Turns that no line shows are held at 0 and count in products only: a square that leans by a about one leg and by b about the other
+seems a·b out of square, 1 µrad at 1 mrad each (part of `angle_u`). Form errors at different places are independent; what is
+longer than the steps (a bow) is known too well, unless reversal removes it. Not modelled: the size of the gauge's tip, a gauge
+that turns with the errors of the tool. CONVENTIONS 6; ISO 230-1 (straightness, squareness, reversal).
 """
 
 from __future__ import annotations

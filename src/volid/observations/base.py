@@ -123,7 +123,7 @@ class Kind(ABC):
     may be given instead of readings; they count as readings of 0. `centres_in`: frame of these readings, "machine" or "tool".
     `calibrated`: sets name a file of calibrated points.
     `pair`: two columns whose difference, first minus second, may stand for the one reading in a file; a set of the kind `pair_in`
-    that has both is of this kind.
+    that has one of them is of this kind.
     `ends`: functional points that a reading sees; with two, the set holds the second ones in `to`, and `predict` gets q, tool and
     errors of the second behind those of the first. `still_by`: labels of rows among which an axis that does not move is meant to
     stand still.

@@ -102,8 +102,9 @@ class Component(Kind):
         check_aligned(observations)
 
     def is_whole(self, observations: ObservationSet) -> bool:
-        """Whether lines have the placement of an artefact or a path of light, which count from places of the whole line."""
-        return is_aligned(observations) or bool(observations.options.get("interferometer", False))
+        """Whether lines have the placement of an artefact, a slope or a path of light, which count from places of the whole line."""
+        options = observations.options
+        return is_aligned(observations) or bool(options.get("slope", False) or options.get("interferometer", False))
 
     def is_pinned(self, observations: ObservationSet) -> bool:
         """Whether there is a form error at every place of an artefact."""

@@ -83,6 +83,11 @@ class Level(Kind):
         """No tool takes part."""
         return BED
 
+    def is_whole(self, observations: ObservationSet) -> bool:
+        """Whether levels stand on artefacts, or the moving one is found from the axis that moves along its line."""
+        stated = observations.options.get("moving_on") or observations.options.get("reference_on")
+        return not stated or bool((observations.labels["placement"] != MACHINE).any())
+
     def check(self, observations: ObservationSet) -> None:
         """Raises `InputError` for options that do not fit each other, or a turn about the vertical."""
         check_offset_per(observations)

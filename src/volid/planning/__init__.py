@@ -7,6 +7,7 @@ from volid.planning.ball_bar import cone_frustum
 from volid.planning.ball_plate import ball_plate, plate_plan
 from volid.planning.circles import circles
 from volid.planning.diagonals import diagonals, parallel_lines, step_diagonals
+from volid.planning.direct import direct_plan
 from volid.planning.rtest import iso10791_path, rtest_static_grid
 from volid.planning.step_gauge import step_gauge
 
@@ -15,6 +16,7 @@ __all__ = [
     "circles",
     "cone_frustum",
     "diagonals",
+    "direct_plan",
     "iso10791_path",
     "parallel_lines",
     "plate_plan",

@@ -24,7 +24,7 @@ from volid.planning.reading_lines import OTHER_RUNS, Places, Readings, Row
 TOOL = (0.0, 0.0, -150.0)  # mm
 LASER_RUNS = 5  # forward and back each
 APART = 600.0  # mm: places of the square for the roll of the vertical axis
-LEVEL_U, ANGLE_U = 1e-6, 2e-6  # rad: of levels and angular optics, and of the right angle of a square
+LEVEL_U, ANGLE_U = 1e-6, 2e-6  # rad: of levels and angular optics; of the right angle of a square, and how it leans
 TIMES = 4  # how often the level on the square is read at each place
 
 
@@ -166,7 +166,10 @@ class _Lines:
         q = np.tile(self.places.resting, (m, 1))
         labels = {"component": np.full(m, _about(one)), "placement": np.repeat(names, TIMES)}
         stood = Readings(
-            q, np.zeros_like(q), np.zeros((m, 3)), {"line": np.full(m, "1"), "run": np.full(m, "1")} | labels
+            q,
+            np.zeros_like(q),
+            np.zeros((m, 3)),
+            {"line": np.full(m, "1"), "run": np.tile(np.arange(1, TIMES + 1).astype(str), len(names))} | labels,
         )
         return [*sets, stood.as_set("level on the square", "level", LEVEL_U, {"vertical": vertical})]
 

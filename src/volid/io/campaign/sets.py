@@ -111,7 +111,7 @@ def _ends(table: Table, csv: CsvTable, kind: Kind, machine: Machine, content: _C
 def _form(kind: Kind, table: Table, csv: CsvTable) -> Kind:
     """The kind itself, or the form of it whose readings, or their u, the set and its file name (`point` as range and angles)."""
     for other in KINDS.values():
-        if other.pair_in == kind.name and all(name in csv for name in other.pair):
+        if other.pair_in == kind.name and any(name in csv for name in other.pair):
             return other
         if other.file_kind == kind.name and any(
             n in csv or f"u_{n}" in csv or f"u_{n}" in table.data for n in other.readings
