@@ -102,7 +102,7 @@ class Component(Kind):
         check_aligned(observations)
 
     def is_whole(self, observations: ObservationSet) -> bool:
-        """Whether lines have the placement of an artefact, a slope or a path of light, which count from places of the whole line."""
+        """Whether lines have an artefact's placement, a slope or a path of light, which count from places of the whole line."""
         options = observations.options
         return is_aligned(observations) or bool(options.get("slope", False) or options.get("interferometer", False))
 
