@@ -21,6 +21,7 @@ from volid.fitting.equations.problem import Problem
 from volid.fitting.equations.system import Normal, thinned
 
 TOLERANCE = 1e-7  # estimated distance to the minimum, in units of each parameter's conditional standard uncertainty
+SETTLED = 1e-7  # or that of every number that follows from the parameters, in units of its standard uncertainty
 SHRINK = (
     0.03  # a chord step is taken when it is at most this share of the step before; slower ones cost more than they save
 )
@@ -171,6 +172,14 @@ class _Descent:
         """Estimated distance to the minimum after a step of this size: the step times the share by which it shrank."""
         return size * (min(1.0, size / self.last) if 0.0 < self.last < np.inf else 1.0)
 
+    def settled(self, step: np.ndarray) -> bool:
+        """Whether the step moves no linear combination of the parameters by more than `SETTLED` of its u: √(gᵀ H⁻¹ g).
+
+        Parameters that are known only together may still move by more than their conditional u, which is rounding then.
+        """
+        decrement = float(self.gradient @ step)
+        return self.age > 0 and 0.0 <= decrement <= SETTLED**2
+
     def descends(self, cost: float) -> bool:
         """Whether a trial's cost is no higher than the best, but for rounding."""
         return cost <= self.cost * (1.0 + SLACK) + SLACK
@@ -226,7 +235,7 @@ def solve(
     at = _Descent(objective, z)
     for count in range(1, LARGEST_STEPS + 1):
         step, size = at.propose()
-        near, light = at.distance(size) <= TOLERANCE, at.light
+        near, light = at.distance(size) <= TOLERANCE or at.settled(step), at.light
         trial = objective.free.move(at.z, step)
         if light and at.age and near:
             at.z, at.cost = trial, max(0.0, at.cost - 0.5 * float(at.gradient @ step))
