@@ -80,7 +80,7 @@ def of_readings(problem: Problem, campaign: Campaign, z: np.ndarray) -> Sensitiv
 
 
 def _of_first_order(errors: np.ndarray) -> np.ndarray:
-    """Partial derivatives by error values, 0 below `SLIGHT` of a reading's largest: those that other errors or rounding alone make.
+    """Partial derivatives by error values, 0 below `SLIGHT` of a reading's largest: other errors or rounding alone make those.
 
     A laser along X answers a straightness error of X by the angles of the beam and the axes. That is no way to explain a reading:
     the error would have to be centimetres large, and take the place of the one that the reading is of.
