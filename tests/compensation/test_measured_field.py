@@ -73,6 +73,15 @@ def levels(*counts):
     return EXACT.in_axis_order({a: v.ravel() for a, v in zip("XYZ", mesh, strict=True)})
 
 
+def diagonals(n):
+    """Positions along the four body diagonals, where the axes move together."""
+    t = np.linspace(0.0, 1.0, n)
+    signs = ((1, 1, 1), (-1, 1, 1), (1, -1, 1), (1, 1, -1))
+    share = np.concatenate([np.stack([t if s > 0 else 1.0 - t for s in sign], axis=1) for sign in signs])
+    low, high = (np.array([EXACT.travel[a][i] for a in "XYZ"]) for i in (0, 1))
+    return EXACT.in_axis_order(dict(zip("XYZ", (low + share * (high - low)).T, strict=True)))
+
+
 def rigid_columns(q, tool):
     point = EXACT.functional_point(q, tool, NOTHING)
     turned = np.stack([np.cross(np.eye(3)[k], point) for k in range(3)], axis=2)
@@ -97,7 +106,10 @@ PLANS = {  # the plan, the waviness of the truth (shortest wave 0.45 travels / w
     "part of travel": (lambda rng: scattered(rng, 100, part=0.4), 1.0),
     "levels": (lambda rng: levels(7, 6, 5), 0.3),
     "levels too far apart": (lambda rng: levels(6, 5, 4), 1.0),
+    "two heights": (lambda rng: levels(6, 6, 2), 0.4),
+    "four body diagonals": (lambda rng: diagonals(18), 1.0),
 }
+BLIND = ("levels too far apart", "two heights")
 
 
 QUICK = ("scattered, few", "part of travel")
@@ -119,7 +131,8 @@ def test_u_covers_the_field_between_the_measured_places(plan):
         z = (values - truth_at(field, q, TOOL, truth)) / u
         inside.append((np.abs(z) < 1.96).mean())
         ratios.append(np.sqrt((z**2).mean()))
-        assert bool(field.attention) == (plan == "levels too far apart") or plan == "levels"
+        assert bool(field.attention) == (plan in BLIND) or plan == "levels"
+        assert ("Z was measured at two positions only" in " ".join(field.attention)) == (plan == "two heights")
     assert np.mean(inside) > 0.88, (inside, ratios)
     assert np.mean(ratios) > 0.4  # nor is u of no use
 

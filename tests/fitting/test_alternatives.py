@@ -5,13 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from exact_chain import random_truth
+from exact_chain import ExactMachine, random_truth
 from scipy.stats import chi2
 from support.machines import MACHINES, STRUCTURES, exact_machine, volid_machine
 from support.mistakes import CALLED, MISTAKES, sound
 from support.rtests import NO_LINEAR, r_test, r_test_campaign, rotary_only
 
-from volid.campaign import Effect
+from volid.campaign import Campaign, Effect, ObservationSet
 from volid.exceptions import InputError
 from volid.fitting.diagnosis.adequacy import REJECTED
 from volid.fitting.diagnosis.alternatives.axes import other_structures
@@ -65,6 +65,23 @@ def test_what_is_named_is_the_thing_itself():
     assert float(waves.cure.split("pitch = ")[1]) == pytest.approx(10.0, abs=0.05)  # resolved to 10²/760 mm, and better
     reversal = fit(MISTAKES["reversal left out"]("horizontal", 1, 0.005, **FEW).campaign).adequacy.causes[0]
     assert reversal.what == "EYY has a reversal"
+
+
+def test_an_error_that_readings_do_not_see_is_not_named():
+    """A laser along X, runs both ways with a reversal of 3 µm: it is EXX's, and no multiple of a rounding of EYX."""
+    exact = ExactMachine("w Y' X' b Z t", {"X": (0.0, 1000.0), "Y": (0.0, 600.0), "Z": (-500.0, 0.0)})
+    up = np.linspace(0.0, 1000.0, 11)
+    x, way = np.tile(np.concatenate([up, up[::-1]]), 2), np.tile(np.repeat([1.0, -1.0], 11), 2)[:, None]
+    values = 2e-5 * x[:, None] - 1.5e-3 * way + 2e-4 * np.random.default_rng(0).standard_normal((44, 1))
+    labels = {"component": np.full(44, "X"), "line": np.full(44, "1"), "run": np.repeat(["1", "2", "3", "4"], 11)}
+    laser = ObservationSet(
+        "laser", "component", exact.in_axis_order({"X": x, "Y": 300.0, "Z": -250.0}), way * [0.0, 1.0, 0.0],
+        np.tile([0.0, 0.0, -150.0], (44, 1)), values, np.full((44, 1), 5e-4), labels, options={"slope": False},
+    )  # fmt: skip
+    found = fit(Campaign(volid_machine(exact), (), (laser,))).adequacy
+    assert found.causes and found.causes[0].what == "EXX has a reversal"
+    assert all(np.isfinite(c.change) and c.change < 1e3 for c in found.causes)
+    assert not any("EYX" in c.what or "EZX" in c.what for c in found.causes)
 
 
 @pytest.mark.parametrize("mistake", ["cross effect", "reversal left out"])

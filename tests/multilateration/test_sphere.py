@@ -163,6 +163,18 @@ def test_without_redundancy_u_must_be_stated():
     assert fit_spheres(groups, u=0.003).u == 0.003
 
 
+def test_few_touches_that_agree_by_chance_do_not_promise_more_than_they_know():
+    """Six spheres of five touches, six degrees of freedom: errors over u are 1 (rms), where the bare scatter gives √(6/4)."""
+    rng, squares = np.random.default_rng(7), []
+    for _ in range(400):
+        fits = fit_spheres([touched(FIVE, 0.001, rng) for _ in range(6)])
+        errors = [(s.centre - CENTRE, s.covariance(fits.u)) for s in fits.spheres if s is not None]
+        squares += [error @ np.linalg.solve(covariance, error) / 3.0 for error, covariance in errors]
+    assert len(squares) > 2300 and np.sqrt(np.mean(squares)) == pytest.approx(1.0, abs=0.1)
+    with pytest.raises(NotDeterminedError, match=r"5 touches, 1 more than unknowns.*`touch_u`"):
+        fit_spheres([touched(FIVE, 0.001, rng)])
+
+
 def test_undetermined_spheres_say_why():
     fits = fit_spheres([touched(SIX), touched(SIX[:3]), touched(SIX[[0, 1, 3, 4]])], u=0.001)
     assert [s is None for s in fits.spheres] == [False, True, True]

@@ -236,6 +236,21 @@ def test_a_duplicated_row_among_true_repeats_is_an_error(tmp_path):
         check_campaign(with_repeats(tmp_path, list(range(10)), distance=repeated))
 
 
+def test_a_set_that_repeats_another_one_is_an_error(tmp_path):
+    """The same file twice, a copy under other names, a part of it; not another measurement at the same positions."""
+    campaign = with_repeats(tmp_path, [])
+    one = campaign.sets[0]
+    labels = {**one.labels, "segment": np.full(len(one), "another")}
+    for copy in (one, replace(one, labels=labels, u=2.0 * one.u), one.rows_of(np.arange(30, 5, -1))):
+        with pytest.raises(InputError, match=r"set 'again': \d+ of its \d+ rows are those of .*count twice"):
+            check_campaign(replace(campaign, sets=(one, replace(copy, name="again"))))
+    noise = 3e-4 * np.random.default_rng(0).standard_normal(one.readings.shape)
+    later = replace(one, time=np.arange(len(one)) + 1e4)
+    for other in (replace(one, readings=one.readings + noise), later):
+        sets = replace(one, time=np.arange(len(one)) + 0.0), replace(other, name="again")
+        assert check_campaign(replace(campaign, sets=sets)) == ()
+
+
 def test_rows_that_differ_in_anything_are_no_duplicates(tmp_path):
     q = volume_rows()
     assert check_campaign(with_repeats(tmp_path / "a", [4], distance=[q["distance"][4] + 1e-6])) == ()

@@ -2,7 +2,9 @@
 others.
 
 The scatter is s² = Σ v² / f over all spheres, with f = Σ (touches - unknowns) degrees of freedom: a sphere with five touches
-has one degree of freedom, a hundred of them have a hundred. A touch is left out when its residual is too large for chance:
+has one degree of freedom, a hundred of them have a hundred. The u of a touch that follows from it is s √(f / (f - 2)), the
+standard deviation of Student's t distribution (JCGM 101:2008, 6.4.9), so that few touches that agree by chance do not promise
+more than they know; two degrees of freedom tell none. A touch is left out when its residual is too large for chance:
 v/√ρ, with ρ its redundancy, is compared with the scatter of all others (externally studentized, Cook and Weisberg 1982), or
 with that of most of them (from the median) where several outlying touches hide each other; together at 1 % for the whole file
 (Bonferroni). What several touches of a sphere explain alike is not decided: the sphere is left out then."""
@@ -23,6 +25,7 @@ _CHANCE = 0.01  # of naming a good touch, in a whole file
 _TO_DEVIATION, _EFFICIENCY = 1.4826, 0.37  # of the median of absolute normal deviates
 _LEAST = 1e-6  # mm: no probe scatters less; exact numbers otherwise have outliers of rounding
 _MANY = 1e7  # degrees of freedom of an uncertainty that is stated
+_TELLING = 3  # degrees of freedom from which on a scatter has a standard uncertainty
 _NO_CHECK = 1e-6  # redundancy of a touch that no other one checks
 _ALIKE = (
     0.98  # correlation of two residuals above which an error in one looks like an error in the other (Förstner 1983)
@@ -36,7 +39,7 @@ class SphereFits:
     Args:
         spheres: One for each group of touches; None where the centre is not determined or contradicted.
         reasons: Why a sphere is missing, in words, "" where it is there.
-        u: Standard uncertainty of a touch: the stated one, or the scatter. [mm]
+        u: Standard uncertainty of a touch: the stated one, or what follows from the scatter. [mm]
         scatter: Of the touches used, from all spheres together; NaN without redundancy. [mm]
         degrees_of_freedom: Of the scatter.
     """
@@ -131,13 +134,15 @@ class _State:
         """Standard uncertainty of a touch. Raises `NotDeterminedError` where it is neither stated nor seen."""
         if self.stated is not None:
             return self.stated
-        if np.isnan(scatter) and any(s is not None for s in self.spheres):
+        if not any(s is not None for s in self.spheres):
+            return _LEAST
+        freedom = int(self.freedom.sum())
+        if freedom < _TELLING:
             raise NotDeterminedError(
-                "every sphere has as many touches as unknowns, so that their scatter is not seen; state the "
-                "standard uncertainty "
-                "of a touch as `touch_u`, or touch each sphere at more points"
+                f"the spheres have {int(self.used.sum())} touches, {freedom} more than unknowns, which do not tell how touches "
+                "scatter; state the standard uncertainty of a touch as `touch_u`, or touch more points"
             )
-        return max(scatter, _LEAST) if np.isfinite(scatter) else _LEAST
+        return max(scatter * float(np.sqrt(freedom / (freedom - 2.0))), _LEAST)
 
     def worst(self) -> tuple[int, int] | None:
         """Group and place of the touch that is farthest beyond chance; None when there is none."""

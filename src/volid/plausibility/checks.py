@@ -15,6 +15,7 @@ from volid.observations import KINDS
 from volid.observations.base import takes_large_errors
 from volid.plausibility.repeats import centres_as_readings, combine, first_of, repeats
 from volid.plausibility.rotary import check_motion, check_radians, scattered
+from volid.plausibility.same_sets import check_same_sets
 from volid.plausibility.tools import check_stations, check_tools
 from volid.plausibility.travels import check_digits, check_far, check_metres, check_outside
 from volid.plausibility.units import check_lengths, positions_look_small
@@ -54,8 +55,8 @@ def check_campaign(campaign: Campaign) -> tuple[str, ...]:
         campaign: A campaign with readings.
 
     Raises:
-        InputError: for what no fit can use: no readings, numbers that are not finite, u <= 0, duplicated rows, readings or
-            positions in another unit than mm, rad, degrees, spheres out of the sensor's range, or probing without any rotary
+        InputError: for what no fit can use: no readings, numbers that are not finite, u <= 0, duplicated rows or sets, readings
+            or positions in another unit than mm, rad, degrees, spheres out of the sensor's range, or probing without any rotary
             motion. The text names file and row.
 
     >>> import volid
@@ -83,6 +84,7 @@ def check_campaign(campaign: Campaign) -> tuple[str, ...]:
         warnings += scattered(readings, campaign.machine)
         warnings += _outside_travel(readings, campaign.machine)
         warnings += _duplicates(readings, campaign.machine)
+    check_same_sets(campaign)
     check_motion(campaign)
     check_outside(campaign)
     return tuple(warnings)

@@ -86,9 +86,15 @@ class MeasuredField:
 
     @property
     def attention(self) -> tuple[str, ...]:
-        """Components whose interpolation is not to be relied upon because positions stand too far apart, in words."""
+        """Axes and components whose interpolation is not to be relied upon because positions stand too far apart, in words."""
         letters = [self.points.machine.letters[i] for i in self.scale.columns]
-        return tuple(
+        ends = [a for a, x in zip(letters, self.process.x.T, strict=True) if np.ptp(np.abs(x)) < SLACK]
+        blind = tuple(
+            f"{a} was measured at two positions only: between them the field is not seen, and values and u follow from how large "
+            "the functions of the other axes are; measure more positions"
+            for a in ends
+        )
+        return blind + tuple(
             f"between the positions of {letters[s.axis]} the field is not seen: {name} of positions held out is missed by "
             f"{s.factor:.1f} times its u, by which u is enlarged; measure more positions, or scattered ones"
             for name, s in zip("XYZ", self.process.smooth, strict=True)

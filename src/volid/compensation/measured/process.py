@@ -1,13 +1,17 @@
 """Interpolation between measured places: one Gaussian process for each of X, Y and Z, of which no kinematics is assumed.
 
-A component of the deviation is a free linear function of the axis positions plus a Matérn process of order 5/2,
+A component of the deviation is a free linear function of the axis positions plus Matérn processes of order 5/2,
 
-    cov(f(q), f(q')) = s² (1 + √5 r + 5 r²/3) exp(-√5 r),   r² = Σ_j ((q_j - q_j') / (l_j · range_j))²,
+    cov(f(q), f(q')) = s² m(r) + a² Σ_j m(|q_j - q_j'| / (b · range_j)),   m(r) = (1 + √5 r + 5 r²/3) exp(-√5 r),
+    r² = Σ_j ((q_j - q_j') / (l_j · range_j))²,
 
-with one length l_j for each axis, plus what is independent from place to place (n). s, l and n have the largest marginal
-likelihood times wide priors: s around 5 µm, l around half a range, n around a third of the readings' u. Rasmussen and Williams,
-Gaussian Processes for Machine Learning, 2006, 2.7, 4.2.1, 5.4. Order 5/2, two derivatives, is rougher than error functions are:
-the interpolation between places is trusted less than with the smoothness of `volid fit`.
+with one length l_j for each axis, plus what is independent from place to place (n). The second term is one function of each axis,
+all of one size a and length b: it can change between places whatever its values at other positions of the other axes say, so an
+axis that was measured at two positions, or along with others on a diagonal, is as uncertain there as the functions of the other
+axes are large. s, l, a, b and n have the largest marginal likelihood times wide priors: s and a around 5 µm, l and b around half
+a range, n around a third of the readings' u. Rasmussen and Williams, Gaussian Processes for Machine Learning, 2006, 2.7, 4.2.1,
+5.4; Duvenaud, Nickisch and Rasmussen, Additive Gaussian Processes, 2011. Order 5/2, two derivatives, is rougher than error
+functions are: the interpolation between places is trusted less than with the smoothness of `volid fit`.
 
 Places on few levels of an axis see nothing between the levels, and a short wave looks like a smooth one there. Therefore every
 inner level of an axis is predicted from all others; where the predictions miss by more than their u, all u of the interpolation
@@ -39,11 +43,14 @@ LEARNT = 300  # places that s, l and n are estimated from
 
 
 class Smoothness(NamedTuple):
-    """Of one component: size s [mm], lengths l by varying axis (d,) [ranges], and n [mm]; factor by which u is enlarged because
-    levels held out are missed by more than their u, and the number of that axis among the varying ones (-1: none)."""
+    """Of one component: size s [mm], lengths l by varying axis (d,) [ranges], a [mm] and b [ranges] of functions of one axis, and
+    n [mm]; factor by which u is enlarged because levels held out are missed by more than their u, and the number of that axis
+    among the varying ones (-1: none)."""
 
     size: float
     lengths: np.ndarray
+    own_size: float
+    own_length: float
     scatter: float
     factor: float = 1.0
     axis: int = -1
@@ -71,8 +78,20 @@ class Scale:
 
 def matern(one: np.ndarray, other: np.ndarray, smooth: Smoothness) -> np.ndarray:
     """Covariance of a component between places (a, d) and (b, d), (a, b) [mm²], the free part not included."""
-    r = np.sqrt(_squares(one, other, smooth.lengths).sum(axis=0))
-    return np.asarray(smooth.size**2 * (1.0 + r + r * r / 3.0) * np.exp(-r))
+    together = _fall(np.sqrt(_squares(one, other, smooth.lengths).sum(axis=0)))
+    apart = _fall(np.sqrt(_squares(one, other, np.full(one.shape[1], smooth.own_length)))).sum(axis=0)
+    return np.asarray(smooth.size**2 * together + smooth.own_size**2 * apart)
+
+
+def _fall(r: np.ndarray) -> np.ndarray:
+    """(1 + r + r²/3) exp(-r), with √5 in r."""
+    return np.asarray((1.0 + r + r * r / 3.0) * np.exp(-r))
+
+
+def _by_length(squares: np.ndarray) -> np.ndarray:
+    """Derivative of `_fall` by log of the length, over the squares of r that this length is in."""
+    r = np.sqrt(squares)
+    return np.asarray((1.0 + r) * np.exp(-r) / 3.0)
 
 
 def _squares(one: np.ndarray, other: np.ndarray, lengths: np.ndarray) -> np.ndarray:
@@ -108,17 +127,17 @@ def _learnt(points: MeasuredPoints, scale: Scale, groups: list[np.ndarray], k: i
     blocks = [_Block.of(scale(points.positions[g]), points.deviation[g, k], variance[g]) for g in groups]
     u = max(float(np.sqrt(np.mean(variance))), 1e-7)
     d = len(scale.columns)
-    centre = np.log(np.array([SIZE, *[LENGTH] * d, SHARE * u]))
-    spread = np.array([SIZE_SPREAD, *[LENGTH_SPREAD] * d, SHARE_SPREAD])
+    centre = np.log(np.array([SIZE, *[LENGTH] * d, SIZE, LENGTH, SHARE * u]))
+    spread = np.array([SIZE_SPREAD, *[LENGTH_SPREAD] * d, SIZE_SPREAD, LENGTH_SPREAD, SHARE_SPREAD])
 
     def cost(z: np.ndarray) -> tuple[float, np.ndarray]:
         parts = [b.cost(centre + spread * z) for b in blocks]
         value = sum(p[0] for p in parts) + 0.5 * float(z @ z)
         return value, spread * sum(p[1] for p in parts) + z
 
-    best = minimize(cost, np.zeros(d + 2), jac=True, method="L-BFGS-B", bounds=[(-BOUNDS, BOUNDS)] * (d + 2))
+    best = minimize(cost, np.zeros(len(centre)), jac=True, method="L-BFGS-B", bounds=[(-BOUNDS, BOUNDS)] * len(centre))
     phi = np.exp(centre + spread * best.x)
-    found = Smoothness(float(phi[0]), phi[1:-1], float(phi[-1]))
+    found = Smoothness(float(phi[0]), phi[1:-3], float(phi[-3]), float(phi[-2]), float(phi[-1]))
     missed = [_missed(blocks, found, j) for j in range(d)]
     worst = int(np.argmax(missed))
     return found._replace(factor=missed[worst], axis=worst) if missed[worst] > NOTICED else found
@@ -159,18 +178,21 @@ class _Block(NamedTuple):
         return cls(x, y, variance, columns @ columns.T)
 
     def cost(self, phi: np.ndarray) -> tuple[float, np.ndarray]:
-        """-log marginal likelihood and its gradient by φ = (log s, log l, log n)."""
-        size, lengths, scatter = np.exp(phi[0]), np.exp(phi[1:-1]), np.exp(phi[-1])
+        """-log marginal likelihood and its gradient by φ = (log s, log l, log a, log b, log n)."""
+        size, lengths, (own_size, own_length, scatter) = np.exp(phi[0]), np.exp(phi[1:-3]), np.exp(phi[-3:])
         squares = _squares(self.x, self.x, lengths)
-        r = np.sqrt(squares.sum(axis=0))
-        fall = size**2 * np.exp(-r)
-        kernel, slope = fall * (1.0 + r + r * r / 3.0), fall * (1.0 + r) / 3.0
-        total = kernel + self.free
-        total[np.diag_indices(len(r))] += self.variance + scatter**2
+        alone = _squares(self.x, self.x, np.full(len(lengths), own_length))
+        sum_ = squares.sum(axis=0)
+        kernel, slope = size**2 * _fall(np.sqrt(sum_)), size**2 * _by_length(sum_)
+        apart = own_size**2 * _fall(np.sqrt(alone)).sum(axis=0)
+        stretch = own_size**2 * (_by_length(alone) * alone).sum(axis=0)
+        total = kernel + apart + self.free
+        total[np.diag_indices(len(total))] += self.variance + scatter**2
         factor = cho_factor(total, lower=True)
         alpha = cho_solve(factor, self.y)
-        weight = np.outer(alpha, alpha) - cho_solve(factor, np.eye(len(r)))
+        weight = np.outer(alpha, alpha) - cho_solve(factor, np.eye(len(total)))
         gradient = [np.sum(weight * kernel), *(0.5 * np.sum(weight * slope * s) for s in squares)]
+        gradient += [np.sum(weight * apart), 0.5 * np.sum(weight * stretch)]
         gradient.append(scatter**2 * np.trace(weight))
         value = 0.5 * float(self.y @ alpha) + float(np.log(np.diag(factor[0])).sum())
         return value, -np.array(gradient)
@@ -210,6 +232,10 @@ class Process:
     def _prior(self, one: np.ndarray, other: np.ndarray, k: int) -> np.ndarray:
         return matern(one, other, self.smooth[k]) + self.freedom**2 * free_part(one) @ free_part(other).T
 
+    def _variance(self, axes: int, k: int) -> float:
+        """Variance of a component at any place, that of its free part not included [mm²]."""
+        return self.smooth[k].size ** 2 + axes * self.smooth[k].own_size ** 2
+
     def at(self, positions: np.ndarray, tool: np.ndarray, motion_rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Values and u (a, 3) [mm] at places (a, n_axes) with a measured tool vector; `motion_rows` (a, 3, 6) of these places."""
         x, own, m = self.scale(positions), self.points.with_tool(tool), len(self.points)
@@ -221,7 +247,7 @@ class Process:
             half = solve_triangular(self.factor, full, lower=True, overwrite_b=True, check_finite=False)
             rows = motion_rows[:, k]
             values[:, k] = half.T @ self.white - rows @ self.mean_motion
-            own_variance = self.smooth[k].size ** 2 + self.freedom**2 * (free_part(x) ** 2).sum(axis=1)
+            own_variance = self._variance(x.shape[1], k) + self.freedom**2 * (free_part(x) ** 2).sum(axis=1)
             variance = own_variance - (half**2).sum(axis=0)
             across = prior @ self.motion[:, own + k * m].T - half.T @ self.half
             variance += np.einsum("ai,ij,aj->a", rows, self.motion_covariance, rows) - 2.0 * (rows * across).sum(axis=1)

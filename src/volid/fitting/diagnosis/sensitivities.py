@@ -22,6 +22,8 @@ from volid.model.kinematics import error_first, turn
 from volid.model.machine import Machine
 
 AT_ONCE = 4096  # rows
+LENGTH, ANGLE = 0.1, 1e-4  # mm, rad: errors of one size
+SLIGHT = 1e-4  # of the largest: what errors of 0.1 mrad make of each other
 
 
 class Sensitivities(NamedTuple):
@@ -74,7 +76,18 @@ def of_readings(problem: Problem, campaign: Campaign, z: np.ndarray) -> Sensitiv
         np.concatenate([np.repeat(e.end[i], e.partials.shape[2], axis=0) for e in (*entries, *again)]) for i in range(2)
     )
     numbers = np.concatenate([e.first + np.arange(e.partials[0].size) for e in (*entries, *again)]) if again else None
-    return Sensitivities(whole[:width], whole[width:], positions, ways.astype(float), numbers)
+    return Sensitivities(_of_first_order(whole[:width]), whole[width:], positions, ways.astype(float), numbers)
+
+
+def _of_first_order(errors: np.ndarray) -> np.ndarray:
+    """Partial derivatives by error values, 0 below `SLIGHT` of a reading's largest: other errors or rounding alone make those.
+
+    A laser along X answers a straightness error of X by the angles of the beam and the axes. That is no way to explain a reading:
+    the error would have to be centimetres large, and take the place of the one that the reading is of.
+    """
+    units = np.resize(np.repeat([LENGTH, ANGLE], ROWS // 2), len(errors))[:, None]
+    sizes = np.abs(errors) * units
+    return np.where(sizes < SLIGHT * sizes.max(axis=0, initial=0.0), 0.0, errors)
 
 
 class _Entries(NamedTuple):
