@@ -22,6 +22,8 @@ from volid.model.kinematics import error_first, turn
 from volid.model.machine import Machine
 
 AT_ONCE = 4096  # rows
+FELT = 1e-4  # of a reading's largest sensitivity of the same sort; less is rounding, or a product with errors
+ARM, TURNED = 1e-2, 1e-9  # mm: a shorter arm is none; 1/mm: a translation that a reading of rotations feels less is none
 
 
 class Sensitivities(NamedTuple):
@@ -74,7 +76,18 @@ def of_readings(problem: Problem, campaign: Campaign, z: np.ndarray) -> Sensitiv
         np.concatenate([np.repeat(e.end[i], e.partials.shape[2], axis=0) for e in (*entries, *again)]) for i in range(2)
     )
     numbers = np.concatenate([e.first + np.arange(e.partials[0].size) for e in (*entries, *again)]) if again else None
-    return Sensitivities(whole[:width], whole[width:], positions, ways.astype(float), numbers)
+    return Sensitivities(_felt(whole[:width]), whole[width:], positions, ways.astype(float), numbers)
+
+
+def _felt(errors: np.ndarray) -> np.ndarray:
+    """Sensitivities to errors (6 · (n_axes + 1), n) without those that no reading shows.
+
+    What the readings do not feel but for rounding would otherwise explain any misfit, by an error of any size.
+    """
+    sorts = np.abs(errors).reshape(-1, 2, 3, errors.shape[1])  # axes; translations, rotations; X, Y, Z; entries
+    shift, turned = sorts.max(axis=(0, 2))
+    least = np.maximum(FELT * np.stack([shift, turned]), np.stack([TURNED * turned, ARM * shift]))
+    return np.where((sorts >= least[None, :, None]).reshape(errors.shape), errors, 0.0)
 
 
 class _Entries(NamedTuple):
