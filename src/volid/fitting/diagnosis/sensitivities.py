@@ -23,7 +23,10 @@ from volid.model.machine import Machine
 
 AT_ONCE = 4096  # rows
 FELT = 1e-4  # of a reading's largest sensitivity of the same sort; less is rounding, or a product with errors
-ARM, TURNED = 1e-2, 1e-9  # mm: a shorter arm is none; 1/mm: a translation that a reading of rotations feels less is none
+ARM, TURNED = (
+    1e-2,
+    1e-9,
+)  # mm: a shorter arm is none; 1/mm: a translation that a reading of rotations feels less is none
 
 
 class Sensitivities(NamedTuple):
