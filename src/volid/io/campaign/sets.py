@@ -212,6 +212,8 @@ def _check_columns(csv: CsvTable, kind: Kind, machine: Machine, purpose: str, pl
     required = [f"{start}{letter}" for start in starts for letter in machine.letters]
     required += [name for name, default in kind.labels.items() if default is None]
     paired = bool(kind.pair) and any(name in csv for name in kind.pair)
+    if kind.takes_centres and not any(name in csv for name in kind.readings):
+        purpose += "; where the rows are axis positions of centres that a probe found, add centres = true to the set"
     if paired or not plan or any(name in csv for name in kind.readings):
         required += kind.pair if paired else kind.readings
     optional = [
