@@ -114,11 +114,12 @@ def test_documented_manifests_and_machine_file_are_read(tmp_path):
     (tmp_path / "machine.toml").write_text(machine, encoding="utf-8")
     datasets = (ROOT / "datasets/README.md").read_text(encoding="utf-8")
     examples = re.findall(r"`(\w+\.csv)` begins `([^`]*)`:\n```toml\n(.*?)```", datasets, re.S)
-    assert len(examples) == 6
+    assert len(examples) == 7
     (tmp_path / "plate.csv").write_text("point,x,y,z\nA1,0,0,0\n", encoding="utf-8")
     cells = {
         "component": "X",
         "line": "leg_Y",
+        "displacement": "0",
         "segment": "1",
         "distance": "300",
         "X_dir": "1",
@@ -128,7 +129,12 @@ def test_documented_manifests_and_machine_file_are_read(tmp_path):
     }
     for name, header, manifest in examples:
         station = re.search(r'\[\[station\]\]\nname = "(\w+)"', manifest)
-        row = [station[1] if column == "station" else cells.get(column, "0.5") for column in header.split(",")]
+        row = [
+            station[1]
+            if column == "station"
+            else {"diagonals.csv": {"line": "PPP"}}.get(name, {}).get(column, cells.get(column, "0.5"))
+            for column in header.split(",")
+        ]
         (tmp_path / name).write_text(f"{header}\n{','.join(row)}\n", encoding="utf-8")
         (tmp_path / "campaign.toml").write_text(manifest, encoding="utf-8")
         expected = 3 if "plate.csv" in manifest else 1  # coordinates of a row

@@ -12,6 +12,7 @@ from volid.environment.reduction import as_read, in_air, reduced
 from volid.environment.remarks import accounts, remarks_on
 from volid.exceptions import InputError
 from volid.io.machines import parse_machine
+from volid.observations import KINDS
 from volid.observations.base import LIGHT
 
 THREE = parse_machine(MACHINE, "machine.toml")
@@ -278,8 +279,27 @@ def test_sets_that_are_no_lengths_are_refused():
 
 
 def test_light_is_what_counts_wavelengths():
-    from volid.observations import KINDS
-
     assert KINDS["distance"].lengths_of(distances()[0]) == LIGHT
     bar = replace(distances()[0], options={"relative": False, "calibrated_u": 1e-3})
     assert KINDS["distance"].lengths_of(bar) == "artefact"
+    assert KINDS["projection"].lengths_of(bar) == LIGHT
+
+
+@pytest.mark.parametrize("zero", [0.0, 40.0])
+def test_displacements_along_a_beam_with_a_dead_path(zero):
+    """Displayed: n (D + s) - n0 D, and what the display showed at first; the line counts from a point of its own."""
+    dead, deviation = 400.0, 5e-3 * np.sin(X[:, 0] / 150.0)
+    for along, side in (
+        ([1.0, 0.0, 0.0], 1.0),
+        ([-1.0, 0.0, 0.0], -1.0),
+    ):  # the display counts up, or down from the start
+        way = side * (X[:, 0] + deviation)
+        path = dead + (way - way[0])
+        shown = N * path - N[0] * dead + zero
+        lines = {"D": {"along": along, "point": [500.0, 300.0, -250.0]}}
+        labels = {"line": np.full(M, "D"), "run": np.full(M, "1"), "segment": np.full(M, "1")}
+        own = a_set("projection", shown, labels=labels, options={**KINDS["projection"].options, "lines": lines})
+        found = reduced(campaign(own, day(dead_path=dead))).sets[0]
+        left = found.readings[:, 0] - way
+        assert np.ptp(shown - way) > 0.2, "270 µm/m"
+        assert np.ptp(left) < 2 * SAME * 1500.0

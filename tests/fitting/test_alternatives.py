@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from exact_chain import ExactMachine, random_truth
 from scipy.stats import chi2
+from support.kinds import THREE, TOOLS, machine_of, plan_set
 from support.machines import MACHINES, STRUCTURES, exact_machine, volid_machine
 from support.mistakes import CALLED, MISTAKES, sound
 from support.rtests import NO_LINEAR, r_test, r_test_campaign, rotary_only
@@ -162,3 +163,22 @@ def test_orders_of_a_chain():
     assert orders == {"XYZ", "YZX", "ZXY", "XZY", "ZYX"}
     assert all(len(codes) == 4 and all(c.endswith("(C) t") for c in codes) for codes in found)
     assert found[0][0] == "w X' Y' b Z (C) t", "the fewest axes change their side first"
+
+
+def test_positioning_lines_with_reversal_name_positioning_and_nothing_that_no_line_feels():
+    """Laser along X, Y and Z, there and back, 1.5 µm of reversal, nothing else measured: most functions stay open."""
+    machine, rng, sets = machine_of(THREE), np.random.default_rng(4), []
+    for letter in "XYZ":
+        i, m = machine.index(letter), 21
+        along = np.linspace(*machine.axes[i].travel, m)
+        q = np.tile([0.5 * sum(a.travel) for a in machine.axes], (2 * m, 1))
+        q[:, i], way = np.r_[along, along[::-1]], np.repeat([1.0, -1.0], m)
+        own = plan_set(letter, "component", q, TOOLS[0], {"component": letter, "line": "1"}, u=2e-4)
+        error = 3e-3 * np.sin(q[:, i] / 150.0) + 0.75e-3 * way + 2e-4 * rng.normal(size=2 * m)
+        directions = np.where(np.arange(len(machine.axes)) == i, way[:, None], 0.0)
+        sets.append(replace(own, readings=error[:, None], directions=directions, time=None, temperature=None))
+    solution = fit(Campaign(machine, (), tuple(sets)))
+    named = {c.what for c in solution.adequacy.causes if "reversal" in c.what}
+    assert named == {f"E{a}{a} has a reversal" for a in "XYZ"}
+    assert solution.adequacy.factor < 20.0
+    assert all(not f.u > 0.01 for f in solution.functions(points=5) if f.name in ("EXX", "EYY", "EZZ"))

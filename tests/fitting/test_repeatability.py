@@ -20,6 +20,7 @@ from volid.compensation.residual.repeats import repeats_of
 from volid.exceptions import InputError
 from volid.fitting.repeatability import repeatability, stated_repeatability
 from volid.io import load_campaign
+from volid.plausibility.checks import check_campaign
 from volid.report.repeats import repeatability_data, repeatability_lines, repeats_lines
 from volid.virtual.random_truth import random_truth
 from volid.virtual.simulate import simulate
@@ -202,8 +203,9 @@ def test_words_state_what_is_in_and_what_is_not():
     text = " ".join(repeats_lines(repeats, MACHINE, 1e-3))
     assert "alone it leaves 1.00 µm RMS" in text and "repeatability of Y, Z: not known" in text
     assert "up to 3.00 µm on top of every row" in text
-    with pytest.raises(InputError, match="thermal_limit is 'much'; expected a length in mm"):
-        repeats_of(solution_of(replace(campaign, conditions={"thermal_limit": "much"})))
+    for wrong in ("much", 3, -0.001):
+        with pytest.raises(InputError, match=f"thermal_limit is '{wrong}'; expected a length in mm"):
+            repeats_of(solution_of(replace(campaign, conditions={"thermal_limit": wrong})))
     nothing = repeats_of(solution_of(Campaign(MACHINE, (), made_up(MACHINE).campaign.sets)))
     assert "no reading came back to a place" in nothing.not_included[0] and not nothing.is_known
 
@@ -248,3 +250,9 @@ def test_virtual_instruments_show_the_repeatability_that_a_plan_states():
     for label in ("X up", "X down"):
         assert abs(found[label].s - 1e-3) < 3.0 * found[label].u < 3e-4
     assert not found["EYX up"].seen and not found["EYX down"].seen
+
+
+def test_a_thermal_limit_that_is_none_is_refused_before_the_fit():
+    own = runs(np.random.default_rng(9), (4e-4, 8e-4), 2e-4)
+    with pytest.raises(InputError, match="thermal_limit is '3'; expected a length in mm, 0 or above and below 1"):
+        check_campaign(Campaign(MACHINE, (), (own,), conditions={"thermal_limit": 3}))

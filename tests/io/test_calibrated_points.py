@@ -164,6 +164,7 @@ def test_wrong_points_and_covariances_are_named(tmp_path, change, said):
         ('points = "plate.csv"', "", "there are no calibrated points"),
         ('points = "plate.csv"', 'points = "../plate.csv"', "points is .*outside the manifest's folder"),
         ("centres = true", 'centres = true\ncovariance = "../c.csv"', "covariance is .*outside the manifest's folder"),
+        ("centres = true", "", "column 'x' is missing.*add centres = true to the set"),
         ("centres = true", "centres = true\ncovariance = 1", "covariance is 1; expected the name of a file"),
         ("u = 0.0005", "u = 0.0005\nscale_u = -1e-6", "scale_u is -1e-06; expected a finite number >= 0"),
     ],

@@ -154,6 +154,7 @@ def test_an_artefact_of_one_name_is_one_artefact_in_all_sets():
     assert {e.key for e in whole} == {e.key for e in parts} and len(whole) == len(parts)
 
 
+@pytest.mark.slow
 def test_the_same_answer_when_a_set_is_split():
     machine = volid_machine(
         ExactMachine("w b X Y Z t", {"X": (0.0, 600.0), "Y": (0.0, 500.0), "Z": (-400.0, 0.0)}),

@@ -257,6 +257,7 @@ def with_readings(campaign: Campaign, readings: np.ndarray) -> Campaign:
     return replace(campaign, sets=(*campaign.sets[:-1], replace(campaign.sets[-1], readings=readings)))
 
 
+@pytest.mark.slow
 def test_a_wrong_refractive_index_and_a_lost_beam_are_named():
     """20 µm/m too long, and 20 µm more from the 26th row of a line on: said, and the latter cured by a robust fit."""
     campaign = beside_distances()

@@ -55,6 +55,7 @@ def assert_recovered(found: Measured, **options) -> None:
     assert np.abs(z[worst]).max() < largest, worst
 
 
+@pytest.mark.slow
 def test_the_plan_determines_every_function_on_the_cross_bed_machine(tmp_path):
     """Lines that do not cross in the middle, a lateral tool vector; few positions."""
     plan = direct_plan(CROSS_BED, "Y", (30.0, -20.0, -180.0), ELSEWHERE, points=7)
@@ -116,6 +117,7 @@ def solution(whole):
     return fit(whole.campaign)
 
 
+@pytest.mark.slow
 def test_turning_a_straightedge_over_separates_its_form(whole, solution):
     """The found form agrees with the surface of the exact chain but for its straight line, within the readings' u."""
     edge = "edge XZ"

@@ -232,6 +232,10 @@ def test_forecast_after_two_types_or_none(data):
     assert "after L-VOL + R-VOL, expected largest" in " ".join(
         format_summary(data | {"volume": data["volume"] | {"after": after}}).split()
     )
+    assert "thermal change" not in format_summary(data), "none is stated"
+    warm = {"after": data["volume"]["after"] | {"thermal_limit": 0.003}}
+    said = " ".join(format_summary(data | {"volume": data["volume"] | warm}).split())
+    assert "thermal change up to 3.0 µm on top" in said
     volume = data["volume"] | {"after": None, "not_predicted": "not determined for this tool vector"}
     text = format_summary(data | {"volume": volume})
     assert line(text, "after L-VOL, expected").endswith("not predicted: not determined for this tool vector")

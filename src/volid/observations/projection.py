@@ -23,7 +23,8 @@ effect of type "scale" per "line", whose u is 5e-7 then.
 
 `segment` is the uninterrupted beam, with one unknown offset per line, as for distances: where it was lost another one begins. All
 runs of a line share its offset, unless offset_per = "run" says that the interferometer was zeroed before every run. Not modelled:
-a mirror that is not flat, a second pass of the beam (10 nm for 100 µrad and 1 m), air. CONVENTIONS 6; ISO 230-6; ISO 230-2; on
+a mirror that is not flat, a second pass of the beam (10 nm for 100 µrad and 1 m). An [[environment]] acts on the way since the
+first reading of an uninterrupted beam; the path in air up to there is its `dead_path`. CONVENTIONS 6; ISO 230-6; ISO 230-2; on
 step diagonals M. A. V. Chapman, Precision Engineering 27 (2003) 401.
 """
 
@@ -40,7 +41,7 @@ from volid.exceptions import InputError
 from volid.model.geometry import Vector, dot, subtract, turned_direction
 from volid.model.kinematics import from_tool_frame, functional_point, transform
 from volid.model.machine import BED, WORKPIECE, Machine
-from volid.observations.base import Group, Kind, NuisanceTable, takes_large_errors
+from volid.observations.base import LIGHT, Group, Kind, NuisanceTable, takes_large_errors
 from volid.observations.beam_advice import advice
 from volid.observations.beam_checks import check_beam, check_beside, check_direction, check_displacements
 from volid.observations.beam_lines import FLAT, MIRRORS, RETRO, SIDES, beams_of, described_beam
@@ -184,9 +185,15 @@ class Projection(Kind):
         """A line counts from its first row."""
         return True
 
+    def lengths_of(self, observations: ObservationSet) -> str:
+        """Paths in light."""
+        return LIGHT
+
     def dead_paths(self, observations: ObservationSet, starts: Mapping[Any, float]) -> np.ndarray:
-        """Start values of the offsets, (m, 1) [mm]."""
-        return np.array([[starts.get(key, 0.0)] for key in offset_keys(observations)])
+        """The first reading of every uninterrupted beam, (m, 1) [mm]: an offset of the display, whatever the line counts from."""
+        first: dict[Any, float] = {}
+        rows = zip(offset_keys(observations), observations.readings[:, 0].tolist(), strict=True)
+        return np.array([[first.setdefault(key, reading)] for key, reading in rows])
 
     def runs_by(self, observations: ObservationSet) -> tuple[str, ...]:
         """A segment of a line, or of a run along it, has one offset."""

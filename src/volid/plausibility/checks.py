@@ -13,6 +13,7 @@ from volid.exceptions import InputError
 from volid.model.machine import Machine
 from volid.observations import KINDS
 from volid.observations.base import takes_large_errors
+from volid.plausibility.conditions import thermal_limit
 from volid.plausibility.repeats import centres_as_readings, combine, first_of, repeats
 from volid.plausibility.rotary import check_motion, check_radians, scattered
 from volid.plausibility.same_sets import check_same_sets
@@ -65,6 +66,7 @@ def check_campaign(campaign: Campaign) -> tuple[str, ...]:
     """
     if not any(len(readings) for readings in campaign.sets):
         raise InputError(f"{campaign.source or 'campaign'}: there are no readings; expected at least one set with rows")
+    thermal_limit(campaign.conditions)
     warnings: list[str] = []
     for readings in campaign.sets:
         _check_numbers(readings)

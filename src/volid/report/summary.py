@@ -39,6 +39,7 @@ from volid.model.iso230 import DIRECTIONS, LINEAR_AXES, ROTARY_AXES, SPINDLE, de
 from volid.observations import KINDS
 from volid.observations.base import DEGREES
 from volid.plausibility.checks import closures
+from volid.plausibility.conditions import thermal_limit
 from volid.report.repeats import repeatability_data
 from volid.report.sets import set_data
 from volid.report.squareness import angle_in_words, squareness_symbol
@@ -276,6 +277,7 @@ def _expected(solution: Solution, tool: tuple[float, float, float]) -> dict[str,
         "max_interval_95": after.interval,
         "rms": after.rms,
         "interpolation": after.interpolation,
+        "thermal_limit": thermal_limit(solution.campaign.conditions),
     }
 
 

@@ -283,7 +283,11 @@ def _deviation_lines(data: dict[str, Any]) -> list[str]:
     if after is None:
         return lines + paragraph(f"not predicted: {volume['not_predicted']}", "after L-VOL, expected", indent)
     nodes = " × ".join(str(n) for n in after["nodes"])
-    return lines + paragraph(f"{_with_interval(after)}; {nodes} nodes", f"after {after['type']}, expected", indent)
+    limit = after["thermal_limit"]
+    warm = "" if limit is None else f"; thermal change up to {micro(limit, 'mm', 1)} µm on top"
+    return lines + paragraph(
+        f"{_with_interval(after)}; {nodes} nodes{warm}", f"after {after['type']}, expected", indent
+    )
 
 
 def _other_lines(before: dict[str, Any], tool: Sequence[float], indent: int) -> list[str]:

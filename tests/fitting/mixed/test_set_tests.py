@@ -11,7 +11,7 @@ import volid
 from volid.fitting.mixed.sums import OneSet, prediction, sums_of
 
 
-def tests_of(solution):
+def by_set(solution):
     return {test.set: test for test in solution.adequacy.sets}
 
 
@@ -28,11 +28,12 @@ def three(rng, bend=None, sizes=((3e-4, 3e-4), (5e-4, 5e-4), (1e-3, 1e-3))):
     )
 
 
+@pytest.mark.slow
 def test_leaving_a_set_out_is_as_good_as_a_fit_without_it():
     """On three axes, with stations, angles and a shared station: chi-squares and degrees of freedom of real refits."""
     campaign = instruments(1, {})
     whole = volid.fit(campaign)
-    for name, test in tests_of(whole).items():
+    for name, test in by_set(whole).items():
         rest = volid.fit(without(campaign, name)).adequacy
         square = whole.adequacy.chi_square - rest.chi_square
         freedom = whole.adequacy.degrees_of_freedom - rest.degrees_of_freedom
@@ -44,7 +45,7 @@ def test_leaving_a_set_out_is_as_good_as_a_fit_without_it():
 def test_single_readings_are_predicted_as_dense_algebra_says():
     """E_n of the gauge's readings: fit to the two others by a separate linear model, the gauge's offset fitted to it."""
     sets = three(np.random.default_rng(2))
-    test = tests_of(volid.fit(campaign_of(CUBIC, *sets)))["gauge"]
+    test = by_set(volid.fit(campaign_of(CUBIC, *sets)))["gauge"]
     columns, y = design(sets), np.concatenate([s.readings[:, 0] for s in sets])
     u = np.concatenate([s.u[:, 0] for s in sets])
     own = np.repeat([False, True, False], [len(s) for s in sets])
@@ -120,7 +121,7 @@ def test_where_sets_scatter_otherwise_disagreement_allows_for_it():
 def test_a_set_that_sees_another_machine_is_named_and_no_other():
     """One part in 10⁵ of length more, as of a wrong wavelength, in one of three sets; all scatter as stated."""
     solution = volid.fit(campaign_of(CUBIC, *three(np.random.default_rng(14), lambda x: 1e-5 * x)))
-    found = tests_of(solution)
+    found = by_set(solution)
     assert {name: test.contradicts for name, test in found.items() if test.contradicts} == {"laser": "the other sets"}
     assert found["laser"].verdict.startswith("contradicts the other sets; systematic residuals")
     assert "; set 'laser' contradicts the other sets, which have unit weight 0." in solution.adequacy.verdict
@@ -131,7 +132,7 @@ def test_a_set_that_sees_another_machine_is_named_and_no_other():
 def test_a_wrong_u_is_no_contradiction():
     sizes = ((9e-4, 3e-4), (1e-4, 5e-4), (1e-3, 1e-3))
     for seed in range(3):
-        found = tests_of(volid.fit(campaign_of(CUBIC, *three(np.random.default_rng(seed), sizes=sizes))))
+        found = by_set(volid.fit(campaign_of(CUBIC, *three(np.random.default_rng(seed), sizes=sizes))))
         assert not any(test.contradicts for test in found.values())
         assert "its u seems too small by the factor" in found["laser"].verdict
         assert "its u seems too large by the factor" in found["gauge"].verdict
@@ -141,7 +142,7 @@ def test_a_wrong_u_is_no_contradiction():
 def test_of_two_sets_that_contradict_each_other_nothing_tells_which():
     rng = np.random.default_rng(15)
     sets = three(rng, lambda x: 1e-5 * x)[:2]
-    found = tests_of(volid.fit(campaign_of(CUBIC, *sets)))
+    found = by_set(volid.fit(campaign_of(CUBIC, *sets)))
     assert "contradicts set 'gauge', and nothing tells which is right" in found["laser"].verdict
     assert "contradicts set 'laser', and nothing tells which is right" in found["gauge"].verdict
 
@@ -149,7 +150,7 @@ def test_of_two_sets_that_contradict_each_other_nothing_tells_which():
 def test_estimated_u_do_not_hide_a_contradiction():
     """The likelihood believes the best set, though it is wrong, and enlarges both other u; still these agree without it."""
     sets = three(np.random.default_rng(16), lambda x: 2e-5 * x)
-    found = tests_of(volid.fit(campaign_of(CUBIC, *sets), estimate_u=True))
+    found = by_set(volid.fit(campaign_of(CUBIC, *sets), estimate_u=True))
     assert {name: test.contradicts for name, test in found.items() if test.contradicts} == {"laser": "the other sets"}
 
 
@@ -158,14 +159,14 @@ def test_a_set_that_has_a_pattern_of_its_own_shows_it():
     x, rng = np.tile(np.linspace(0.0, 500.0, 21), 3), np.random.default_rng(17)
     stepped = line_set("stepped", x, 1e-3 * (x > 400.0) + 3e-4 * rng.standard_normal(len(x)), 3e-4)
     smooth = line_set("smooth", x, 3e-4 * rng.standard_normal(len(x)), 3e-4)
-    found = tests_of(volid.fit(campaign_of(CUBIC, stepped, smooth)))
+    found = by_set(volid.fit(campaign_of(CUBIC, stepped, smooth)))
     assert found["stepped"].pattern != "" and found["stepped"].pattern_probability < 1e-4
     assert "systematic residuals, most in " in found["stepped"].verdict
 
 
 def test_nothing_is_found_where_nothing_is_wrong():
     for seed in range(6):
-        found = tests_of(volid.fit(campaign_of(CUBIC, *three(np.random.default_rng(100 + seed)))))
+        found = by_set(volid.fit(campaign_of(CUBIC, *three(np.random.default_rng(100 + seed)))))
         assert {test.verdict for test in found.values()} == {"agrees with its u and with the other sets"}
 
 
@@ -173,6 +174,6 @@ def test_a_set_that_only_itself_checks_says_so():
     """Two readings of a line determine nothing but its offset and one difference."""
     rng = np.random.default_rng(18)
     single = drawn("single", np.array([250.0]), rng, (1e-3, 1e-3))
-    test = tests_of(volid.fit(campaign_of(CUBIC, drawn("laser", FINE, rng, (3e-4, 3e-4)), single)))["single"]
+    test = by_set(volid.fit(campaign_of(CUBIC, drawn("laser", FINE, rng, (3e-4, 3e-4)), single)))["single"]
     assert (test.alone, test.verdict) == (1, "nothing of it is checked by other readings")
     assert np.isnan(test.own_weight) and np.isnan(test.largest_en)

@@ -190,6 +190,7 @@ def test_gross_readings_are_set_aside_before_u_is_estimated():
         assert component.factor == pytest.approx(clean[key].factor, abs=clean[key].u)
 
 
+@pytest.mark.slow
 def test_each_unit_has_its_own_factor():
     """A tracker whose angles are five times better than stated, its range right; a network of lengths three times worse."""
     sizes = {"volume": 3.0, "tracker": [1.0, 0.2, 0.2], "bar": 2.0}

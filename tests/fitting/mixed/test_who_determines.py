@@ -63,6 +63,7 @@ def test_u_without_a_set_is_that_of_the_readings_that_are_left(text):
         assert share.u_without == pytest.approx(solution.factor * largest, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_u_without_a_set_is_that_of_a_fit_without_it(three_axes):
     """On three axes with all instruments, where the ranges of the others are the same; to what one noise changes of u."""
     found = volid.who_determines(three_axes)

@@ -27,8 +27,8 @@ from volid.model.iso230 import motion, parse
 from volid.model.jacobian import axis_rows, influence
 from volid.model.kinematics import ROWS
 from volid.model.machine import Machine
+from volid.plausibility.conditions import thermal_limit
 
-THERMAL = "thermal_limit"  # key of [conditions] [mm]
 _NOT_KNOWN = (
     "repeatability: not known, because no reading came back to a place from the same direction with the same tool; it is not in "
     "these numbers (state it: `repeatability`)"
@@ -103,7 +103,7 @@ def repeats_of(solution: Solution, stated: Mapping[str, float] | float | None = 
         InputError: a stated number is negative or not finite, or the machine does not have an axis.
     """
     campaign = solution.campaign
-    thermal = _thermal(campaign.conditions)
+    thermal = thermal_limit(campaign.conditions)
     found = repeatability(campaign, solution.readings.outliers)
     if stated is not None:
         return _as_stated(campaign.machine, stated, found, thermal)
@@ -151,16 +151,3 @@ def _as_stated(
     if isinstance(stated, Mapping):
         return Repeats(positions=dict(by_axis), **given)  # type: ignore[arg-type]
     return Repeats(float(stated), **given)  # type: ignore[arg-type]
-
-
-def _thermal(conditions: Mapping[str, Any]) -> float | None:
-    """The largest `thermal_limit` [mm] of the record of conditions, those of single files included."""
-    found = [_thermal(v) for v in conditions.values() if isinstance(v, Mapping)]
-    if THERMAL in conditions:
-        value = conditions[THERMAL]
-        if isinstance(value, bool) or not isinstance(value, int | float) or not (math.isfinite(value) and value >= 0.0):
-            raise InputError(
-                f"[conditions] {THERMAL} is '{value}'; expected a length in mm, 0 or above, as ISO 230-3 tests give it"
-            )
-        found.append(float(value))
-    return max((v for v in found if v is not None), default=None)

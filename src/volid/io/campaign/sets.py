@@ -220,8 +220,14 @@ def _check_columns(csv: CsvTable, kind: Kind, machine: Machine, purpose: str, pl
     optional += [*kind.labels, *uncertainty_keys(kind.readings)]
     optional += () if paired else kind.readings
     known = tuple(dict.fromkeys([*required, *optional, *_RECORDED]))
-    csv.require(required, purpose, known)
+    csv.require(required, purpose + _centres_hint(csv, kind), known)
     csv.only(known)
+
+
+def _centres_hint(csv: CsvTable, kind: Kind) -> str:
+    if not kind.takes_centres or any(name in csv for name in kind.readings):
+        return ""
+    return "; where the rows are axis positions of centres that a probe found, add centres = true to the set"
 
 
 def _readings(csv: CsvTable, kind: Kind, purpose: str) -> np.ndarray:

@@ -44,6 +44,7 @@ LISTED = 4
 RIVAL = 0.75  # of the best score, from which on another cause is as likely as that
 COMMON = 0.7  # the same for growth against scales: machines grow in every campaign, instruments are calibrated
 WORTH = 0.1  # of the first score: an alternative with less retells what the first one, of low order, leaves of itself
+EQUAL = 1e-3  # of a score: as good as the same
 LARGEST_SCALE = 0.01  # of a length
 CHAINS = (ORDER, *SLIPS)
 REFITTED, GROSS_ROWS = (
@@ -97,11 +98,18 @@ def named(around: Around, fit: Fit, machine: Machine, doubtful: bool, scattered:
 def _best(tested: list[Judged]) -> Judged | None:
     """The one with the best score; growth instead of scales of instruments, where it explains the misfit nearly as well."""
     certain = _certain(tested)
-    best = max(certain, key=lambda j: j.score, default=None)
+    best = _first_of_equals(certain)
     if best is None or best.alternative.cause not in (SCALE, SCALE_OF_SET, RANGE):
         return best
     growing = [j for j in certain if j.alternative.cause in (GROWTH, WARMTH) and j.score > COMMON * best.score]
     return max(growing, key=lambda j: j.score, default=best)
+
+
+def _first_of_equals(certain: list[Judged]) -> Judged | None:
+    """The best score; of others of its cause that explain the same (one tool vector: EXX, or EBX on its arm) the first."""
+    best = max(certain, key=lambda j: j.score, default=None)
+    same = (j for j in certain if best and j.alternative.cause == best.alternative.cause)
+    return next((j for j in same if best and j.score > (1.0 - EQUAL) * best.score), best)
 
 
 def _certain(tested: list[Judged]) -> list[Judged]:

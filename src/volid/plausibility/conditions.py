@@ -1,0 +1,28 @@
+"""What of the record of conditions volid reckons with."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from volid.exceptions import InputError
+
+THERMAL = "thermal_limit"  # key of [conditions] [mm]
+LARGEST_THERMAL = 1.0  # mm: a number above is one of micrometres
+
+
+def thermal_limit(conditions: Mapping[str, Any]) -> float | None:
+    """The largest `thermal_limit` [mm] of the record of conditions, those of single files included; None where none is stated.
+
+    Raises `InputError` for what is no such length: a millimetre and more is µm.
+    """
+    found = [thermal_limit(v) for v in conditions.values() if isinstance(v, Mapping)]
+    if THERMAL in conditions:
+        value = conditions[THERMAL]
+        if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value < LARGEST_THERMAL:
+            raise InputError(
+                f"[conditions] {THERMAL} is '{value}'; expected a length in mm, 0 or above and below {LARGEST_THERMAL:g}, as ISO "
+                "230-3 tests give it"
+            )
+        found.append(float(value))
+    return max((v for v in found if v is not None), default=None)
