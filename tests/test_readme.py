@@ -114,7 +114,7 @@ def test_documented_manifests_and_machine_file_are_read(tmp_path):
     (tmp_path / "machine.toml").write_text(machine, encoding="utf-8")
     datasets = (ROOT / "datasets/README.md").read_text(encoding="utf-8")
     examples = re.findall(r"`(\w+\.csv)` begins `([^`]*)`:\n```toml\n(.*?)```", datasets, re.S)
-    assert len(examples) == 6
+    assert len(examples) == 7
     (tmp_path / "plate.csv").write_text("point,x,y,z\nA1,0,0,0\n", encoding="utf-8")
     cells = {
         "component": "X",
@@ -128,8 +128,20 @@ def test_documented_manifests_and_machine_file_are_read(tmp_path):
     }
     for name, header, manifest in examples:
         station = re.search(r'\[\[station\]\]\nname = "(\w+)"', manifest)
+        cells["line"] = "NNP" if "NNP" in manifest else "leg_Y"
         row = [station[1] if column == "station" else cells.get(column, "0.5") for column in header.split(",")]
         (tmp_path / name).write_text(f"{header}\n{','.join(row)}\n", encoding="utf-8")
         (tmp_path / "campaign.toml").write_text(manifest, encoding="utf-8")
         expected = 3 if "plate.csv" in manifest else 1  # coordinates of a row
         assert load_campaign(tmp_path / "campaign.toml").n_readings == expected
+
+
+def test_every_kind_of_set_is_documented():
+    from volid.observations import KINDS
+
+    datasets = (ROOT / "datasets/README.md").read_text(encoding="utf-8")
+    for name, kind in KINDS.items():
+        cells = [line.split(" | ")[0] for line in datasets.splitlines() if line.startswith("| `")]
+        assert any(f"`{name}`" in cell for cell in cells), name
+        keys = {*kind.labels, *kind.options, *kind.optional}
+        assert not [key for key in keys if f"`{key}" not in datasets], name
