@@ -139,3 +139,14 @@ def test_documented_manifests_and_machine_file_are_read(tmp_path):
         (tmp_path / "campaign.toml").write_text(manifest, encoding="utf-8")
         expected = 3 if "plate.csv" in manifest else 1  # coordinates of a row
         assert load_campaign(tmp_path / "campaign.toml").n_readings == expected
+
+
+def test_every_kind_of_set_is_documented():
+    from volid.observations import KINDS
+
+    datasets = (ROOT / "datasets/README.md").read_text(encoding="utf-8")
+    for name, kind in KINDS.items():
+        cells = [line.split(" | ")[0] for line in datasets.splitlines() if line.startswith("| `")]
+        assert any(f"`{name}`" in cell for cell in cells), name
+        keys = {*kind.labels, *kind.options, *kind.optional}
+        assert not [key for key in keys if f"`{key}" not in datasets], name

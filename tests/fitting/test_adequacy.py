@@ -9,6 +9,7 @@ from exact_chain import Smooth, Truth, random_truth, tracker_campaign
 from scipy.stats import chi2, kstest
 from support.judging import spline_truth
 from support.machines import VERTICAL, fixed, volid_machine
+from support.mixed_sets import FINE, SMOOTH, campaign_of, drawn
 from support.trackers import distance_campaign
 
 from volid.fitting.diagnosis.adequacy import ACCEPTED, ENLARGED, NOT_TESTABLE
@@ -204,3 +205,14 @@ def test_no_redundancy_is_no_verdict():
     found = untested(assess(campaign, [np.zeros((n, 1))], [np.ones((n, 1))], [np.ones((n, 1), bool)], 0))
     assert found.grade == NOT_TESTABLE and not found.rejected and np.isnan(found.unit_weight)
     assert found.verdict.startswith("not testable")
+
+
+def test_functions_that_nothing_reads_do_not_soften_the_verdict():
+    """One line along X whose noise is 1.7 times its u: the smoothness of what nobody measured is no agreement."""
+    readings = drawn("laser", FINE, np.random.default_rng(3), (5e-4, 3e-4))
+    alone = fit(campaign_of(SMOOTH, readings)).adequacy
+    among = fit(campaign_of(SMOOTH + "EYX = true\nEYY = true\n", readings)).adequacy
+    assert among.degrees_of_freedom == alone.degrees_of_freedom < readings.readings.size
+    assert among.unit_weight == pytest.approx(alone.unit_weight, rel=1e-3)
+    assert among.unit_weight == pytest.approx(5 / 3, abs=0.35)  # about 50 degrees of freedom
+    assert (among.grade, among.factor > 1.4) == (alone.grade, True)

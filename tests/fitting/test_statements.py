@@ -2,10 +2,14 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
+from support.kinds import plan_set
 from support.machines import exact_of
+from support.mixed_sets import CUBIC, FINE, TOOL, campaign_of, drawn
 from support.model_files import LINEAR_KNOWN, machine_of, measured, readings_of, rotary_truth_of
 
+from volid.fitting.diagnosis.statements import likely_reasons
 from volid.fitting.fit import fit
 from volid.planning.rtest import rtest_static_grid
 
@@ -33,3 +37,13 @@ def test_clamped_axis_is_not_determined_and_the_swept_one_is(clamped):
     assert {name for name in of_a | of_c if name in known} == of_a
     assert "axis C was measured at 1 position only" in missing and "Without C, these are determined" in known
     assert set(clamped.undetermined) == of_c
+
+
+def test_what_holds_for_one_set_of_several_is_said_of_that_set():
+    """A ball bar beside a line of a laser: it is the bar that has one station, not the campaign."""
+    line = drawn("laser", FINE, np.random.default_rng(1), (3e-4, 3e-4))
+    bar = plan_set("bar", "distance", line.positions, TOOL, {"station": "P1"})
+    alone, beside = (likely_reasons(replace(campaign_of(CUBIC, line), sets=s)) for s in ((bar,), (line, bar)))
+    assert any(r.startswith("distances from one station only") for r in alone)
+    assert not any(r.startswith("distances from") for r in beside)
+    assert any(r.startswith("in set 'bar': distances from one station only") for r in beside)

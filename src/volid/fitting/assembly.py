@@ -18,6 +18,7 @@ from volid.fitting.diagnosis.around import Around, Fit, around
 from volid.fitting.diagnosis.outcome import outcome_of
 from volid.fitting.diagnosis.tally import assess
 from volid.fitting.diagnosis.verdict import judge, untested
+from volid.fitting.equations.freedom import degrees_of_freedom
 from volid.fitting.equations.problem import Problem
 from volid.fitting.equations.solver import Optimum
 from volid.fitting.mixed.set_tests import set_tests, with_sets
@@ -130,7 +131,7 @@ class Assembly:
         """Chi-square and group tests; what is known beforehand counts as readings."""
         system = self.problem.system
         pseudo = np.asarray(system.prior_residual(self.optimum.z))
-        freedom = self.n_used + len(pseudo) - self.fitter.free.shape[1]
+        freedom = degrees_of_freedom(self.n_used, self.problem, self.fitter.free)
         return assess(self.campaign, self._whitened, self._leverages, self.active, freedom, float(pseudo @ pseudo))
 
     def _statistics(self) -> Statistics:

@@ -26,6 +26,7 @@ from volid.fitting.diagnosis.tally import Tally
 from volid.fitting.equations.choice import engine_for_fit, engine_for_stream
 from volid.fitting.equations.engine import Engine, Equations
 from volid.fitting.equations.free_directions import FreeDirections
+from volid.fitting.equations.freedom import degrees_of_freedom
 from volid.fitting.equations.problem import Problem, build_problem, reweight, scatter, with_random_effects
 from volid.fitting.equations.solver import Objective, solve
 from volid.fitting.equations.system import Normal
@@ -179,7 +180,7 @@ def fit_streamed(
     fitter.optimum = solve(complete, fitter.optimum.z, fitter.free, objective)
     tally, squares = _residuals(parts, fitter, few, stream.n_readings)
     pseudo = np.asarray(complete.system.prior_residual(fitter.optimum.z))
-    dof = stream.n_readings + len(pseudo) - fitter.free.shape[1]
+    dof = degrees_of_freedom(stream.n_readings, complete, fitter.free)
     every = Every(tally.adequacy(dof, float(pseudo @ pseudo)), stream.n_readings)
     solution = stages.solution(fitter, every=every)
     solution = _of_all_readings(solution, stream.n_readings, few.n_readings, squares)

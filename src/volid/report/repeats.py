@@ -21,20 +21,20 @@ def repeatability_data(found: Sequence[Repeatability]) -> list[dict[str, Any]]:
 
 
 def repeatability_lines(rows: Sequence[dict[str, Any]]) -> list[str]:
-    """One entry per row of `repeatability_data`: "repeatability X up 0.40 µm (12 degrees of freedom), u 0.08 µm"."""
+    """What was seen, one entry per row of `repeatability_data`: "repeatability X up 0.40 µm (12 degrees of freedom), u 0.08 µm";
+    then in one entry what was not, with its upper limit and degrees of freedom."""
     lines: list[str] = []
-    for r in rows:
-        s, u, upper, longer, seen = (_size(r[key], r["unit"]) for key in ("s", "u", "upper", "long_term", "observed"))
-        freedom = f"{r['degrees_of_freedom']:.0f} degrees of freedom"
-        if not r["seen"]:
-            text = f"{r['label']} not seen above the instrument's u ({freedom}); at most {upper} (95 %); readings show {seen}"
-        else:
-            text = f"{r['label']} {s} ({freedom}), u {u}; readings show {seen}"
-        if r["drift_apart"]:
-            text += f"; with drift between visits {longer}"
-        else:
-            text += "; drift between visits is in it"
+    for r in (r for r in rows if r["seen"]):
+        s, u, longer, seen = (_size(r[key], r["unit"]) for key in ("s", "u", "long_term", "observed"))
+        text = f"{r['label']} {s} ({r['degrees_of_freedom']:.0f} degrees of freedom), u {u}; readings show {seen}; "
+        text += f"with drift between visits {longer}" if r["drift_apart"] else "drift between visits is in it"
         lines += paragraph(text, "repeatability", 14)
+    below = [
+        f"{r['label']} {_size(r['upper'], r['unit'])} ({r['degrees_of_freedom']:.0f})" for r in rows if not r["seen"]
+    ]
+    if below:
+        text = "not seen above the instrument's u; at most, with 95 % probability (degrees of freedom): "
+        lines += paragraph(text + ", ".join(below), "repeatability", 14)
     return lines
 
 

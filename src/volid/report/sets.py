@@ -37,8 +37,10 @@ def _table(tests: list[dict[str, Any]]) -> list[str]:
     short = [row[:-1] for row in rows]
     header = ["each set", "checked", "weight", "scatter", "disagrees", "predicted", "E_n", "without it"]
     lines = table(header, short)
-    for row in rows:
-        lines += paragraph(row[-1], f"{row[0]}: ", len(row[0]) + 2)
+    for verdict in dict.fromkeys(row[-1] for row in rows):
+        names = [row[0] for row in rows if row[-1] == verdict]
+        each = "each " if names[1:] else ""
+        lines += paragraph(f"{', '.join(names)}: {each}{verdict}")
     return lines + paragraph(
         "unit weights, 1 where all is as stated; scatter: of its own, whatever other sets say; disagrees: what its residuals "
         "share with an error of the machine; predicted: its readings from all other sets, E_n the largest; without it: the "

@@ -24,6 +24,7 @@ def format_summary(data: dict[str, Any]) -> str:
     blocks = [
         _verdict_lines(data),
         _cause_lines(data),
+        [] if data["barrier"] else _missing_lines(data),
         _head_lines(data),
         _set_lines(data),
         set_test_lines(data),
@@ -38,7 +39,7 @@ def format_summary(data: dict[str, Any]) -> str:
 
 def _number_blocks(data: dict[str, Any]) -> list[list[str]]:
     """What the readings say about the machine."""
-    return [_missing_lines(data), _constant_lines(data), _volume_lines(data), _function_lines(data)]
+    return [_constant_lines(data), _volume_lines(data), _function_lines(data)]
 
 
 def _barrier_lines(data: dict[str, Any]) -> list[str]:

@@ -1,6 +1,8 @@
 """Who determines what: counts against a separate linear model, u against fits without a set and of a set alone."""
 
+import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -87,3 +89,17 @@ def test_what_two_sets_determine_together_neither_need_determine_alone():
 def test_a_solution_without_all_its_readings_is_refused(three_axes):
     with pytest.raises(InputError, match="this solution is extrapolated"):
         volid.who_determines(three_axes.extrapolated({"X": (0.0, 620.0)}))
+
+
+@pytest.mark.slow
+def test_a_set_that_says_nothing_without_the_others(tmp_path):
+    """A level on a square in two places: where nothing is read along the square in one of them, it tells nothing."""
+    source = Path("datasets/direct_measurement")
+    shutil.copytree(source, tmp_path / "direct")
+    manifest, machine = tmp_path / "direct" / "campaign.toml", tmp_path / "direct" / "machine.toml"
+    machine.write_text(machine.read_text().replace("[model.functions]", "[model]\nsegments = 2\n[model.functions]"))
+    names = ("levels", "square left", "square right", "level on the square")
+    solution = volid.fit(only(volid.load_campaign(manifest), *names))
+    rows = {row.set: row for row in volid.who_determines(solution).sets}
+    level = rows["level on the square"]
+    assert (level.by_itself, level.only) == (0, 1)  # with the squares it ties the slope of the roll EBY

@@ -133,6 +133,12 @@ def test_the_environment_is_kept_in_the_units_of_its_keys(tmp_path):
     assert any("expansion of 8 ppm/K, by which its program reduces readings to 20 °C" in w for w in campaign.warnings)
 
 
+def test_temperatures_of_the_material_are_known_by_their_long_name(tmp_path):
+    lines = [line.replace("Mat temp", "Material temp.") for line in ENVIRONMENT]
+    found, _ = read(tmp_path, run_file(RUNS, THREE, environment=lines))
+    np.testing.assert_allclose(found.temperature, (20.2 + 20.3 + 20.6 + 20.7) / 4, rtol=1e-12)
+
+
 def test_a_file_without_environment_has_no_temperature(tmp_path):
     found, campaign = read(tmp_path, run_file(RUNS, THREE, environment=()))
     assert found.temperature is None
@@ -270,6 +276,7 @@ def test_angles_are_in_mrad_and_that_is_said(tmp_path):
     found, campaign = read(tmp_path, text, "x.rta", component="B", u=1e-6)
     np.testing.assert_allclose(found.readings[:, 0], [1e-5, 2e-5, -3e-5], rtol=1e-14)
     assert any("does not tell the unit of its deviations; they were taken in mrad" in w for w in campaign.warnings)
+    assert not any("expansion" in w for w in campaign.warnings), "turns are not reduced to 20 °C"
 
 
 def test_the_unit_of_angles_can_be_stated(tmp_path):

@@ -170,9 +170,7 @@ def _segment_reasons(model: ErrorModel, campaign: Campaign, names: list[str]) ->
 
 def likely_reasons(campaign: Campaign) -> list[str]:
     """Facts about a campaign because of which functions are often not determined: tool vectors, stations, positions."""
-    reasons = []
-    for kind, sets in sets_by_kind(campaign).items():
-        reasons += kind.advice(sets, campaign)
+    reasons = _by_kind(campaign)
     for i, letter in enumerate(campaign.machine.letters):
         values = campaign.positions[:, i]
         count = len(np.unique(np.round(values, 3)))
@@ -182,7 +180,20 @@ def likely_reasons(campaign: Campaign) -> list[str]:
             reasons.append(f"axis {letter} was approached {said} (column {letter}_dir)")
         if count < 5:
             reasons.append(f"axis {letter} was measured at {count} position{'s' if count > 1 else ''} only")
-    return list(dict.fromkeys(reasons))  # kinds may say the same
+    return list(dict.fromkeys(reasons))
+
+
+def _by_kind(campaign: Campaign) -> list[str]:
+    """What every kind says of its sets, which are named where it does not hold for all sets; kinds may say the same."""
+    said: dict[str, list[str]] = {}
+    for kind, sets in sets_by_kind(campaign).items():
+        for text in kind.advice(sets, campaign):
+            said.setdefault(text, []).extend(s.name for s in sets)
+    everywhere = len(campaign.sets)
+    return [
+        text if len(names) == everywhere else f"in set {', '.join(map(repr, names))}: {text}"
+        for text, names in said.items()
+    ]
 
 
 def reversals(machine: Machine) -> list[str]:

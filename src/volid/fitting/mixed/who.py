@@ -12,6 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from volid.backend.threads import one_blas_thread
+from volid.campaign import Campaign, ObservationSet
+from volid.effects.prediction import groups_of
 from volid.exceptions import InputError
 from volid.fitting.change_of_datum import EXTRAPOLATED
 from volid.fitting.diagnosis.identifiability import Identifiability
@@ -181,10 +183,22 @@ class _Views:
 
     def view(self, used: np.ndarray) -> _View:
         """With the sets `used`, bool (sets,), and none of the readings that the fit set aside."""
-        key = tuple(used.tolist())
+        key = self._speaking(used)
         if key not in self.seen:
             self.seen[key] = self._view(key)
         return self.seen[key]
+
+    def _speaking(self, used: np.ndarray) -> tuple[bool, ...]:
+        """`used` less the sets that say nothing without the others: a level on an artefact that no line is read on."""
+        kept = replace(self.campaign, sets=tuple(s for s, u in zip(self.campaign.sets, used, strict=True) if u))
+        return tuple(bool(u) and self._speaks(s, kept) for s, u in zip(self.campaign.sets, used, strict=True))
+
+    def _speaks(self, readings: ObservationSet, campaign: Campaign) -> bool:
+        try:
+            groups_of(readings, campaign, NuisanceTable.of(self.problem.nuisance))
+        except InputError:  # all sets together were fitted: what is wrong is that others are missing
+            return False
+        return True
 
     def _view(self, used: tuple[bool, ...]) -> _View:
         aside = self.solution.readings.outliers

@@ -68,6 +68,9 @@ def _storable(campaign: Campaign) -> Campaign:
     return replace(campaign, source=shown(campaign.source), sets=sets)
 
 
+_NAMING = ", in its manifest or by the key name when it is imported"  # a file gives its own name to a set
+
+
 def _merge(campaigns: list[Campaign]) -> Campaign:
     first = campaigns[0]
     for other in campaigns[1:]:
@@ -77,7 +80,7 @@ def _merge(campaigns: list[Campaign]) -> Campaign:
                 f"{first.source}; only campaigns with the same machine file can be fitted together"
             )
     where = ", ".join(c.source for c in campaigns)
-    check_unique((s.name for c in campaigns for s in c.sets), "set", where)
+    check_unique((s.name for c in campaigns for s in c.sets), "set", where, _NAMING)
     return check_consistent(
         Campaign(
             machine=first.machine,

@@ -65,12 +65,12 @@ def check_constant(constant: float, where: str) -> None:
         )
 
 
-def check_unique(names: Iterable[str], what: str, where: str) -> None:
-    """Raises `InputError` when a name stands twice."""
+def check_unique(names: Iterable[str], what: str, where: str, how: str = "") -> None:
+    """Raises `InputError` when a name stands twice; `how` a name is given."""
     seen: set[str] = set()
     for name in names:
         if name in seen:
-            raise InputError(f"{where}: two {what}s are called '{name}'; give every {what} its own name")
+            raise InputError(f"{where}: two {what}s are called '{name}'; give every {what} its own name{how}")
         seen.add(name)
 
 

@@ -14,6 +14,7 @@ from volid.io.instruments.base import Found, Request
 from volid.io.instruments.numerals import decimal_of, number
 from volid.io.instruments.runs import Runs
 from volid.io.instruments.sections import ENVIRONMENT, USER, Sections
+from volid.model.iso230 import TRANSLATIONS
 from volid.model.machine import Axis
 
 KEYS = ("axis", "at", "offset", "component", "unit")
@@ -117,6 +118,8 @@ def found_on(line: Line, runs: Runs, sections: Sections, unit: str) -> Found:
         f"{line.axis.letter}_dir": runs.way.astype(int).tolist(),
     }
     columns |= {"component": [line.component] * n, "run": runs.run.tolist(), "value": runs.value.tolist()}
+    if line.component in TRANSLATIONS and any(environment.get("expansion_ppm_per_K", [])):  # turns are not reduced
+        left_out = (*left_out, _EXPANSION.format(environment["expansion_ppm_per_K"][0]))
     material = [t for key, values in environment.items() if key.startswith(_MATERIAL) for t in values]
     if material:
         columns["temperature"] = [float(np.mean(material))] * n
@@ -144,7 +147,10 @@ def unit_of(request: Request, default: str, wanted: str) -> str:
 
 def _environment(sections: Sections) -> tuple[dict[str, list[float]], tuple[str, ...]]:
     """Measures at start and end of the test, as far as they are numbers; and what was left out, in words."""
-    pairs = {key.casefold(): value for key, value in sections.pairs(ENVIRONMENT).items()}
+    pairs = {
+        key.casefold().replace("material", "mat").replace(".", ""): value
+        for key, value in sections.pairs(ENVIRONMENT).items()
+    }
     found: dict[str, list[float]] = {}
     notes: list[str] = []
     for beginning, name in _MEASURES:
@@ -155,8 +161,6 @@ def _environment(sections: Sections) -> tuple[dict[str, list[float]], tuple[str,
             notes.append(f"{name}: {_NO_SENSOR:g} °C was taken for a sensor that is not connected")
         elif values:
             found[name] = values
-    if any(found.get("expansion_ppm_per_K", [])):
-        notes.append(_EXPANSION.format(found["expansion_ppm_per_K"][0]))
     return found, tuple(notes)
 
 
@@ -182,5 +186,8 @@ def _in_hectopascals(values: list[float]) -> list[float]:
 
 def _moments(sections: Sections) -> list[str]:
     """When the test began and ended, as the file writes it."""
-    pairs = {key.casefold(): value for key, value in sections.pairs(ENVIRONMENT).items()}
+    pairs = {
+        key.casefold().replace("material", "mat").replace(".", ""): value
+        for key, value in sections.pairs(ENVIRONMENT).items()
+    }
     return re.findall(r'"([^"]+)"', pairs.get("date time", ""))
