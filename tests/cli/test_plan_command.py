@@ -7,12 +7,14 @@ import pytest
 from support.machines import exact_of
 from support.places import MODELS
 
+from volid.cli.plan_tests import DESCRIBED
 from volid.exceptions import InputError, OutputError
 from volid.fitting.location_errors import location_parameter
 from volid.io import load_campaign, read_machine, write_manifest
 from volid.io.solutions import read_solution
 from volid.io.truths import load_truth
 from volid.planning import iso10791_path, rtest_static_grid
+from volid.planning.catalogue import MAKERS
 
 TRUNNION = MODELS / "wCAYXbZt_trunnion.toml"
 ROTARY = [f for f in sorted(MODELS.glob("*.toml")) if set("ABC") & set(f.stem.split("_")[0])]
@@ -201,3 +203,7 @@ def test_a_manifest_by_name_and_its_warnings(tmp_path):
         load_campaign(path, plan=True)
     with pytest.raises(OutputError, match=r"b\.machine\.toml exists"):
         write_manifest(plan, path)
+
+
+def test_every_plan_is_described_and_every_description_is_a_plan():
+    assert [d.name for d in DESCRIBED] == list(MAKERS)

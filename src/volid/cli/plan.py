@@ -69,7 +69,7 @@ def counts(text: str) -> tuple[int, ...]:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
-    from volid.planning.catalogue import plans_in_words
+    from volid.cli.plan_tests import plans_in_words
 
     explain(parser, _EPILOG.format(plans=plans_in_words()))
     parser.add_argument("machine", metavar="MACHINE", help="machine file (TOML)")
@@ -165,11 +165,14 @@ def _named(args: argparse.Namespace) -> str | None:
 
 def _plan(machine: Machine, args: argparse.Namespace) -> Campaign:
     """The plan that is named, with the options that were given. Raises `InputError`."""
-    from volid.planning.catalogue import PLANS, find_plan
+    from volid.cli.plan_tests import DESCRIBED, check_options
+    from volid.planning.catalogue import MAKERS, find_plan
 
-    plan = find_plan(machine, _named(args))
-    options = {name for known in PLANS.values() for name in known.parameters}
-    return plan(machine, **{name: getattr(args, name) for name in options if getattr(args, name) is not None})
+    options = {name for described in DESCRIBED for name in described.parameters}
+    given = {name: getattr(args, name) for name in sorted(options) if getattr(args, name) is not None}
+    test = find_plan(machine, _named(args))
+    check_options(test, given)
+    return MAKERS[test](machine, **given)
 
 
 def _summary(plan: Campaign) -> list[str]:

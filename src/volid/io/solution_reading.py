@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import MISSING, fields, replace
 from math import prod
@@ -237,7 +238,14 @@ def read_adequacy(group: Group, campaign: Campaign) -> Adequacy:
         causes=_read_causes(group.group("causes")) if "causes" in group else (),
         questions=_read_questions(group.group("questions")) if "questions" in group else (),
         sets=read_rows(group.group("sets"), SetTest) if "sets" in group else (),
+        redundancy=_or_nan(attributes.number("redundancy", math.nan, finite=False)),
+        reading_weight=_or_nan(attributes.number("reading_weight", math.nan, finite=False)),
     )
+
+
+def _or_nan(value: float) -> float:
+    """The value; one NaN for all, so that equal verdicts compare equal."""
+    return math.nan if math.isnan(value) else value
 
 
 def _read_questions(group: Group) -> tuple[Question, ...]:

@@ -158,6 +158,8 @@ def write_adequacy(group: h5py.Group, adequacy: Adequacy) -> None:
         "degrees_of_freedom",
         "unit_weight",
         "probability",
+        "redundancy",
+        "reading_weight",
     ):
         group.attrs[name] = getattr(adequacy, name)
     write_rows(group.create_group("causes"), Cause, adequacy.causes)

@@ -1,12 +1,11 @@
-"""The plans that can be asked for by name: one entry each, with the parameters that it takes.
+"""The plans that can be asked for by name: what makes each, with its parameters in one form.
 
-A new plan is a function of a machine in this package, and one entry in `PLANS`.
+A new plan is a function of a machine in this package, one entry in `MAKERS`, and its words in the command line.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -23,38 +22,12 @@ from volid.planning.standard import standard_plan
 from volid.planning.step_gauge import step_gauge
 
 GRID, CONE, STANDARD, CIRCLES, GAUGE = "static-grid", "cone-frustum", "standard", "circles", "step-gauge"
-DIRECT = "direct"
-PLATE = "ball-plate"
+DIRECT, PLATE = "direct", "ball-plate"
 BODY_DIAGONALS, DIAGONALS, STEP_DIAGONALS, PARALLEL = "body-diagonals", "diagonals", "step-diagonals", "parallel-lines"
 ISO = ("K1", "K2", "K4")
 LAYOUTS = ("A", "B", "C")  # two rotary axes in the head, two in the table, one on each side
 
 Named = Sequence[tuple[str, Sequence[float]]]
-
-
-@dataclass(frozen=True)
-class Plan:
-    """A plan by name.
-
-    Args:
-        name: What it is called.
-        words: What is measured, in words.
-        make: Gives the plan of a machine, with the parameters that are stated.
-        parameters: Those that it takes, by name, and the default in words ("" where it is in `words` or chosen to fit).
-    """
-
-    name: str
-    words: str
-    make: Callable[..., Campaign]
-    parameters: Mapping[str, str]
-
-    def __call__(self, machine: Machine, **given: Any) -> Campaign:
-        """The plan for a machine. Raises `InputError` for a parameter that it does not take."""
-        for name in given:
-            if name not in self.parameters:
-                fits = ", ".join(p.name for p in distinct_plans() if name in p.parameters)
-                raise InputError(f"`{name}` is not for the test {self.name}, but for {fits}; leave it out")
-        return self.make(machine, **given)
 
 
 def _one(values: Sequence[Any], name: str, test: str) -> Any:
@@ -129,152 +102,27 @@ def _iso(test: str, machine: Machine, **given: Any) -> Campaign:
     return iso10791_path(machine, test, **given)
 
 
-_ISO_WORDS = """paths of ISO 10791-6 with the sphere in the nest, there and back; K1: the second rotary
-axis turns, K2: the first, K4: both; A two rotary axes in the head, B in the table, C one on
-each side"""
-_ISO_PARAMETERS = {"points": "73 each way", "sphere": "", "sensor_on": "tool", "tool": "", "u": "0.0005"}
-_BEAM = {"tool": "0,0,-150", "u": "0.0005"}
-_ENTRIES = (
-    Plan(
-        GRID,
-        "R-test at all pairs of positions of the rotary axes; points N1,N2 of the first rotary axis\n"
-        "(workpiece to tool) and the second",
-        _static_grid,
-        {"points": "37,13", "sphere": "", "sensor_on": "tool", "tool": "", "u": "0.0005"},
-    ),
-    Plan(
-        CONE,
-        "ball bar at a cone frustum, all axes at once",
-        partial(_one_tool, CONE, cone_frustum),
-        {
-            "points": "73",
-            "centre": "",
-            "length": "100",
-            "half_angle": "15",
-            "inclination": "10",
-            "calibrated_u": "0.0005",
-            "tool": "0,0,-150",
-            "u": "0.0005",
-        },
-    ),
-    Plan(
-        STANDARD,
-        "tracker distances from six stations for multilateration, three or more tool vectors",
-        _standard,
-        {"points": "400 per station", "tool": "three", "u": "0.0003 and 3e-7 of the distance", "seed": "0"},
-    ),
-    Plan(
-        BODY_DIAGONALS,
-        "laser displacements along the four body diagonals of ISO 230-6, there and back, retro-reflector",
-        partial(_one_tool, BODY_DIAGONALS, partial(diagonals, faces=False)),
-        {"points": "11 of a line", **_BEAM},
-    ),
-    Plan(
-        DIAGONALS,
-        "the same with two diagonals of each of three planes in the middle of the volume",
-        partial(_one_tool, DIAGONALS, diagonals),
-        {"points": "11 of a line", **_BEAM},
-    ),
-    Plan(
-        STEP_DIAGONALS,
-        "sequential step diagonals: along the body diagonals by steps of X, then Y, then Z, there and\n"
-        "back, flat mirror of unknown tilt; points: steps of each axis",
-        partial(_one_tool, STEP_DIAGONALS, step_diagonals),
-        {"points": "10", **_BEAM},
-    ),
-    Plan(
-        PARALLEL,
-        "laser displacements along every linear axis, on four parallel lines, there and back",
-        partial(_tools, PARALLEL, parallel_lines),
-        {"points": "11 of a line", **_BEAM},
-    ),
-    Plan(
-        CIRCLES,
-        "ball bar on circles and arcs in the planes of the linear axes, each in both senses",
-        partial(_one_tool, CIRCLES, circles),
-        {
-            "points": "73 a run",
-            "planes": "XY,YZ,ZX",
-            "arc": "220, in planes that hold the tool's axis",
-            "centre": "",
-            "length": "150",
-            "calibrated_u": "0.0005; inf where the length is unknown",
-            "tool": "0,0,-150",
-            "u": "0.0005",
-        },
-    ),
-    Plan(
-        GAUGE,
-        "lengths of a step gauge along seven lines, each axis and four body diagonals",
-        partial(_tools, GAUGE, step_gauge),
-        {
-            "points": "5 lengths a line",
-            "length": "the longest, 0.9 of the line",
-            "calibrated_u": "0.0002",
-            "scale_u": "5e-7",
-            "tool": "0,0,-150",
-            "u": "0.0005",
-        },
-    ),
-    Plan(
-        DIRECT,
-        "direct measurement of X, Y and Z: laser, levels, straightedges, squares, the roll of the vertical axis by\n"
-        "a square in two places; vertical is needed, levels see no turn about it",
-        _direct,
-        {"vertical": "", "points": "11 per travel", "form_u": "0.0005", "tool": "0,0,-150", "u": "0.0005"},
-    ),
-    Plan(
-        PLATE,
-        "centres of a ball plate in four places, flat at two heights, upright along X and along Y;\n"
-        "points N1,N2 along its sides",
-        _plate,
-        {
-            "points": "5,5",
-            "length": "the longer side, 0.8 of the smallest travel",
-            "calibrated_u": "0.0003",
-            "scale_u": "5e-7",
-            "tool": "0,0,-150",
-            "u": "0.0005",
-        },
-    ),
-    *(
-        Plan(name, _ISO_WORDS, partial(_iso, name), _ISO_PARAMETERS)
-        for name in (*(layout + test for layout in LAYOUTS for test in ISO), *ISO)
-    ),
-)
-PLANS: dict[str, Plan] = {plan.name: plan for plan in _ENTRIES}
+MAKERS: Mapping[str, Callable[..., Campaign]] = {
+    GRID: _static_grid,
+    CONE: partial(_one_tool, CONE, cone_frustum),
+    STANDARD: _standard,
+    BODY_DIAGONALS: partial(_one_tool, BODY_DIAGONALS, partial(diagonals, faces=False)),
+    DIAGONALS: partial(_one_tool, DIAGONALS, diagonals),
+    STEP_DIAGONALS: partial(_one_tool, STEP_DIAGONALS, step_diagonals),
+    PARALLEL: partial(_tools, PARALLEL, parallel_lines),
+    CIRCLES: partial(_one_tool, CIRCLES, circles),
+    GAUGE: partial(_tools, GAUGE, step_gauge),
+    DIRECT: _direct,
+    PLATE: _plate,
+    **{name: partial(_iso, name) for name in (*(layout + test for layout in LAYOUTS for test in ISO), *ISO)},
+}
 
 
-def distinct_plans() -> tuple[Plan, ...]:
-    """The plans, of those that only the letters of their names tell apart the first."""
-    found: dict[str, Plan] = {}
-    for plan in PLANS.values():
-        found.setdefault(plan.words, plan)
-    return tuple(found.values())
-
-
-def find_plan(machine: Machine, name: str | None) -> Plan:
-    """The plan called `name` in any case; None: the usual one of the machine. Raises `InputError` for one that is unknown."""
+def find_plan(machine: Machine, name: str | None) -> str:
+    """The name in its one spelling, from any case; None: the usual plan. Raises `InputError` for an unknown one."""
     if name is None:
-        return PLANS[STANDARD if all(axis.is_linear for axis in machine.axes) else GRID]
-    found = {known.casefold(): plan for known, plan in PLANS.items()}.get(name.casefold())
+        return STANDARD if all(axis.is_linear for axis in machine.axes) else GRID
+    found = {known.casefold(): known for known in MAKERS}.get(name.casefold())
     if found is None:
-        raise InputError(f"`test={name}` is unknown; expected one of {', '.join(PLANS)}")
+        raise InputError(f"`test={name}` is unknown; expected one of {', '.join(MAKERS)}")
     return found
-
-
-def plans_in_words() -> str:
-    """What every plan measures and takes, for people."""
-    lines = []
-    for plan in distinct_plans():
-        names = "AK1 … CK4, K1, K2, K4" if plan.words is _ISO_WORDS else plan.name
-        told = [f"{name} {default}".strip() for name, default in plan.parameters.items()]
-        takes = f"takes {', '.join(told)}"
-        lines += [f"  {names}", *(f"      {line}" for line in plan.words.splitlines()), *_wrapped(takes)]
-    return "\n".join(lines)
-
-
-def _wrapped(text: str) -> list[str]:
-    import textwrap
-
-    return textwrap.wrap(text, 96, initial_indent=" " * 6, subsequent_indent=" " * 8)

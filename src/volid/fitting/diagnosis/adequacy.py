@@ -6,6 +6,7 @@ tests them, `verdict` grades what the tests find. ISO/TR 16907 11.3.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -84,7 +85,7 @@ class Adequacy:
     `factor`: what every u of the solution is multiplied by, 1 for none. `causes`: what explains the misfit, best first.
     `questions`: what the readings cannot tell, and is asked. `sets`: what is found of each set among the others.
     `redundancy`: how many readings check others, what is known beforehand (smoothness, calibrations) not counted, and
-    `reading_weight`: their unit weight without it; NaN in solutions that were read from a file.
+    `reading_weight`: their unit weight without it; NaN in solutions of earlier versions.
     """
 
     chi_square: float
@@ -100,8 +101,8 @@ class Adequacy:
     causes: tuple[Cause, ...] = ()
     questions: tuple[Question, ...] = ()
     sets: tuple[SetTest, ...] = ()
-    redundancy: float = float("nan")
-    reading_weight: float = float("nan")
+    redundancy: float = math.nan
+    reading_weight: float = math.nan
 
     @property
     def barrier(self) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -63,7 +64,7 @@ class Tally:
         suspects = tuple(sorted(self._suspects, key=lambda x: -abs(x.normalised)))
         weight = float(np.sqrt(total / dof)) if dof > 0 else float("nan")
         checked = self._redundancy
-        own = float(np.sqrt(self._total / checked)) if checked > 0.0 else float("nan")
+        own = float(np.sqrt(self._total / checked)) if checked > 0.0 else math.nan
         found = Adequacy(total, dof, weight, probability, groups, suspects, False, "")
         return replace(found, redundancy=checked, reading_weight=own)
 
