@@ -36,7 +36,8 @@ _BEAM = {"tool": "0,0,-150", "u": "0.0005"}
 DESCRIBED = (
     Description(
         "static-grid",
-        "R-test at all pairs of positions of the rotary axes; points N1,N2 of the first rotary axis\n(workpiece to tool) and the second",
+        "R-test at all pairs of positions of the rotary axes; points N1,N2 of the first rotary axis\n"
+        "(workpiece to tool) and the second",
         {"points": "37,13", "sphere": "", "sensor_on": "tool", "tool": "", "u": "0.0005"},
     ),
     Description(
@@ -70,7 +71,8 @@ DESCRIBED = (
     ),
     Description(
         "step-diagonals",
-        "sequential step diagonals: along the body diagonals by steps of X, then Y, then Z, there and\nback, flat mirror of unknown tilt; points: steps of each axis",
+        "sequential step diagonals: along the body diagonals by steps of X, then Y, then Z, there and\n"
+        "back, flat mirror of unknown tilt; points: steps of each axis",
         {"points": "10", **_BEAM},
     ),
     Description(
@@ -106,12 +108,14 @@ DESCRIBED = (
     ),
     Description(
         "direct",
-        "direct measurement of X, Y and Z: laser, levels, straightedges, squares, the roll of the vertical axis by\na square in two places; vertical is needed, levels see no turn about it",
+        "direct measurement of X, Y and Z: laser, levels, straightedges, squares, the roll of the vertical axis by\n"
+        "a square in two places; vertical is needed, levels see no turn about it",
         {"vertical": "", "points": "11 per travel", "form_u": "0.0005", "tool": "0,0,-150", "u": "0.0005"},
     ),
     Description(
         "ball-plate",
-        "centres of a ball plate in four places, flat at two heights, upright along X and along Y;\npoints N1,N2 along its sides",
+        "centres of a ball plate in four places, flat at two heights, upright along X and along Y;\n"
+        "points N1,N2 along its sides",
         {
             "points": "5,5",
             "length": "the longer side, 0.8 of the smallest travel",
