@@ -6,8 +6,7 @@ import sys
 from pathlib import Path
 
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
-if "numpy" not in sys.modules:  # a plugin may have loaded it, with more threads; volid then limits them itself
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from volid.cli.environment import cache_folder, cache_programs
 

@@ -1,8 +1,10 @@
 """Who determines what: for every set and every function, what the campaign would know without the set, and from it alone.
 
 What is determined is decided on the geometry of the readings, as in a fit (`diagnosis.identifiability`), with the readings of
-some sets left out, and every set's own unknowns (stations, offsets, alignments) eliminated. u without a set follows from the
-normal equations of the others at the solution, with the smoothness of functions as it was estimated from all.
+some sets left out, and every set's own unknowns (stations, offsets, alignments) eliminated. Combinations are counted at the
+positions of the readings, smoothness not counted as knowledge: eleven positions along an axis tell ten of a fine spline. What
+only a tilt of an artefact or a beam shows counts too, however large its u. u without a set follows from the normal equations of
+the others at the solution, with the smoothness of functions as it was estimated from all.
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ from volid.fitting.equations.choice import engine_named
 from volid.fitting.equations.problem import Prior, Problem, build_problem, reweight, with_prior, with_random_effects
 from volid.fitting.equations.solver import optimum_at
 from volid.fitting.fitter import Fitter
-from volid.fitting.smoothness.geometry import determined
+from volid.fitting.smoothness.geometry import count_determined, determined
 from volid.fitting.smoothness.processes import processes_of
 from volid.fitting.smoothness.scatter import with_scatter
 from volid.fitting.solution import Solution
@@ -177,9 +179,8 @@ class _Views:
 
     def whole(self) -> _View:
         """With all sets: what the solution says."""
-        solution = self.solution
-        open_directions = solution.null_space.shape[1] + solution.held_directions.shape[1]
-        return _View(solution.model.n_parameters - open_directions, _largest_u(solution))
+        factors = [np.where(o, 0.0, 1.0) for o in self.solution.readings.outliers]
+        return _View(count_determined(self.campaign, self.problem, self.known, factors), _largest_u(self.solution))
 
     def view(self, used: np.ndarray) -> _View:
         """With the sets `used`, bool (sets,), and none of the readings that the fit set aside."""
@@ -213,8 +214,7 @@ class _Views:
             null_space=found.null_space,
             held_directions=found.tool_rotation,
         )
-        open_directions = found.null_space.shape[1] + found.tool_rotation.shape[1]
-        return _View(problem.model.n_parameters - open_directions, _largest_u(seen))
+        return _View(count_determined(self.campaign, problem, self.known, factors), _largest_u(seen))
 
     def _covariance(self, problem: Problem, found: Identifiability) -> np.ndarray:
         """Covariance of (θ, ν) from the readings that take part, as the solution has it from all."""

@@ -123,6 +123,8 @@ def unit_precision(spline: Spline, log_length: float) -> tuple[np.ndarray, np.nd
     Cubic interpolation between tabulated lengths (Catmull-Rom): exact in what is free.
     """
     x = (log_length - SHORTEST) / TABLE_STEP
+    if not np.isfinite(x):
+        raise np.linalg.LinAlgError("the length of a process is no number")
     i = int(np.clip(np.floor(x), 1, TABLE - 3))
     t = float(np.clip(x - i, -1.0, 2.0))
     value = 0.5 * np.array([-t + 2 * t**2 - t**3, 2 - 5 * t**2 + 3 * t**3, t + 4 * t**2 - 3 * t**3, t**3 - t**2])

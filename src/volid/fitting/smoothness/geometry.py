@@ -104,11 +104,7 @@ def determined(
     positions of their axes stay where they are, and there the `processes` of other functions count as readings. So they do
     everywhere when what the spread-out campaign determines is singular for the campaign itself, whose positions are too few.
     """
-    used = campaign
-    if factors is not None:
-        rows = [np.flatnonzero(np.any(f > 0.0, axis=1)) for f in factors]
-        kept = tuple(s.rows_of(r) for s, r in zip(campaign.sets, rows, strict=True) if len(r))
-        used = replace(campaign, sets=kept or campaign.sets)
+    used = campaign if factors is None else _taking_part(campaign, factors)
     still = _axes_to_leave(problem.model, processes) | _pinned_axes(campaign)
     table = NuisanceTable.of(problem.nuisance)
     beside = [p for p in processes if still & {parse(n).axis for n in p.names}]
@@ -124,6 +120,21 @@ def determined(
         return found
     own = known.and_smooth(_level(problem) / ORDINARY * _rows(processes, problem.model))
     return analyse(build_problem(used, problem.model, prior=own, table=table), campaign)
+
+
+def count_determined(campaign: Campaign, problem: Problem, known: Prior, factors: list[np.ndarray]) -> int:
+    """Number of combinations of θ that readings determine at their own positions, smoothness not counted as knowledge."""
+    table = NuisanceTable.of(problem.nuisance)
+    bare = build_problem(_taking_part(campaign, factors), problem.model, prior=known, table=table)
+    found = analyse(bare, campaign)
+    return int(problem.model.n_parameters - found.null_space.shape[1] - found.tool_rotation.shape[1])
+
+
+def _taking_part(campaign: Campaign, factors: list[np.ndarray]) -> Campaign:
+    """The campaign with the readings whose weight is not 0; as it is where none is left."""
+    rows = [np.flatnonzero(np.any(f > 0.0, axis=1)) for f in factors]
+    kept = tuple(s.rows_of(r) for s, r in zip(campaign.sets, rows, strict=True) if len(r))
+    return replace(campaign, sets=kept or campaign.sets)
 
 
 def _are_many(campaign: Campaign, processes: tuple[Process, ...]) -> bool:
