@@ -147,7 +147,7 @@ def test_its_units_scopes_and_advice_are_asked_for(toys, tmp_path):
     path.write_text(path.read_text().replace('per = "flat"', 'per = "station"'))
     with pytest.raises(InputError, match=r"a 'flat' set has no stations; expected campaign, set, flat, tool or point"):
         load_campaign(path)
-    assert likely_reasons(campaign)[0] == "a flat was probed; use two that are not parallel"
+    assert likely_reasons(campaign)[0] == "in set 'probed': a flat was probed; use two that are not parallel"
 
 
 @pytest.mark.slow

@@ -324,7 +324,8 @@ def test_an_artefact_is_known_or_unknown_and_the_same_in_all_sets():
     campaign = measured(relative=True)
     with pytest.raises(InputError, match=r"relative = true .* beside calibrated_u"):
         LENGTH.check(replace(campaign.sets[0], options={"relative": True, "calibrated_u": 1e-3, "scale_u": 0.0}))
-    other = replace(campaign.sets[0], name="again", options={"relative": False, "calibrated_u": 1e-3, "scale_u": 0.0})
+    stated = {"relative": False, "calibrated_u": 1e-3, "scale_u": 0.0}
+    other = replace(campaign.sets[0], name="again", options=stated, readings=campaign.sets[0].readings + 1e-4)
     with pytest.raises(InputError, match="set 'again', artefact 'bar': relative or calibrated_u is stated otherwise"):
         fit(replace(campaign, sets=(*campaign.sets, other)))
 
