@@ -18,7 +18,7 @@ from volid.campaign import Campaign
 from volid.fitting.diagnosis.identifiability import ROTATION_UNIT, UNIT, Identifiability, analyse
 from volid.fitting.equations.problem import Prior, Problem, build_problem
 from volid.fitting.smoothness.processes import Process, stacked_rows
-from volid.fitting.smoothness.spreading import SAME, spread_out
+from volid.fitting.smoothness.spreading import SAME, levels_of, spread_out
 from volid.model.error_functions import motion_names
 from volid.model.error_model import ErrorModel
 from volid.model.iso230 import parse
@@ -30,12 +30,6 @@ SINGULAR = 1e-13  # smallest pivot of scaled normal equations
 ORDINARY = 2e3  # `_level` of a hundred readings with u = 0.5 µm: there smoothness and readings stand as in the fit
 LARGEST_GAP = 60.0  # degrees: positions all around a turn leave none larger, or all of one size
 NEAR = 0.01  # of the travel: as near to its end a position measures the end
-
-
-def _levels(campaign: Campaign, axis: int) -> np.ndarray:
-    """Distinct positions of an axis in ascending order."""
-    step = SAME * campaign.machine.axes[axis].length
-    return np.asarray(np.unique(np.round(campaign.positions[:, axis] / step)) * step)
 
 
 def measured_machine(campaign: Campaign, earlier: Mapping[str, tuple[float, float]] | None = None) -> Machine:
@@ -51,7 +45,9 @@ def measured_machine(campaign: Campaign, earlier: Mapping[str, tuple[float, floa
             before = (earlier or {})[axis.letter]
             low, high = min(low, before[0]), max(high, before[1])
         low, high = _kept_ends(low, high, axis)
-        if high - low > SAME * axis.length and not (axis.is_full_turn and _goes_round(_levels(campaign, i), low, high)):
+        if high - low > SAME * axis.length and not (
+            axis.is_full_turn and _goes_round(levels_of(campaign, i), low, high)
+        ):
             ranges[axis.letter] = (low, high)
     return campaign.machine.over(ranges)
 
@@ -140,7 +136,7 @@ def _taking_part(campaign: Campaign, factors: list[np.ndarray]) -> Campaign:
 def _are_many(campaign: Campaign, processes: tuple[Process, ...]) -> bool:
     """Whether there are more positions of every axis that moves than coefficients over it: then none is too many."""
     sizes = {s.axis: s.size for p in processes for splines, _ in p.members for s in splines if s.high - s.low > 0.0}
-    return all(len(_levels(campaign, i)) > 2 * size for i, size in sizes.items())
+    return all(len(levels_of(campaign, i)) > 2 * size for i, size in sizes.items())
 
 
 def _level(problem: Problem) -> float:
