@@ -19,6 +19,15 @@ if TYPE_CHECKING:
 Vector = tuple[Any, Any, Any]
 
 
+def three_numbers(given: Any) -> tuple[float, float, float] | None:
+    """Three finite numbers that somebody has stated; None for anything else."""
+    try:
+        x, y, z = (float(v) for v in given)
+    except (TypeError, ValueError, OverflowError):
+        return None
+    return (x, y, z) if np.all(np.isfinite([x, y, z])) else None
+
+
 def add(a: Vector, b: Vector) -> Vector:
     """Sum of two vectors."""
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from volid.campaign import Alignment, Campaign, ObservationSet
 from volid.exceptions import InputError
+from volid.model.geometry import three_numbers
 from volid.model.iso230 import TRANSLATIONS
 from volid.model.jacobian import tool_rotation_rows
 from volid.model.kinematics import nominal_point, nominal_rotation
@@ -38,7 +39,10 @@ def described(observations: ObservationSet, name: str) -> Described:
     if not isinstance(given, Mapping) or set(given) - {"along", "normal", "point"}:
         found = f"{given}" if given is not None else f"nothing among {', '.join(map(str, lines)) or 'no lines'}"
         raise InputError(f"{where}: found {found}; expected where it lies in the artefact, such as {example}")
-    vectors = {key: _vector(given.get(key)) for key in ("along", "normal", "point") if key != "point" or key in given}
+    stated = {
+        key: three_numbers(given.get(key)) for key in ("along", "normal", "point") if key != "point" or key in given
+    }
+    vectors = {key: None if v is None else np.array(v) for key, v in stated.items()}
     wrong = [key for key, v in vectors.items() if v is None or (key != "point" and not np.linalg.norm(v) > 0.0)]
     if wrong:
         raise InputError(f"{where}: {wrong[0]} is {given.get(wrong[0])}; expected three numbers, such as {example}")
@@ -48,14 +52,6 @@ def described(observations: ObservationSet, name: str) -> Described:
             f"{where}: along and normal are not at right angles; expected the direction of the line and its surface's normal"
         )
     return Described(along, normal, vectors.get("point"))
-
-
-def _vector(given: Any) -> np.ndarray | None:
-    try:
-        x, y, z = (float(v) for v in given)
-    except (TypeError, ValueError, OverflowError):
-        return None
-    return np.array([x, y, z]) if np.all(np.isfinite([x, y, z])) else None
 
 
 @dataclass(frozen=True, eq=False)

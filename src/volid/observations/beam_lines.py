@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from volid.campaign import Campaign, ObservationSet
 from volid.exceptions import InputError
-from volid.model.geometry import across_pair
+from volid.model.geometry import across_pair, three_numbers
 from volid.model.jacobian import tool_rotation_rows
 from volid.model.kinematics import nominal_point, nominal_rotation
 from volid.model.machine import BED, Machine
@@ -40,7 +40,8 @@ def described_beam(observations: ObservationSet, name: str) -> Beam:
     where, given = f"set '{observations.name}', line '{name}'", lines.get(name)
     example = f"lines = {{ {name} = [1, 0, 0] }}, or {name} = {{ along = [1, 0, 0], point = [0, 300, -200] }} (mm)"
     parts = given if isinstance(given, Mapping) else {"along": given}
-    found = {key: _vector(value) for key, value in parts.items() if key in ("along", "point")}
+    stated = {key: three_numbers(value) for key, value in parts.items() if key in ("along", "point")}
+    found = {key: None if v is None else np.array(v) for key, v in stated.items()}
     along = found.get("along")
     if given is None or len(found) < len(parts) or along is None or not np.linalg.norm(along) > 0.0:
         said = f"found {given}" if given is not None else f"nothing among {', '.join(map(str, lines)) or 'no lines'}"
@@ -48,14 +49,6 @@ def described_beam(observations: ObservationSet, name: str) -> Beam:
     if "point" in found and found["point"] is None:
         raise InputError(f"{where}: point is {parts['point']}; expected three numbers, such as {example}")
     return Beam(along / np.linalg.norm(along), found.get("point"))
-
-
-def _vector(given: Any) -> np.ndarray | None:
-    try:
-        x, y, z = (float(v) for v in given)
-    except (TypeError, ValueError, OverflowError):
-        return None
-    return np.array([x, y, z]) if np.all(np.isfinite([x, y, z])) else None
 
 
 @dataclass(frozen=True, eq=False)

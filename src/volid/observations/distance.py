@@ -19,7 +19,7 @@ import numpy as np
 from volid.backend.elementary import in_rows
 from volid.campaign import Campaign, ObservationSet, Station
 from volid.exceptions import InputError
-from volid.model.geometry import Vector, add, norm, rotate_small, subtract
+from volid.model.geometry import Vector, add, norm, rotate_small, subtract, three_numbers
 from volid.model.kinematics import functional_point, transform
 from volid.model.machine import TOOL, Machine
 from volid.observations.base import ARTEFACT, EITHER, LIGHT, Group, Kind, NuisanceTable, Place
@@ -191,16 +191,13 @@ def _settings(observations: ObservationSet, station: Station, machine: Machine) 
 
 def target_place(observations: ObservationSet) -> Place:
     """Place of a target that is not the functional point, in its body's frame [mm]. Raises `InputError` when there is none."""
-    try:
-        x, y, z = (float(c) for c in observations.options.get("target") or ())
-    except (TypeError, ValueError):
-        x = y = z = np.nan
-    if not np.all(np.isfinite([x, y, z])):
+    place = three_numbers(observations.options.get("target") or ())
+    if place is None:
         raise InputError(
             f"set '{observations.name}': target_body = '{DISTANCE.target_body(observations.options)}', but target is "
             f"{observations.options.get('target') or 'missing'}; expected target = [x, y, z] in mm, in that body's frame"
         )
-    return x, y, z
+    return place
 
 
 def _target_slots(observations: ObservationSet, table: NuisanceTable) -> list[int]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from volid.campaign import ObservationSet
 from volid.exceptions import InputError
+from volid.model.geometry import three_numbers
 from volid.model.machine import Machine
 from volid.observations.base import Place
 
@@ -39,14 +40,11 @@ def sphere_places(observations: ObservationSet) -> dict[str, Place]:
 
 def _place(observations: ObservationSet, name: str, given: Any) -> Place:
     """Approximate position of one sphere (or nest): three finite numbers, else `InputError`."""
-    try:
-        x, y, z = (float(c) for c in given)
-    except (TypeError, ValueError):
-        x = y = z = np.nan
-    if not np.all(np.isfinite([x, y, z])):
+    place = three_numbers(given)
+    if place is None:
         found = "has no approximate position" if given is None else f"stands at {given}"
         raise InputError(
             f"set '{observations.name}': sphere '{name}' {found}; give sphere = [x, y, z] in mm, workpiece frame, or "
             f"sphere = {{ {name} = [x, y, z] }}"
         )
-    return x, y, z
+    return place
