@@ -11,6 +11,7 @@ from support.trackers import simulated
 
 from volid.fitting.fit import fit
 from volid.fitting.smoothness.geometry import measured_machine, range_notes
+from volid.fitting.smoothness.spreading import spread_out
 
 
 def at_positions(campaign, **columns):
@@ -66,6 +67,16 @@ def test_a_rotary_axis_keeps_its_turn_where_it_was_measured_around(angles, trave
     exact = exact_machine(STRUCTURES["tilting table C'A'"])
     found = rtest(exact, rotary_truth(exact), n=(7, 5))
     assert measured_machine(at_positions(found, C=angles)).axis("C").travel == travel
+
+
+def test_positions_move_between_their_neighbours_only(campaign):
+    levels = at_positions(campaign, X=[0.0, 100.0, 760.0])
+    found = spread_out(levels, 100)
+    before, after = (c.sets[0].positions[:, c.machine.index("X")] for c in (levels, found))
+    for level, (low, high) in {0.0: (0.0, 50.0), 100.0: (50.0, 430.0), 760.0: (430.0, 760.0)}.items():
+        own = after[before == level]
+        assert own.min() >= low and own.max() <= high and np.ptp(own) > 0.5 * (high - low)
+    np.testing.assert_array_equal(found.sets[0].tool, levels.sets[0].tool)
 
 
 def facts(solution):
