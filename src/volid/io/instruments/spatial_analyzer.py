@@ -21,7 +21,6 @@ from volid.io.instruments.positions import KEY, Positions, by_name, by_order, re
 from volid.observations import KINDS
 
 _COMMENT = "//"
-_HEADS = ("spatialanalyzer", "spatial analyzer", "new river kinematics")
 _NAMES = ("collection", "group", "target")  # from the left; fewer of them are the last ones
 _UNITS = {"millimeter": "mm", "millimetre": "mm", "inch": "inch", "meter": "m", "metre": "m", "centimeter": "cm"}
 _WORD = re.compile(r"[a-z]+")
