@@ -8,6 +8,7 @@ from typing import Any
 from volid.exceptions import InputError
 
 THERMAL = "thermal_limit"  # key of [conditions] [mm]
+ACTIVE = "active_compensations"  # key of [conditions]: a list of texts (ISO/TR 16907 9.1)
 LARGEST_THERMAL = 1.0  # mm: a number above is one of micrometres
 
 
