@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 
 from volid.compensation.grids.grid import AnyGrid
 from volid.compensation.grids.sides import LINEAR
 from volid.compensation.tables.error_table import ErrorTable
+from volid.compensation.types import TYPES, select
+from volid.exceptions import InputError
 from volid.model.machine import Machine
 
 
@@ -45,3 +48,17 @@ def option_words(
 def vector_words(values: Iterable[float]) -> str:
     """Such as "0, 0, -150 mm"."""
     return ", ".join(f"{v:.9g}" for v in values) + " mm"
+
+
+def corrected_twice(machine: Machine, tables: Iterable[ErrorTable], grids: Sequence[AnyGrid]) -> list[str]:
+    """What tables and grids together correct more than once, in words; a control applies their sum."""
+    kinds = [(g.type, g.side) for g in grids]
+    found = [
+        f"two {name} grids of one side ({side})" for name, side in dict.fromkeys(kinds) if kinds.count((name, side)) > 1
+    ]
+    names = [n for t in tables for n in re.split(r" \+ | on top of ", t.type)] + [name for name, _ in kinds]
+    try:
+        select([n for n in names if n in TYPES], machine)
+    except InputError as error:
+        found.append(str(error).split("; ")[0])
+    return [f"{text}: the control applies the sum of both" for text in found]

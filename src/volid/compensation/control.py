@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from volid.compensation.active import grid_words, option_words, table_words, vector_words
+from volid.compensation.active import corrected_twice, grid_words, option_words, table_words, vector_words
 from volid.compensation.grids.grid import AnyGrid
 from volid.compensation.orientation import PoleRule, rotary_turns
 from volid.compensation.tables.error_table import ITSELF, MODEL, ErrorTable
@@ -99,6 +99,11 @@ class Control:
         by_axis = {"least increment": self.increment, "smoothing over": self.smoothing}
         limits = option_words(self.machine, self.tool, by_axis, self.clamped)
         return (*table_words(self.tables), *map(grid_words, self.grids), *limits)
+
+    @property
+    def corrected_twice(self) -> list[str]:
+        """What its tables and grids together correct more than once, in words."""
+        return corrected_twice(self.machine, self.tables, self.grids)
 
     def expected(
         self,

@@ -24,7 +24,7 @@ from volid.model.requests import ask_positions, ask_tools
 from volid.observations import KINDS
 from volid.observations.base import Nuisance, NuisanceTable
 from volid.planning.standard import standard_plan
-from volid.plausibility.conditions import ACTIVE
+from volid.plausibility.conditions import ACTIVE, active_compensations
 from volid.virtual.drives import Drives, errors_of
 from volid.virtual.random_truth import generator, random_truth
 from volid.virtual.truth import Truth
@@ -112,8 +112,7 @@ def _active(plan: Campaign, control: Drives | None) -> dict[str, Any]:
     """What [conditions] say of compensations: those that the plan names, and those of the control."""
     if control is None:
         return {}
-    stated = plan.conditions.get(ACTIVE, [])
-    return {ACTIVE: [*([stated] if isinstance(stated, str) else stated), *control.active]}
+    return {ACTIVE: [*active_compensations(plan.conditions), *control.active]}
 
 
 class _At(NamedTuple):
