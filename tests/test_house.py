@@ -29,7 +29,7 @@ FILES = sorted(PACKAGE.rglob("*.py"))
 PAGES = sorted(
     p for f in ("*.md", "models/*.md", "datasets/*.md", "datasets/*/*.md", "benchmarks/*.md") for p in ROOT.glob(f)
 )
-ENTRIES, LAYERS = 22, 14  # at most, at the top of the package and in the import contract
+ENTRIES, LAYERS = 24, 14  # at most, at the top of the package and in the import contract
 SHORT, SHARE, LONGEST, PARAMETERS, BRANCHES = 20, 0.9, 45, 7, 16
 # Functions that may take more parameters, and why
 MANY_PARAMETERS = {

@@ -42,6 +42,7 @@ VERBS = {
         "study",
         "many simulated campaigns, each fitted and compared with its truth: bias, spread, coverage",
     ),
+    "evaluate": ("evaluate", "a test evaluated by its standard: positioning, ball bar, diagonals, step diagonals"),
     "summary": ("summary", "what a solution says: verdict, squareness, volumetric accuracy, error functions"),
     "errors": ("errors", "deviation of the functional point at given axis positions and tool vectors"),
     "functions": ("functions", "table of the error functions and location errors with their uncertainty"),

@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, Any
 from volid.exceptions import shown
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from volid.fitting.solution import Solution
     from volid.io.functions_csv import Sheet
 
@@ -97,6 +99,15 @@ def check_figure(path: str | Path | None) -> None:
         raise InputError(
             "figures need matplotlib, which is not installed; run pip install 'volid[plots]', or ask for none"
         )
+
+
+def write_figure(figure: Figure, path: str | Path, overwrite: bool) -> None:
+    """A figure of matplotlib as the file's ending says; it appears completely or not at all. Raises `OutputError`."""
+    from volid.io.basics.atomic import atomic_output
+
+    kind = Path(path).suffix.lstrip(".").lower() or "png"
+    with atomic_output(path, overwrite) as temporary:
+        figure.savefig(temporary, format=kind, dpi=150)
 
 
 class _Stop(Exception):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import shlex
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from volid.cli.common import (
@@ -18,6 +17,7 @@ from volid.cli.common import (
     print_json,
     print_verdict,
     usable_solution,
+    write_figure,
     write_sheet,
 )
 from volid.cli.compensation_options import (
@@ -222,13 +222,9 @@ def _check_limits(found: Forecast, solution: Solution, feeds: Any, args: argpars
 
 
 def _draw(found: Forecast, solution: Solution, args: argparse.Namespace) -> None:
-    from volid.io.basics.atomic import atomic_output
     from volid.report.residual import forecast_figure
 
-    figure = forecast_figure(found, solution.machine.name)
-    kind = Path(args.figure).suffix.lstrip(".").lower() or "png"
-    with atomic_output(args.figure, args.force) as temporary:
-        figure.savefig(temporary, format=kind, dpi=150)
+    write_figure(forecast_figure(found, solution.machine.name), args.figure, args.force)
 
 
 def _write(found: Forecast, solution: Solution, feeds: Any, notes: list[str], args: argparse.Namespace) -> None:

@@ -1,1 +1,1 @@
-"""A solution against readings that it was not made from (ISO/TR 16907 11.3)."""
+"""Solutions under test: by readings that the fit has not seen, and by other solutions of the same machine."""

@@ -1,0 +1,1 @@
+"""Evaluations by a standard, in words and as the figures that people know from their reports."""

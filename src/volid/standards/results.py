@@ -1,0 +1,118 @@
+"""What an evaluation by a standard gives: quantities under the standard's symbols, each with U, limit and verdict.
+
+A limit is judged by the rule of ISO 14253-1 where the expanded uncertainty U (k = 2) is known: conformity is proved below
+limit - U, nonconformity above limit + U, and between them neither. Without U the value is compared with the limit, and the
+verdict says so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from volid.exceptions import InputError
+
+PASS, FAIL, UNDECIDED = "pass", "fail", "undecided"
+RULE = (
+    "ISO 14253-1: pass below limit - U, fail above limit + U, undecided between; without U the value is compared alone"
+)
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One evaluated number.
+
+    Args:
+        symbol: As the standard writes it: `E`, `R_up`, `G_XY`.
+        value: In `unit`.
+        unit: mm, degrees as "°", mm/mm for slopes, rad.
+        U: Expanded uncertainty (k = 2) in `unit`, None where it is not known.
+        limit: Largest value that is allowed, in `unit`; None where none was stated.
+        verdict: "pass", "fail", "undecided"; empty without a limit.
+        text: What the symbol means, in words.
+    """
+
+    symbol: str
+    value: float
+    unit: str
+    U: float | None = None
+    limit: float | None = None
+    verdict: str = ""
+    text: str = ""
+
+
+@dataclass(frozen=True)
+class Table:
+    """What stands behind the quantities, row by row (per target, per angle …). Units stand in the names of the columns."""
+
+    columns: tuple[str, ...] = ()
+    rows: tuple[tuple[Any, ...], ...] = ()
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """One evaluated test: an axis, a plane, a diagonal.
+
+    Args:
+        standard: "ISO 230-2" …
+        subject: What was tested: "X", "XY", "PPP".
+        quantities: In the order in which a report shows them.
+        remarks: What a reader has to know: how it was evaluated, rules of the standard that the test does not follow.
+        attention: Why the numbers need a second look; with one of these the command ends with status 1.
+        table: What stands behind the quantities.
+        source: The file or set that was evaluated.
+        details: The standard's own result, for figures.
+    """
+
+    standard: str
+    subject: str
+    quantities: tuple[Quantity, ...]
+    remarks: tuple[str, ...] = ()
+    attention: tuple[str, ...] = ()
+    table: Table = field(default_factory=Table)
+    source: str = ""
+    details: Any = None
+
+    def __getitem__(self, symbol: str) -> Quantity:
+        """The quantity of this symbol. Raises `KeyError` where there is none."""
+        for quantity in self.quantities:
+            if quantity.symbol == symbol:
+                return quantity
+        raise KeyError(symbol)
+
+
+def verdict_of(value: float, limit: float, U: float | None = None) -> str:
+    """ "pass", "fail" or "undecided" for a value that must not exceed `limit`; all in one unit.
+
+    Source: ISO 14253-1.
+
+    >>> verdict_of(8.0, 10.0, U=1.0), verdict_of(9.5, 10.0, U=1.0), verdict_of(9.5, 10.0), verdict_of(12.0, 10.0, U=1.0)
+    ('pass', 'undecided', 'pass', 'fail')
+    """
+    size, margin = abs(value), U or 0.0
+    if size <= limit - margin:
+        return PASS
+    return FAIL if size > limit + margin else UNDECIDED
+
+
+def judged(evaluation: Evaluation, limits: Mapping[str, float]) -> Evaluation:
+    """The evaluation with `limits` by symbol, and a verdict for each of their quantities; a quantity without limit stays.
+
+    Each limit is the largest size that is allowed, in the quantity's unit. Raises `InputError` for a limit of a symbol that the
+    evaluation does not have.
+    """
+    known = [q.symbol for q in evaluation.quantities]
+    for symbol in limits:
+        if symbol not in known:
+            raise InputError(
+                f"limits: {symbol} is no quantity of {evaluation.standard}, {evaluation.subject}; "
+                f"expected one of {', '.join(known)}"
+            )
+    return replace(evaluation, quantities=tuple(_judged(q, limits.get(q.symbol)) for q in evaluation.quantities))
+
+
+def _judged(quantity: Quantity, limit: float | None) -> Quantity:
+    if limit is None:
+        return quantity
+    return replace(quantity, limit=limit, verdict=verdict_of(quantity.value, limit, quantity.U))

@@ -1,0 +1,38 @@
+"""Limits and verdicts of evaluations."""
+
+import pytest
+
+from volid.exceptions import InputError
+from volid.io.limits import judge_all
+from volid.standards.results import Evaluation, Quantity
+
+
+def evaluations():
+    first = Evaluation("ISO 230-2", "X", (Quantity("E", 0.0318, "mm", U=0.002), Quantity("A", 0.0342, "mm")))
+    return [first, Evaluation("ISO 230-2", "Y", (Quantity("E", 0.0129, "mm"),))]
+
+
+def judge(tmp_path, text):
+    (tmp_path / "limits.toml").write_text(text)
+    return judge_all(evaluations(), tmp_path / "limits.toml")
+
+
+def test_a_limit_of_one_axis_stands_before_that_of_all(tmp_path):
+    x, y = judge(tmp_path, "E = 0.020\n[X]\nE = 0.033\nA = 0.034\n")
+    assert (x["E"].limit, x["E"].verdict) == (0.033, "undecided")  # 31.8 + 2 is above 33
+    assert (x["A"].verdict, y["E"].verdict) == ("fail", "pass")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[Z]\nE = 0.02\n", r"limits.toml: \[Z\] was not evaluated; expected one of X, Y"),
+        ("[Y]\nA = 0.02\n", r"limits.toml: \[Y\] A is no quantity of this test; expected one of E"),
+        ("R = 0.02\n", r"limits.toml: R is no quantity of this test; expected one of E, A"),
+        ("E = -0.02\n", "E"),
+        ('E = "small"\n', "E"),
+    ],
+)
+def test_limits_of_what_was_not_evaluated_are_refused(tmp_path, text, message):
+    with pytest.raises(InputError, match=message):
+        judge(tmp_path, text)
