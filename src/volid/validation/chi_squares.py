@@ -29,7 +29,7 @@ class Test:
     """One chi-square: `what` it asks about, `chi_square`, its `freedom`, the `limit` that a right solution passes, and the
     `probability` of a chi-square at least this large if the solution is right."""
 
-    __test__ = False  # no test of pytest
+    __test__ = False  # pytest takes classes called Test for its own
 
     what: str
     chi_square: float
