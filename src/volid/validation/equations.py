@@ -21,6 +21,7 @@ from functools import cached_property
 import numpy as np
 
 from volid.campaign import Campaign
+from volid.compensation.control import Control
 from volid.fitting.diagnosis.hold_out import rows_by_reading
 from volid.fitting.diagnosis.sensitivities import Sensitivities, of_readings
 from volid.fitting.equations.choice import INTERPRETED, engine_named
@@ -31,6 +32,7 @@ from volid.fitting.solution import Solution
 from volid.fitting.starts import find_starts
 from volid.model.error_model import MEAN, ErrorModel
 from volid.observations.base import Nuisance
+from volid.validation.compensated import shifts, without_control
 
 LEAST = 1e-14  # of the largest variance: rounding
 
@@ -78,16 +80,29 @@ class Linear:
         return tuple(p.reshape(s.readings.shape) for p, s in zip(parts, self.campaign.sets, strict=True))
 
 
-def linear(solution: Solution, campaign: Campaign) -> Linear:
-    """The readings of a campaign around what the solution predicts; its machine is the solution's."""
+def linear(solution: Solution, campaign: Campaign, control: Control | None = None) -> Linear:
+    """The readings of a campaign around what the solution predicts; its machine is the solution's.
+
+    `control`: what compensated while they were read; they are then taken as they would be without.
+    """
     engine, starts = engine_named(INTERPRETED), find_starts(campaign)
     campaign = with_random_effects(campaign, starts, engine)
     problem = build_problem(campaign, solution.model, starts, engine=engine)
     unknowns = _Unknowns.of(solution, problem)
     z = _at_their_best(problem, unknowns)
+    if control is not None:  # seen from where the stations stand, which the readings have told
+        campaign = without_control(campaign, shifts(problem, campaign, z, control))
+        problem = build_problem(campaign, solution.model, starts, engine=engine)
+        z = _at_their_best(problem, unknowns)
     if sizes := _scatter(solution):
         campaign = with_scatter(campaign, problem, z, sizes)
         problem = build_problem(campaign, solution.model, starts, engine=engine)
+    return _around(solution, campaign, problem, unknowns, z)
+
+
+def _around(
+    solution: Solution, campaign: Campaign, problem: Problem, unknowns: _Unknowns, z: np.ndarray
+) -> Linear:
     calibrated = unknowns.steps(unknowns.calibrated)
     back = _along(problem, campaign, z, calibrated) @ (z - unknowns.start)[unknowns.n + unknowns.calibrated]
     known = np.hstack([_known(solution, unknowns), calibrated * unknowns.u[unknowns.calibrated]])

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from volid.campaign import SAME_PLACE, SAME_TOOL, Campaign
+from volid.compensation.control import Control
 from volid.fitting.solution import Solution
 from volid.observations.base import Nuisance
 from volid.observations.response import Key, PlaceOf
+from volid.plausibility.conditions import active_compensations
 
 NEAR = 100.0  # mm: stations nearer to one of the fit's see the machine as that one did
 FEW = 60  # levels: positions on more of them are scattered, and stand between those of the fit as well
@@ -38,6 +40,20 @@ def dependences(solution: Solution, campaign: Campaign, places: dict[tuple[Key, 
         found.append(f"all stations stand within {NEAR:g} mm of where those of the fit stood: take other places")
     found += [f"all positions of {letter} are those of the fit: between them nothing is tested" for letter in _levels(solution, campaign)]
     return tuple(found)
+
+
+def active_notes(solution: Solution, campaign: Campaign, control: Control | None) -> Iterator[str]:
+    """Sentences about compensations that were active in one campaign and not in the other, by their records of conditions."""
+    before, now = (set(active_compensations(c.conditions)) for c in (solution.campaign, campaign))
+    if control is None and now - before:
+        yield (
+            f"compensations were active that were not when the solution was measured: {', '.join(sorted(now - before))}; state "
+            "them with `compensation`, or the prediction is that of the machine without"
+        )
+    if control is not None and before:
+        yield (
+            f"the solution was measured with {', '.join(sorted(before))} active already: what is stated now counts on top of that"
+        )
 
 
 def tools_in_common(solution: Solution, campaign: Campaign) -> str:

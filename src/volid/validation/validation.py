@@ -8,6 +8,7 @@ import numpy as np
 
 from volid.backend.threads import one_blas_thread
 from volid.campaign import Campaign
+from volid.compensation.control import Control
 from volid.exceptions import InputError
 from volid.fitting.diagnosis.adequacy import Cause
 from volid.fitting.solution import Solution
@@ -17,7 +18,7 @@ from volid.validation.chi_squares import Smallest, Split, Test, smallest_changes
 from volid.validation.equations import linear
 from volid.validation.groups import Compared, Group, compared, groups
 from volid.validation.held_out import HeldOut, held_out, with_factor
-from volid.validation.independence import dependences, places_of, tools_in_common
+from volid.validation.independence import active_notes, dependences, places_of, tools_in_common
 from volid.validation.verdict import verdict_of, weak_points
 from volid.validation.whitened import Whitened
 
@@ -78,7 +79,12 @@ class Validation:
 @one_blas_thread()
 @breakdown_named()
 def validate(
-    solution: Solution, campaign: Campaign, *, level: float = LEVEL, extrapolate: bool = False
+    solution: Solution,
+    campaign: Campaign,
+    *,
+    control: Control | None = None,
+    level: float = LEVEL,
+    extrapolate: bool = False,
 ) -> Validation:
     """Test a solution by the readings of another campaign.
 
@@ -99,6 +105,8 @@ def validate(
     Args:
         solution: The solution under test.
         campaign: Readings of the same machine that took no part in it.
+        control: What compensated while the campaign was read, such as `volid.load_control` makes it of tables and grids; the
+            prediction is then what the solution says remains. None: the machine as it was when it was fitted.
         level: Probability with which a right solution is confirmed.
         extrapolate: Predict readings beyond the measured range too; else they are left out and named.
 
@@ -116,23 +124,22 @@ def validate(
     if not 0.0 < level < 1.0:
         raise InputError(f"`level={level}`; expected a probability between 0 and 1, such as 0.95")
     held = with_factor(held_out(solution, campaign, extrapolate))
-    whitened = Whitened.of(linear(held.solution, held.campaign))
+    whitened = Whitened.of(linear(held.solution, held.campaign, control))
     if whitened.freedom < 1:
         raise InputError(
             f"{campaign.source or 'campaign'}: its {len(whitened.v)} readings are all taken up by its own stations, dead paths and "
             "offsets, so nothing is left to test; take more readings per set-up"
         )
-    split = Split.of(whitened)
-    return _judged(held, split, level)
+    return _judged(held, Split.of(whitened), level, control)
 
 
-def _judged(held: HeldOut, split: Split, level: float) -> Validation:
+def _judged(held: HeldOut, split: Split, level: float, control: Control | None) -> Validation:
     whitened, found = split.whitened, tests(split, level)
     sets = compared(whitened, held.rows)
     by_group = groups(whitened, sets)
     confirmed = all(t.passed for t in found)
     parameters = np.asarray(held.solution.parameters)
-    why = () if confirmed else tuple(causes(whitened, split.changes, parameters, []))
+    why = () if confirmed else tuple(causes(whitened, split.changes, parameters, control))
     smallest = smallest_changes(split, level)
     linear_ = whitened.linear
     own = places_of(linear_.problem.nuisance, linear_.z[linear_.problem.model.layout.n_coefficients :])
@@ -149,5 +156,5 @@ def _judged(held: HeldOut, split: Split, level: float) -> Validation:
         (*weak_points(smallest), *filter(None, [tools_in_common(held.solution, held.campaign)])),
         dependences(held.solution, held.campaign, own),
         held.left_out,
-        held.notes,
+        (*held.notes, *active_notes(held.solution, held.campaign, control)),
     )
