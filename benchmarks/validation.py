@@ -3,9 +3,9 @@
 python -m benchmarks.validation --seeds 500 -o validation.csv     # every seed: a fit, a right campaign, and one for each fault
 python -m benchmarks.validation show validation.csv               # the figures as text
 
-A small machine is fitted from six stations of 48 distances and validated by three other stations of 40, each with two other
-tools. Truth and readings come from code apart from the package (`tests/exact_chain`). A fault of the smallest size that is said to
-be found with 90 % is put into the truth of the second campaign, and others of stated size.
+A small machine is fitted from six stations of 48 distances and validated by three other stations of 40, each with two
+other tools. Truth and readings come from code apart from the package (`tests/exact_chain`). A fault of the smallest size that is
+said to be found with 90 % is put into the truth of the second campaign, and others of stated size.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 import numpy as np
-from exact_chain import ExactMachine, Truth, default_tools, random_truth
+from exact_chain import ExactMachine, Truth, random_truth
 from exact_chain.tracker import tracker_campaign
 from support.machines import MACHINES, volid_machine
 from support.trackers import distance_campaign
@@ -44,7 +44,9 @@ FAULTS: dict[str, tuple[float, ...]] = {
 }
 
 
-def measured(exact: ExactMachine, truth: Truth, rng: np.random.Generator, seed: int, tools: Any = None) -> volid.Campaign:
+def measured(
+    exact: ExactMachine, truth: Truth, rng: np.random.Generator, seed: int, tools: Any = None
+) -> volid.Campaign:
     """The second campaign: other stations, other positions, each station with both tools."""
     tracker = tracker_campaign(
         exact,
@@ -65,8 +67,10 @@ def one(seed: int) -> list[dict[str, Any]]:
     first = tracker_campaign(exact, truth, rng, n_per_station=FIT, every_station_sees_every_tool=True)
     solution = volid.fit(distance_campaign(volid_machine(exact), first, 5.0, seed))
     right = volid.validate(solution, measured(exact, truth, rng, seed))
-    rows = [_row(seed, "none", 0.0, right) | {"accepted": int(not solution.adequacy.rejected), "factor": solution.factor}]
-    smallest = {s.name: s.value for s in right.smallest}
+    rows = [
+        _row(seed, "none", 0.0, right) | {"accepted": int(not solution.adequacy.rejected), "factor": solution.factor}
+    ]
+    smallest = {s.name.split(" (")[0]: s.value for s in right.smallest}
     names = {"squareness": "EC0Y", "scale": "scale of X", "bump": "bump in EYY, wherever it is"}
     stated = {fault: smallest[name] for fault, name in names.items()}
     for fault, sizes in FAULTS.items():

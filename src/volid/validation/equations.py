@@ -41,7 +41,7 @@ LEAST = 1e-14  # of the largest variance: rounding
 class Linear:
     """n readings in the order of sets, rows, columns, over their u. `r` (n,); `known` G (n, g); `open` B (n, b).
 
-    `z`: where they are linearised, θ of the solution and the campaign's own unknowns at their best. `campaign`: with the u in use.
+    `z`: where they are linearised, θ of the solution and the campaign's own unknowns at their best. `campaign`: with the u used.
     """
 
     problem: Problem
@@ -100,9 +100,7 @@ def linear(solution: Solution, campaign: Campaign, control: Control | None = Non
     return _around(solution, campaign, problem, unknowns, z)
 
 
-def _around(
-    solution: Solution, campaign: Campaign, problem: Problem, unknowns: _Unknowns, z: np.ndarray
-) -> Linear:
+def _around(solution: Solution, campaign: Campaign, problem: Problem, unknowns: _Unknowns, z: np.ndarray) -> Linear:
     calibrated = unknowns.steps(unknowns.calibrated)
     back = _along(problem, campaign, z, calibrated) @ (z - unknowns.start)[unknowns.n + unknowns.calibrated]
     known = np.hstack([_known(solution, unknowns), calibrated * unknowns.u[unknowns.calibrated]])

@@ -70,7 +70,7 @@ def compared(whitened: Whitened, rows: tuple[np.ndarray, ...]) -> tuple[Compared
 
 
 def groups(whitened: Whitened, sets: tuple[Compared, ...]) -> tuple[Group, ...]:
-    """All groups, those with the largest ratio first: sets, stations, tools, ranges of axes, regions of the volume, directions."""
+    """All groups, those with the largest ratio first: sets, stations, tools, ranges of axes, regions, directions."""
     campaign, found = whitened.linear.campaign, []
     for s, one in zip(campaign.sets, sets, strict=True):
         for sort, what, rows in groupings(campaign, s, s):

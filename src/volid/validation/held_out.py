@@ -12,6 +12,7 @@ from volid.environment.reduction import reduced
 from volid.exceptions import InputError
 from volid.fitting.solution import Solution
 from volid.model.machine import Machine
+from volid.observations import sets_by_kind
 from volid.plausibility.checks import check_campaign
 
 MOST = 40_000_000  # numbers of the readings' sensitivities, 320 MB: above, readings are thinned out
@@ -19,8 +20,11 @@ SAME_AXIS = ("primed", "unit_vector", "point", "error_point")
 
 
 class HeldOut(NamedTuple):
-    """The readings that are predicted, on the solution's machine. `solution`: what predicts them. `rows`: numbers of the rows of
-    every set in the campaign that was given. `left_out`: rows outside the measured range, by set. `notes`: what to say of them."""
+    """The readings that are predicted, on the solution's machine.
+
+    `solution`: what predicts them. `rows`: numbers of the rows of every set in the campaign that was given. `left_out`: rows
+    outside the measured range, by set. `notes`: what to say of them.
+    """
 
     campaign: Campaign
     solution: Solution
@@ -73,11 +77,11 @@ def with_factor(held: HeldOut) -> HeldOut:
 
     A fit whose residuals are κ times their u says the same of new readings of these kinds.
     """
-    factor, kinds = held.solution.factor, {s.kind for s in held.solution.campaign.sets}
-    concerned = [s.name for s in held.campaign.sets if s.kind in kinds]
+    factor, known = held.solution.factor, set(sets_by_kind(held.solution.campaign))
+    concerned = [s.name for kind, sets in sets_by_kind(held.campaign).items() if kind in known for s in sets]
     if factor == 1.0 or not concerned:
         return held
-    sets = tuple(replace(s, u=s.u * factor) if s.kind in kinds else s for s in held.campaign.sets)
+    sets = tuple(replace(s, u=s.u * factor) if s.name in concerned else s for s in held.campaign.sets)
     note = (
         f"the fit found residuals {factor:.3g} times their u, so u of readings of the same kind is taken {factor:.3g} times as "
         f"large here too ({', '.join(concerned)})"
