@@ -60,6 +60,10 @@ VERBS = {
         "residual",
         "what each compensation type leaves over the working volume, side by side, with intervals",
     ),
+    "validate": (
+        "validate",
+        "a solution tested by readings of another campaign: agreement with the prediction, E_n, what would be found",
+    ),
     "datum": ("datum", "the same solution in another datum, without a new fit"),
     "multilaterate": (
         "multilaterate",
