@@ -1,10 +1,10 @@
-"""Does `compare` call unchanged machines changed in 5 % of the cases, and find what it says it finds? Campaigns by the exact chain.
+"""Does `compare` call unchanged machines changed in 5 % of the cases, and find what it says it finds?
 
 python -m benchmarks.comparison --pairs 100 -o pairs.csv      # every case, pairs of campaigns, each fitted
 python -m benchmarks.comparison --show pairs.csv               # the table
 
-Every pair is a machine with random errors that are no splines (`tests/exact_chain`), measured twice with other positions and
-noise, and fitted as users do. "changed" pairs have one function changed in between by the size that the comparison of the
+Every pair is a machine with random errors that are no splines, measured twice by the exact chain of the tests with other
+positions and noise, and fitted as users do. "changed" pairs have one function changed in between by the size that the comparison of the
 unchanged pair stated as found with 90 % power.
 """
 

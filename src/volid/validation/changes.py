@@ -200,11 +200,16 @@ def noncentrality(freedom: int, level: float) -> float:
     return float(brentq(lambda size: ncx2.sf(limit, freedom, size) - POWER, 1e-9, 10.0 * limit + 100.0))
 
 
-def function_change(combination: Combination, outputs: Outputs, level: float) -> FunctionChange:
-    """The test of one function; `level`: of a single one, for the smallest change that is found."""
+def values_of(combination: Combination, outputs: Outputs) -> tuple[np.ndarray, np.ndarray]:
+    """Values of one function and their standard uncertainties, (m,) each; NaN where some solution does not determine them."""
     values, u = outputs.rows @ combination.value, linear_uncertainty(outputs.rows, combination.covariance)
     open_rows = is_open(combination, outputs.rows)
-    values, u = np.where(open_rows, np.nan, values), np.where(open_rows, np.nan, u)
+    return np.where(open_rows, np.nan, values), np.where(open_rows, np.nan, u)
+
+
+def function_change(combination: Combination, outputs: Outputs, level: float | None = None) -> FunctionChange:
+    """The test of one function; `level`: of a single one, for the smallest change that is found; None: that is NaN."""
+    values, u = values_of(combination, outputs)
     test = whitened(combination, outputs.rows)
     freedom, chi_square = len(test.rows), test.chi_square(combination.value)
     worst = _largest(values, u)
@@ -218,7 +223,7 @@ def function_change(combination: Combination, outputs: Outputs, level: float) ->
         chi_square=chi_square,
         degrees_of_freedom=freedom,
         probability=float(chdtrc(freedom, chi_square)) if freedom else np.nan,
-        smallest_found=_smallest(combination, outputs, test, level) if freedom else np.inf,
+        smallest_found=np.nan if level is None else _smallest(combination, outputs, test, level),
         positions=outputs.positions,
         directions=outputs.directions,
         values=values,
@@ -235,6 +240,8 @@ def _largest(values: np.ndarray, u: np.ndarray) -> int:
 
 def _smallest(combination: Combination, outputs: Outputs, test: Whitened, level: float) -> float:
     """The size of change found with `POWER`: of a constant itself, of a function a bump at the least favourable place."""
+    if not len(test.rows):
+        return np.inf
     needed = noncentrality(len(test.rows), level)
     sizes = []
     for change in _unit_changes(combination.shared.of.model, outputs):
@@ -245,7 +252,7 @@ def _smallest(combination: Combination, outputs: Outputs, test: Whitened, level:
 
 
 def _unit_changes(model: ErrorModel, outputs: Outputs) -> list[np.ndarray]:
-    """Changes of θ' (n',): a constant by 1, a function by bumps 1 + cos over half of its range, as far as the datum leaves them."""
+    """Changes of θ' (n',): a constant by 1, a function by bumps over half of its range, as the datum leaves them."""
     rows = outputs.rows
     if len(rows) == 1:
         return [rows[0] / float(rows[0] @ rows[0])]
@@ -254,7 +261,9 @@ def _unit_changes(model: ErrorModel, outputs: Outputs) -> list[np.ndarray]:
     share = (outputs.positions - low) / (high - low)
     found = []
     for centre in CENTRES:
-        bump = np.where(np.abs(share - centre) < 0.5 * WIDTH, 0.5 + 0.5 * np.cos(2 * np.pi * (share - centre) / WIDTH), 0.0)
+        bump = np.where(
+            np.abs(share - centre) < 0.5 * WIDTH, 0.5 + 0.5 * np.cos(2 * np.pi * (share - centre) / WIDTH), 0.0
+        )
         change = np.zeros(rows.shape[1])
         design = np.hstack([rows[:, own], np.ones((len(rows), 1)), share[:, None]])  # the datum takes constant and line
         change[own] = np.linalg.lstsq(design, bump, rcond=1e-9)[0][: rows[:, own].shape[1]]

@@ -1,6 +1,6 @@
 """What changed between two solutions of one machine, tested for significance.
 
-    d = θ'_B - θ'_A,   covariance of what A and B do not share (`shared`).
+d = θ'_B - θ'_A,   covariance of what A and B do not share (`shared`).
 """
 
 from __future__ import annotations
@@ -10,14 +10,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from volid.exceptions import InputError
 from volid.fitting.solution import Solution
 from volid.model.error_functions import describe_datum
 from volid.model.machine import Datum
 from volid.validation.changes import LEVEL, Combination, FunctionChange, by_holm, function_change, outputs_of
 from volid.validation.shared import Shared, what_is_shared
 from volid.validation.states import in_one_model
-from volid.validation.volume_change import VolumeChange, change_of_field, numbers_of
+from volid.validation.volume_change import VolumeChange, change_in, volume_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,15 +79,13 @@ def compare(
     >>> found.significant, round(found.functions[0].largest_change, 9)
     ((), 0.0)
     """
-    if before.machine.structure is None:  # pragma: no cover - machines always have one
-        raise InputError("compare: no machine")
     states = in_one_model((before, after), names, datum)
     shared = what_is_shared(states, common)
     pair = Combination(shared, np.array([-1.0, 1.0]), np.array([0.0, 1.0]))
     return Comparison(
         names=names,
         functions=tested(pair),
-        volume=numbers_of(change_of_field(pair)),
+        volume=change_in(volume_of(states), pair),
         datum=describe_datum(states.machine, states.model.datum),
         notes=(*states.notes, *shared.notes),
         attention=doubts(shared),

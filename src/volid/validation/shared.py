@@ -4,13 +4,15 @@ Every estimate is x = C Σ_s J_sᵀ l_s over sources s (`uncertainty.budget`), s
 solutions share have one ε for all of them, and in a difference they cancel as far as both answer alike:
 
 - an effect of the instrument, or an artefact, that was the same one each time: pseudo-reading ξ/u = 0 in every fit;
-- the smoothness of the functions: pseudo-readings W θ = 0, whose ε = W θ of the machine itself. With the precision Q of a machine
-  that has not changed, K = Q⁻¹, this part is D K Dᵀ with D = Σ aᵢ Sᵢ CᵢQᵢ; so two surveys at the same positions agree between
-  the positions too, although neither knows what is there;
+- the smoothness of the functions: pseudo-readings W θ = 0, whose ε = W θ of the machine itself. With K = Q⁻¹, Q the precision
+  of the functions of a machine that has not changed, this part is D K Dᵀ with D = Σ aᵢ Sᵢ CᵢQᵢ; so two surveys at the same
+  positions agree between
+  the positions too, although neither knows what is there. K is that of both estimates of the smoothness together, with how
+  uncertain these are. Where measured ranges differ it counts as independent;
 - an earlier solution that was the prior of a later one: the readings of the first are part of the second. With R its
   pseudo-readings, cov(A, B) = A RᵀR B, and for B fitted after A alone the covariance of B - A becomes Σ_A - Σ_B.
 
-Everything else is independent. What the estimation of the smoothness itself leaves open is counted as independent.
+Everything else is independent.
 """
 
 from __future__ import annotations
@@ -62,10 +64,7 @@ class Shared:
 
     def smooth_part(self, weights: np.ndarray) -> np.ndarray:
         """What of `total` comes from the smoothness and from how uncertain that is itself, (n', n')."""
-        states, errors = self.of.states, self._smooth_errors
-        spreads = [s.solution.factor * s.map @ s.solution.smooth_spread[: s.map.shape[1]] for s in states]
-        own = [np.hstack(pair) for pair in zip(errors, spreads, strict=True)]
-        return np.asarray(sum(a**2 * p @ p.T for a, p in zip(weights, own, strict=True)))
+        return np.asarray(sum(a**2 * p @ p.T for a, p in zip(weights, self._smooth_errors, strict=True)))
 
     def response(self, i: int) -> np.ndarray:
         """Expected change of the estimate θ'ᵢ by a change of the machine's θ', shape (n', n'): less than all of it where the
@@ -77,11 +76,14 @@ class Shared:
 
     @cached_property
     def _smooth_errors(self) -> list[np.ndarray]:
-        """Per solution, f S C Wᵀ (n', r)."""
-        return [
-            s.solution.factor * s.reach[:, : s.solution.model.n_parameters] @ s.solution.smooth_rows.T
-            for s in self.of.states
-        ]
+        """Per solution, f S C Wᵀ (1, G), (n', r + h): what pseudo-readings of the smoothness bring, whose covariance is 1 + G Gᵀ
+        because the smoothness is uncertain."""
+        found = []
+        for state in self.of.states:
+            n, factor = state.solution.model.n_parameters, state.solution.factor
+            rows = state.reach[:, :n] @ state.solution.smooth_rows.T
+            found.append(factor * np.hstack([rows, state.map @ state.solution.smooth_spread[:n]]))
+        return found
 
     @cached_property
     def _independent(self) -> list[np.ndarray]:
@@ -94,15 +96,16 @@ class Shared:
 
     @cached_property
     def _by_smoothness(self) -> list[np.ndarray]:
-        """Per solution, f S C Wᵀ W K^½ on the common θ'."""
-        own = [s.solution.smooth_rows @ np.linalg.pinv(s.map) for s in self.of.states]
-        rows = np.vstack(own) / np.sqrt(len(own))
-        if not len(rows):
-            return [np.zeros((self.of.model.n_parameters, 0))] * len(own)
-        _, sizes, vt = np.linalg.svd(rows, full_matrices=False)
-        kept = sizes > SMALLEST * sizes[0]
-        root = vt[kept].T / sizes[kept]
-        return [e @ (w @ root) for e, w in zip(self._smooth_errors, own, strict=True)]
+        """Per solution, f S C Wᵀ W K^½ on the common θ', (n', r)."""
+        states = self.of.states
+        rows = [s.solution.smooth_rows @ np.linalg.pinv(s.map) for s in states]
+        if not sum(map(len, rows)):
+            return [np.zeros((self.of.model.n_parameters, 0))] * len(rows)
+        root = _pinv(np.vstack(rows) / np.sqrt(len(rows)))
+        noise = [w.solution.smooth.noise if w.solution.smooth else np.zeros((0, 0)) for w in states]
+        uncertain = [_pinv(w) @ g / np.sqrt(len(rows)) for w, g in zip(rows, noise, strict=True)]
+        machine = np.hstack([root, *uncertain])  # K^½: how one machine's θ' may lie
+        return [e[:, : len(w)] @ (w @ machine) for e, w in zip(self._smooth_errors, rows, strict=True)]
 
     @cached_property
     def _by_prior(self) -> dict[tuple[int, int], np.ndarray | None]:
@@ -110,6 +113,11 @@ class Shared:
         states = self.of.states
         pairs = [(i, j) for i in range(len(states)) for j in range(i + 1, len(states))]
         return {(i, j): _held_by_both(states[i], states[j]) for i, j in pairs}
+
+
+def _pinv(rows: np.ndarray) -> np.ndarray:
+    """Pseudo-inverse of pseudo-readings; functions that they leave free stay so."""
+    return np.asarray(np.linalg.pinv(rows, rcond=SMALLEST)) if rows.size else np.zeros(rows.T.shape)
 
 
 def what_is_shared(states: States, common: Sequence[str] = ()) -> Shared:

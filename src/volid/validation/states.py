@@ -50,7 +50,7 @@ class State:
 
     @cached_property
     def reach(self) -> np.ndarray:
-        """S C of the unknowns (θ, ν) from readings' u and smoothness alone, shape (n', n + k): what pseudo-readings act through."""
+        """S C of the unknowns (θ, ν) without the factor, shape (n', n + k): what pseudo-readings act through."""
         n = self.solution.model.n_parameters
         return np.asarray(self.map @ self.solution.bare_covariance[:n])
 
@@ -102,7 +102,9 @@ def in_one_model(solutions: Sequence[Solution], names: Sequence[str], datum: Dat
     exact = all(s.machine.axes == machine.axes for s in solutions)
     own = first.model if exact and all(s.model.segments == finest for s in solutions) else None
     carrier = None if own is None else own.carrier
-    model = own if own is not None and own.datum == wanted else build_model(machine, finest, carrier=carrier, datum=wanted)
+    model = (
+        own if own is not None and own.datum == wanted else build_model(machine, finest, carrier=carrier, datum=wanted)
+    )
     states = tuple(State(n, s, _map(s, model)) for n, s in zip(names, solutions, strict=True))
     return States(model, states, own is not None, notes)
 
