@@ -4,7 +4,7 @@ python -m benchmarks.comparison --pairs 100 -o pairs.csv      # every case, pair
 python -m benchmarks.comparison --show pairs.csv               # the table
 
 Every pair is a machine with random errors that are no splines, measured twice by the exact chain of the tests with other
-positions and noise, and fitted as users do. "changed" pairs have one function changed in between by the size that the comparison of the
+positions and noise, and fitted as users do. Then one function is changed in between by the size that the comparison of the
 unchanged pair stated as found with 90 % power.
 """
 

@@ -60,6 +60,10 @@ VERBS = {
         "residual",
         "what each compensation type leaves over the working volume, side by side, with intervals",
     ),
+    "compare": (
+        "compare",
+        "what changed significantly between solutions of one machine; three or more: a series over time",
+    ),
     "datum": ("datum", "the same solution in another datum, without a new fit"),
     "multilaterate": (
         "multilaterate",

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from volid.backend.threads import one_blas_thread
 from volid.fitting.solution import Solution
 from volid.model.error_functions import describe_datum
 from volid.model.machine import Datum
@@ -45,6 +46,7 @@ class Comparison:
         return tuple(f.name for f in self.functions if not f.degrees_of_freedom)
 
 
+@one_blas_thread()
 def compare(
     before: Solution,
     after: Solution,

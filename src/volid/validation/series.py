@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import null_space
 
+from volid.backend.threads import one_blas_thread
 from volid.exceptions import InputError
 from volid.fitting.solution import Solution
 from volid.model.error_functions import describe_datum
@@ -77,8 +78,12 @@ class Holding(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """Solutions over time. `times` (k,): from the first survey, in days or another unit. `functions`: every function and
-    constant. `volume`: change of the field from the first to each other survey; `drift`: of the field along the line, over the span."""
+    """Solutions over time.
+
+    `times` (k,): from the first survey, in days or another unit. `functions`: every function and constant. `volume`: change of the
+    field from the first to each other survey; `drift`: of the field along the line, over the span. `holding`: until when a
+    compensation made from the first survey holds. `datum`: in words.
+    """
 
     names: tuple[str, ...]
     times: np.ndarray
@@ -96,6 +101,7 @@ class Series:
         return tuple(f for f in self.functions if f.drift.significant or not f.steady)
 
 
+@one_blas_thread()
 def series(
     solutions: Sequence[Solution],
     times: Sequence[float],
