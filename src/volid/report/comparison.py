@@ -9,7 +9,7 @@ import numpy as np
 
 from volid.model.iso230 import describe
 from volid.report.text import bullets, micro, paragraph, table, unit_of, vector
-from volid.validation.changes import LEVEL, FunctionChange
+from volid.validation.function_changes import LEVEL, FunctionChange
 from volid.validation.comparison import Comparison
 from volid.validation.dates import Times
 from volid.validation.series import FunctionDrift, K, Series

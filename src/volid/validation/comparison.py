@@ -14,7 +14,7 @@ from volid.backend.threads import one_blas_thread
 from volid.fitting.solution import Solution
 from volid.model.error_functions import describe_datum
 from volid.model.machine import Datum
-from volid.validation.changes import LEVEL, Combination, FunctionChange, by_holm, function_change, outputs_of
+from volid.validation.function_changes import LEVEL, Combination, FunctionChange, by_holm, function_change, outputs_of
 from volid.validation.shared import Shared, what_is_shared
 from volid.validation.states import in_one_model
 from volid.validation.volume_change import VolumeChange, change_in, volume_of
@@ -58,7 +58,7 @@ def compare(
     """What changed from one solution to another, with 5 % false alarms over all functions together.
 
     Per function one chi-square test over all that the readings determine of it, and Holm's rule over the functions
-    (`volid.validation.changes`). The difference's u counts once what both share (`volid.validation.shared`): the machine's own
+    (`volid.validation.function_changes`). The difference's u counts once what both share (`volid.validation.shared`): the machine's own
     smoothness, effects said to be `common`, an earlier solution that was a prior. Not modelled: an instrument that changed in
     between without saying so; what the smoothness estimated from each campaign may be wrong by.
 

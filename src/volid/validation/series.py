@@ -20,7 +20,7 @@ from volid.exceptions import InputError
 from volid.fitting.solution import Solution
 from volid.model.error_functions import describe_datum
 from volid.model.machine import Datum
-from volid.validation.changes import (
+from volid.validation.function_changes import (
     LEVEL,
     Combination,
     FunctionChange,

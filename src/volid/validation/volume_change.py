@@ -17,7 +17,7 @@ from volid.fitting.prediction.deviations import gradient_matrix
 from volid.fitting.prediction.spread import covariance_root
 from volid.fitting.prediction.working_volume import border_positions, spread_positions
 from volid.model.rigid_fields import column_space, without
-from volid.validation.changes import Combination, is_open
+from volid.validation.function_changes import Combination, is_open
 from volid.validation.states import States
 from volid.virtual.comparison import gauge_basis
 
