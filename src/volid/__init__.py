@@ -60,6 +60,9 @@ _PUBLIC = {  # public name: where it comes from, in the order of the work
     "who_determines": "volid.fitting.mixed.who:who_determines",
     "WhoDetermines": "volid.fitting.mixed.who:WhoDetermines",
     "monte_carlo": "volid.uncertainty.trials.monte_carlo:monte_carlo",
+    # the solution under test
+    "validate": "volid.validation.validation:validate",
+    "Validation": "volid.validation.validation:Validation",
     # compensation
     "linear_grid": "volid.compensation.grids.linear:linear_grid",
     "Grid": "volid.compensation.grids.grid:Grid",

@@ -41,6 +41,7 @@ from volid.plausibility.checks import check_campaign, closures
 from volid.report.summary import summary
 from volid.uncertainty.trials.monte_carlo import monte_carlo
 from volid.validation.comparison import Comparison, compare
+from volid.validation.validation import Validation, validate
 from volid.virtual.random_truth import random_truth
 from volid.virtual.simulate import simulate
 from volid.virtual.truth import Truth
@@ -79,6 +80,8 @@ __all__ = [  # noqa: RUF022
     "who_determines",
     "WhoDetermines",
     "monte_carlo",
+    "validate",
+    "Validation",
     "linear_grid",
     "Grid",
     "rotary_grids",

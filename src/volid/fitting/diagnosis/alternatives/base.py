@@ -138,11 +138,12 @@ def with_unknowns(around: Around, found: Judged) -> Around:
     if free is None:
         return around
     more = (columns - around.rows @ reach.T) @ free.turn / np.sqrt(free.values)
+    pulled = free.turn.T @ (columns.T @ around.v) / np.sqrt(free.values)
     outcome = replace(around.outcome, rows=np.pad(around.outcome.rows, ((0, 0), (0, more.shape[1]))))
     return replace(
         around,
         rows=np.hstack([around.rows, more]),
-        v=around.v - more @ (more.T @ around.v),
+        v=around.v - more @ pulled,  # not moreᵀv: with prior knowledge 1 - H is no projection
         outcome=outcome,
         chi_square=around.chi_square - found.drop / around.share,
         freedom=around.freedom - found.k,

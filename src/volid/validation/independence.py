@@ -1,0 +1,86 @@
+"""Whether a campaign tests a solution, or only repeats what it was made from: ISO/TR 16907 11.3 asks for another set-up."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from volid.campaign import SAME_PLACE, SAME_TOOL, Campaign
+from volid.compensation.control import Control
+from volid.fitting.solution import Solution
+from volid.observations.base import Nuisance
+from volid.observations.response import Key, PlaceOf
+from volid.plausibility.conditions import active_compensations
+
+NEAR = 100.0  # mm: stations nearer to one of the fit's see the machine as that one did
+FEW = 60  # levels: positions on more of them are scattered, and stand between those of the fit as well
+
+
+def same_readings(solution: Solution, campaign: Campaign) -> list[str]:
+    """Sets whose readings the fit has seen."""
+    seen = {(s.kind, round(float(v), 12)) for s in solution.campaign.sets for v in s.readings.ravel()}
+    found = []
+    for s in campaign.sets:
+        known = np.mean([(s.kind, round(float(v), 12)) in seen for v in s.readings.ravel()])
+        if known > 0.5 and np.any(s.readings != 0.0):
+            found.append(s.name)
+    return found
+
+
+def dependences(solution: Solution, campaign: Campaign, places: dict[tuple[Key, ...], np.ndarray]) -> tuple[str, ...]:
+    """What the campaign has in common with the fit's, in words; a mistake of that part would be in both, and not be found.
+
+    `places`: of the campaign's stations and spheres, as `places_of` finds them.
+    """
+    found = [f"the fit has seen the readings of set '{name}' already" for name in same_readings(solution, campaign)]
+    theirs = list(places_of(solution.nuisance_table, np.asarray(solution.nuisance)).values())
+    near = [min((float(np.linalg.norm(p - t)) for t in theirs), default=np.inf) < NEAR for p in places.values()]
+    if near and all(near):
+        found.append(f"all stations stand within {NEAR:g} mm of where those of the fit stood: take other places")
+    found += [f"all positions of {letter} are those of the fit: between them nothing is tested" for letter in _levels(solution, campaign)]
+    return tuple(found)
+
+
+def active_notes(solution: Solution, campaign: Campaign, control: Control | None) -> Iterator[str]:
+    """Sentences about compensations that were active in one campaign and not in the other, by their records of conditions."""
+    before, now = (set(active_compensations(c.conditions)) for c in (solution.campaign, campaign))
+    if control is None and now - before:
+        yield (
+            f"compensations were active that were not when the solution was measured: {', '.join(sorted(now - before))}; state "
+            "them with `compensation`, or the prediction is that of the machine without"
+        )
+    if control is not None and before:
+        yield (
+            f"the solution was measured with {', '.join(sorted(before))} active already: what is stated now counts on top of that"
+        )
+
+
+def tools_in_common(solution: Solution, campaign: Campaign) -> str:
+    """A sentence where every tool vector is one of the fit's; empty else."""
+    theirs = set(map(tuple, solution.campaign.tool_vectors().tolist()))
+    own = set(map(tuple, np.round(campaign.tool_vectors(), SAME_TOOL).tolist()))
+    if not own <= theirs:
+        return ""
+    return "all tool vectors are those of the fit: what is wrong with a tool's length, or with rotations through other arms, is hardly tested"
+
+
+def _levels(solution: Solution, campaign: Campaign) -> list[str]:
+    """Axes that move, all of whose positions are among a few of the fit's."""
+    found = []
+    for i, axis in enumerate(campaign.machine.axes):
+        step = SAME_PLACE * axis.length
+        own, theirs = (np.unique(np.round(c.positions[:, i] / step)) for c in (campaign, solution.campaign))
+        if 1 < len(own) and len(theirs) <= FEW and np.all(np.isin(own, theirs)):
+            found.append(axis.letter)
+    return found
+
+
+def places_of(entries: Sequence[Nuisance], values: np.ndarray) -> dict[tuple[Key, ...], np.ndarray]:
+    """Places of stations, spheres and nests (3,) [mm] among unknowns, by the keys of their coordinates."""
+    found: dict[tuple[Key, ...], np.ndarray] = {}
+    for entry, value in zip(entries, values, strict=True):
+        if isinstance(entry.response, PlaceOf):
+            at = entry.response
+            found.setdefault(at.of, np.array(at.offset, dtype=float))[at.component] += float(value)
+    return found

@@ -1,0 +1,49 @@
+"""The verdict of a validation in words, and what the campaign could not tell."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from volid.fitting.diagnosis.adequacy import Cause
+from volid.validation.chi_squares import Smallest, Test
+from volid.validation.groups import Group
+
+COARSE = 0.010  # mm at the functional point: a change that is found only from there on is hardly tested
+WORSE = 1.3  # times the ratio of all readings, from which a group is where a disagreement is
+LISTED = 3
+SORTS = ("set", "station", "tool", "linear", "rotary", "region", "direction", "time")
+
+
+def verdict_of(found: Sequence[Test], groups: Sequence[Group], causes: Sequence[Cause], level: float) -> str:
+    """One or two sentences: confirmed or not, by what, where, and what it looks like."""
+    failed = [t for t in found if not t.passed]
+    if not failed:
+        return f"confirmed: the readings agree with the solution's predictions (a right solution does so in {100 * level:g} %)"
+    parts = ", ".join(f"{t.what} (chi-square {t.chi_square:.4g}, limit {t.limit:.4g})" for t in failed)
+    where = _where(groups)
+    looks = f"; it looks like this: {causes[0].what}" if causes else "; nothing that was tried explains it better than chance"
+    return f"not confirmed, by {parts}{where}{looks}"
+
+
+def _where(groups: Sequence[Group]) -> str:
+    """Groups that fit clearly worse than their set does."""
+    whole = max((g.ratio for g in groups if g.sort == "set"), default=1.0)
+    worse = [g for g in groups if g.sort != "set" and g.ratio > WORSE * whole][:LISTED]
+    sets = [g for g in groups if g.sort == "set" and g.ratio > WORSE]
+    named = worse or sets[:LISTED]
+    if not named:
+        return ""
+    return "; worst in " + ", ".join(f"{g.what} (E_n > 1 in {100 * g.e_n_above_1:.0f} %)" for g in named)
+
+
+def weak_points(smallest: Sequence[Smallest]) -> tuple[str, ...]:
+    """What would not be found, and what only when it is large, one sentence each."""
+    never = [s.name for s in smallest if s.value == float("inf")]
+    coarse = [s for s in smallest if COARSE < s.at_point < float("inf")]
+    found = []
+    if never:
+        found.append(f"this campaign cannot tell a change of {', '.join(never)}: its own unknowns take it up, or no reading sees it")
+    if coarse:
+        sizes = ", ".join(f"{s.name} from {1e3 * s.at_point:.0f} µm at the functional point on" for s in coarse)
+        found.append(f"this campaign would find with 90 % only large changes: {sizes}")
+    return tuple(found)
