@@ -89,6 +89,9 @@ _PUBLIC = {  # public name: where it comes from, in the order of the work
     "predict_residual": "volid.compensation.residual.volume:predict_residual",
     "forecast": "volid.compensation.residual.forecast:forecast",
     "Forecast": "volid.compensation.residual.forecast:Forecast",
+    # another campaign, another day
+    "compare": "volid.validation.comparison:compare",
+    "Comparison": "volid.validation.comparison:Comparison",
     # what can go wrong
     "accept_unusual": "volid.backend.consent:accept_unusual",
     "VolidError": "volid.exceptions:VolidError",

@@ -40,6 +40,7 @@ from volid.planning.standard import standard_plan
 from volid.plausibility.checks import check_campaign, closures
 from volid.report.summary import summary
 from volid.uncertainty.trials.monte_carlo import monte_carlo
+from volid.validation.comparison import Comparison, compare
 from volid.validation.validation import Validation, validate
 from volid.virtual.random_truth import random_truth
 from volid.virtual.simulate import simulate
@@ -106,6 +107,8 @@ __all__ = [  # noqa: RUF022
     "predict_residual",
     "forecast",
     "Forecast",
+    "compare",
+    "Comparison",
     "accept_unusual",
     "VolidError",
     "InputError",

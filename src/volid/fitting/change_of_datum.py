@@ -37,7 +37,7 @@ def in_datum(solution: Solution, datum: Datum) -> Solution:
         raise InputError("datum: this solution is extrapolated; change the datum first, then extrapolate")
     datum, moved = _within(machine, datum)
     model = build_model(machine, solution.model.segments, carrier=solution.model.carrier, datum=datum)
-    s, motion = s_transformation(solution.model, model, _hold_tool_rotation(solution, model))
+    s, motion = s_transformation(solution.model, model, hold_tool_rotation(solution, model))
     moved_frames = frames(solution.model, model, s, motion)
     check_exact(
         machine, solution.nuisance_table, moved_frames, np.asarray(solution.parameters), solution.parameter_covariance
@@ -89,7 +89,7 @@ def mapped(
     )
 
 
-def _hold_tool_rotation(solution: Solution, model: ErrorModel) -> np.ndarray:
+def hold_tool_rotation(solution: Solution, model: ErrorModel) -> np.ndarray:
     """Projector that keeps at 0, in the new datum too, what is not determined of the constant tool rotation."""
     places = [f.parameters.start for f in model.tool_frame]
     units = parameter_units(model)[places]

@@ -1,0 +1,153 @@
+"""Does `compare` call unchanged machines changed in 5 % of the cases, and find what it says it finds?
+
+python -m benchmarks.comparison --pairs 100 -o pairs.csv      # every case, pairs of campaigns, each fitted
+python -m benchmarks.comparison --show pairs.csv               # the table
+
+Every pair is a machine with random errors that are no splines, measured twice by the exact chain of the tests with other
+positions and noise, and fitted as users do. Then one function is changed in between by the size that the comparison of the
+unchanged pair stated as found with 90 % power.
+"""
+
+from __future__ import annotations
+
+import argparse
+import copy
+import csv
+import os
+import sys
+import time
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
+import numpy as np
+from exact_chain import Truth, random_truth
+from exact_chain.tracker import tracker_campaign
+from support.machines import VERTICAL, fixed, volid_machine
+from support.trackers import distance_campaign
+
+import volid
+from volid.campaign import Effect
+from volid.validation.function_changes import CENTRES, WIDTH
+
+SCALE = 1.0e-6  # u of the tracker's scale, as a ratio
+CASES: dict[str, dict[str, Any]] = {
+    "scattered": {},
+    "7 levels": {"levels": 7},
+    "segments stated": {"extra": fixed(4), "waviness": 0.3},
+    "scale in common": {"scale": True},
+    "part of the travel": {"part": True},
+}
+CHANGED = ("EC0Y", "EXX", "EYX", "ECX")
+
+
+def campaign(truth: Truth, seed: int, case: dict[str, Any], second: bool, scale: float) -> volid.Campaign:
+    """One survey: six stations of 80 distances, three tools, every station with all of them."""
+    rng = np.random.default_rng(seed)
+    found = tracker_campaign(
+        VERTICAL, truth, rng, n_per_station=80, n_grid=case.get("levels"), every_station_sees_every_tool=True
+    )
+    found.distance = found.distance * (1.0 + scale)
+    kept = np.ones(len(found.q), dtype=bool)
+    if case.get("part") and second:
+        kept = found.q[:, VERTICAL.axes.index("X")] < 0.8 * VERTICAL.travel["X"][1]
+    own = distance_campaign(volid_machine(VERTICAL, case.get("extra", "")), found, 5.0, seed)
+    sets = tuple(s.rows_of(np.flatnonzero(kept)) for s in own.sets)
+    if case.get("scale"):
+        sets = tuple(replace(s, effects=(Effect("tracker scale", "scale", SCALE, "campaign"),)) for s in sets)
+    return replace(own, sets=sets)
+
+
+def changed(truth: Truth, name: str, size: float) -> Truth:
+    """The truth with one constant changed, or with a bump over half of the travel in one function."""
+    other = copy.deepcopy(truth)
+    if name[2] == "0":
+        other.constants[name] += size
+        return other
+    low, high = VERTICAL.travel[name[2]]
+    before, centre = other.functions[name], low + CENTRES[1] * (high - low)
+
+    def bumped(q: np.ndarray) -> np.ndarray:
+        away = (np.asarray(q, float) - centre) / (WIDTH * (high - low))
+        bump = np.where(np.abs(away) < 0.5, 0.5 + 0.5 * np.cos(2 * np.pi * away), 0.0)
+        return np.asarray(before(q) + size * bump)
+
+    other.functions[name] = bumped
+    return other
+
+
+def pair(task: tuple[str, int]) -> dict[str, Any]:
+    """One row: an unchanged pair, and one with a change of the stated size."""
+    name, seed = task
+    case, rng = CASES[name], np.random.default_rng(90_000 + seed)
+    truth = random_truth(VERTICAL, rng, waviness=case.get("waviness", 0.8))
+    scale = SCALE * float(rng.standard_normal()) if case.get("scale") else 0.0
+    common = ("tracker scale",) if case.get("scale") else ()
+    before = volid.fit(campaign(truth, 2 * seed, case, False, scale))
+    after = volid.fit(campaign(truth, 2 * seed + 1, case, True, scale))
+    found = volid.compare(before, after, common=common)
+    tested = [f for f in found.functions if f.degrees_of_freedom]
+    row: dict[str, Any] = {"case": name, "seed": seed, "false alarm": int(bool(found.significant))}
+    row["pointwise"] = float(np.mean([f.probability < 0.05 for f in tested]))
+    row["volume"] = (found.volume.rms / found.volume.expected_rms) ** 2
+    which = CHANGED[seed % len(CHANGED)]
+    size = next(f.smallest_found for f in found.functions if f.name == which)
+    moved = volid.fit(campaign(changed(truth, which, size), 2 * seed + 1, case, True, scale))
+    now = volid.compare(before, moved, common=common)
+    row |= {"changed": which, "size": size, "found": int(which in {f.name for f in now.significant})}
+    row["others"] = len([f for f in now.significant if f.name != which])
+    return row
+
+
+def run(pairs: int, output: Path, worker: Callable[[tuple[str, int]], dict[str, Any]] = pair) -> None:
+    """All cases, two processes; written as it goes."""
+    tasks = [(name, seed) for seed in range(pairs) for name in CASES]
+    begin = time.perf_counter()
+    with ProcessPoolExecutor(2) as pool, output.open("w", newline="") as stream:
+        writer: csv.DictWriter[str] | None = None
+        for row in pool.map(worker, tasks):
+            if writer is None:
+                writer = csv.DictWriter(stream, list(row))
+                writer.writeheader()
+            writer.writerow(row)
+            stream.flush()
+    print(f"{len(tasks)} pairs in {time.perf_counter() - begin:.0f} s")
+
+
+def show(path: Path) -> None:
+    """Shares per case, with the standard deviation of a share."""
+    rows = list(csv.DictReader(path.open()))
+    print("| case | pairs | false alarms | single tests below 5 % | mean square change / expected | found |")
+    print("|---|---|---|---|---|---|")
+    for name in [*CASES, "all"]:
+        own = [r for r in rows if name in (r["case"], "all")]
+        if not own:
+            continue
+        alarm, single, volume, found = (
+            np.array([float(r[k]) for r in own]) for k in ("false alarm", "pointwise", "volume", "found")
+        )
+        print(
+            f"| {name} | {len(own)} | {100 * alarm.mean():.1f} % | {100 * single.mean():.1f} % | {volume.mean():.2f} | "
+            f"{100 * found.mean():.0f} % |"
+        )
+
+
+def main() -> None:
+    """The command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--pairs", type=int, default=20, help="of every case")
+    parser.add_argument("-o", "--output", type=Path, default=Path("pairs.csv"))
+    parser.add_argument("--show", type=Path, help="only the table of a file")
+    args = parser.parse_args()
+    if args.show is None:
+        run(args.pairs, args.output)
+    show(args.show or args.output)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,116 @@
+"""What changed between two solutions of one machine, tested for significance.
+
+d = θ'_B - θ'_A,   covariance of what A and B do not share (`shared`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from volid.backend.threads import one_blas_thread
+from volid.fitting.solution import Solution
+from volid.model.error_functions import describe_datum
+from volid.model.machine import Datum
+from volid.validation.function_changes import LEVEL, Combination, FunctionChange, by_holm, function_change, outputs_of
+from volid.validation.shared import Shared, what_is_shared
+from volid.validation.states import in_one_model
+from volid.validation.volume_change import VolumeChange, change_in, volume_of
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """What changed from one solution to another.
+
+    `functions`: every function and constant, in the order of the model. `volume`: the change of the deviation field. `datum`: in
+    words, what functions refer to. `notes`: what was assumed; `attention`: why u may be too small.
+    """
+
+    names: tuple[str, str]
+    functions: tuple[FunctionChange, ...]
+    volume: VolumeChange
+    datum: str
+    notes: tuple[str, ...]
+    attention: tuple[str, ...]
+
+    @property
+    def significant(self) -> tuple[FunctionChange, ...]:
+        """The functions that changed."""
+        return tuple(f for f in self.functions if f.significant)
+
+    @property
+    def not_tested(self) -> tuple[str, ...]:
+        """Functions of which the solutions tell nothing."""
+        return tuple(f.name for f in self.functions if not f.degrees_of_freedom)
+
+
+@one_blas_thread()
+def compare(
+    before: Solution,
+    after: Solution,
+    *,
+    datum: Datum | None = None,
+    common: Sequence[str] = (),
+    names: tuple[str, str] = ("A", "B"),
+) -> Comparison:
+    """What changed from one solution to another, with 5 % false alarms over all functions together.
+
+    Per function one chi-square test over all that the readings determine of it, and Holm's rule over the functions
+    (`volid.validation.function_changes`). The difference's u counts once what both share (`volid.validation.shared`): the machine's own
+    smoothness, effects said to be `common`, an earlier solution that was a prior. Not modelled: an instrument that changed in
+    between without saying so; what the smoothness estimated from each campaign may be wrong by.
+
+    Args:
+        before: The earlier solution.
+        after: The later one, of the same machine with the same error functions.
+        datum: The datum in which functions are compared; None: that of `before`.
+        common: Names of systematic effects and artefacts that were the same ones in both campaigns.
+        names: What messages call the two.
+
+    Raises:
+        InputError: other machines or error functions, ranges that hardly overlap, a common effect that one does not have.
+
+    Source: ISO/TR 16907 4 b, 7.2, 8.6; Holm 1979; CONVENTIONS 4.
+
+    >>> import volid
+    >>> campaign = volid.load_campaign("datasets/published_positioning/campaign.toml")
+    >>> solution = volid.fit(campaign)
+    >>> found = compare(solution, solution)
+    >>> found.significant, round(found.functions[0].largest_change, 9)
+    ((), 0.0)
+    """
+    states = in_one_model((before, after), names, datum)
+    shared = what_is_shared(states, common)
+    pair = Combination(shared, np.array([-1.0, 1.0]), np.array([0.0, 1.0]))
+    return Comparison(
+        names=names,
+        functions=tested(pair),
+        volume=change_in(volume_of(states), pair),
+        datum=describe_datum(states.machine, states.model.datum),
+        notes=(*states.notes, *shared.notes),
+        attention=doubts(shared),
+    )
+
+
+def tested(combination: Combination) -> tuple[FunctionChange, ...]:
+    """Every function of the model, with Holm's rule over all of them."""
+    outputs = outputs_of(combination.shared.of.model)
+    found = [function_change(combination, o, LEVEL / max(len(outputs), 1)) for o in outputs]
+    passed = by_holm(np.array([f.probability for f in found]))
+    return tuple(replace(f, significant=bool(p)) for f, p in zip(found, passed, strict=True))
+
+
+def doubts(shared: Shared) -> tuple[str, ...]:
+    """Solutions whose own u is in doubt."""
+    found = []
+    for state in shared.of.states:
+        if state.solution.adequacy.rejected:
+            found.append(
+                f"{state.name}: the model is rejected by its own data, so its u is too small and a change may be none: "
+                f"{state.solution.adequacy.verdict}"
+            )
+        if not state.solution.statistics.converged:
+            found.append(f"{state.name}: its fit has not converged")
+    return tuple(found)
