@@ -5,7 +5,8 @@
 U = 0.0002               # mm or degrees, at every target
 U_per_length = 5e-7      # mm/mm
 [misalignment]
-angle = 0.001            # rad: the line of measurement is within this of the axis; or offset = 0.5, the spot's walk in mm over the targets
+angle = 0.001            # rad: the line of measurement is within this of the axis
+offset = 0.5             # mm: or so far the returning beam walked over the targets
 [temperature]            # of the scale or workpiece by which lengths are reduced to 20 °C
 u = 0.2                  # K
 at = 22.0                # °C

@@ -93,8 +93,8 @@ class NuisanceTable:
 class Positioning(NamedTuple):
     """Readings of how far one axis went along or about itself, the others standing still.
 
-    `line`: as the set calls it. `axis`: its number. `rows` (m,): in the set. `deviations` (m,): actual - commanded position [mm or
-    degrees], up to a constant; `factor`: ∂deviation/∂reading. `zeros`: how many unknown constants the rows have.
+    `line`: as the set calls it. `axis`: its number. `rows` (m,): in the set. `deviations` (m,): actual - commanded position
+    [mm or degrees], up to a constant; `factor`: ∂deviation/∂reading. `zeros`: how many unknown constants the rows have.
     """
 
     line: str

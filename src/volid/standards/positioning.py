@@ -1,7 +1,7 @@
 """Accuracy and repeatability of positioning after ISO 230-2, linear and rotary axes.
 
-With X_ij the deviation of approach j of target i, and per direction ("up": approached in +, "down": in -) its mean m_i and standard
-deviation s_i (n - 1):
+With X_ij the deviation of approach j of target i, and per direction ("up": approached in +, "down": in -) its mean m_i and
+standard deviation s_i (n - 1):
 
     B_i = m_i up - m_i down            B = max |B_i|                   B_mean = mean of B_i
     E = max(m) - min(m) over both directions together                  E_up, E_down: over one direction
@@ -9,11 +9,12 @@ deviation s_i (n - 1):
     R_i = max(2 s_i up + 2 s_i down + |B_i|, 4 s_i up, 4 s_i down)     R = max R_i;  R_up = max 4 s_i up, R_down likewise
     A = max(m + 2 s) - min(m - 2 s) over both directions together      A_up, A_down: over one direction
 
-The range of E and of A runs over the means of BOTH directions. A range from the largest mean of one direction to the smallest of the
-other misses an extreme wherever both extremes are of one direction, and is not E, although reports are found that print it.
+The range of E and of A runs over the means of BOTH directions. A range from the largest mean of one direction to the smallest
+of the other misses an extreme wherever both extremes are of one direction, and is not E, although reports are found that
+print it.
 
 Not modelled: drift between runs, which stays in the deviations as it does in the standard's evaluation. A quantity for which a
-direction, or the scatter, is missing is absent. Source: ISO 230-2:2014, clause 3.
+direction, or the scatter, is missing is absent. Source: ISO 230-2:2014.
 """
 
 from __future__ import annotations
@@ -60,7 +61,7 @@ def evaluate_positioning(runs: PositioningRuns, contributions: Sequence[Contribu
         runs: Deviations by target, direction and run.
         contributions: What makes the test uncertain; without any, U stays unknown.
 
-    Source: ISO 230-2:2014, clauses 3 and 8.
+    Source: ISO 230-2:2014.
 
     >>> deviations = np.array([[[0.000, 0.002], [0.003, 0.005]], [[0.009, 0.011], [0.013, 0.015]]])
     >>> found = evaluate_positioning(PositioningRuns("X", np.array([0.0, 100.0]), deviations))
@@ -162,6 +163,6 @@ def _table(runs: PositioningRuns, found: Statistics) -> tuple[tuple[str, ...], t
     values = np.column_stack(
         [runs.targets, found.mean, found.both, found.s, found.reversal, 4.0 * found.s, found.repeatability]
     )
-    counts = found.count.tolist()
+    counts = found.n.tolist()
     rows = tuple((*row, *n) for row, n in zip(values.tolist(), counts, strict=True))
     return (*(f"{name}_{unit}" for name in names), "n_up", "n_down"), rows

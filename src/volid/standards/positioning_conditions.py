@@ -1,4 +1,4 @@
-"""What a positioning test was made with, as far as it makes the test uncertain: instrument, alignment, temperature, drift, set-up.
+"""What makes a positioning test uncertain: instrument, alignment, temperature, drift, set-up.
 
 | condition | what it adds to deviation X_ij at target p_i | acts on |
 |---|---|---|
@@ -11,8 +11,8 @@
 | set-up | one number per run, there and back | R, A |
 | noise | anew at every approach, normal | all, R most |
 
-Not modelled: a squareness of the measuring line that depends on another axis, an instrument's hysteresis. Source: the contributions
-that ISO/TR 230-9 and the annex of ISO 230-2 name (recalled); for the drift test ISO 230-3.
+Not modelled: a squareness of the measuring line that depends on another axis, an instrument's hysteresis. Source: the
+contributions that ISO/TR 230-9 and the annex of ISO 230-2 name (recalled); for the drift test ISO 230-3.
 """
 
 from __future__ import annotations
@@ -73,7 +73,8 @@ def contributions_of(conditions: Conditions, runs: PositioningRuns) -> tuple[Con
     c, (t, _, n) = conditions, runs.deviations.shape
     if runs.is_rotary and (c.misalignment or c.temperature_u or c.expansion_u):
         raise InputError(
-            f"axis {runs.axis} is rotary; misalignment and temperature of a test change lengths; state device, drift, setup, noise"
+            f"axis {runs.axis} is rotary; misalignment and temperature of a test change lengths; state only device, drift, "
+            "setup and noise"
         )
     way = (runs.targets - runs.targets[0])[:, None, None]
     warm = c.temperature - REFERENCE

@@ -1,8 +1,9 @@
 """Rules of ISO 230-2 for the test itself, and what it breaks of them, in words. The quantities are evaluated all the same.
 
-Linear axes up to 2000 mm: at least five targets per metre and at least five in all; five approaches of each target in each direction;
-targets p_i = (i - 1) p + r with another r at every target, so that periodic errors are sampled. What is recalled here and not read
-in a source at hand: above 2000 mm a spacing of about 250 mm; rotary axes: at least 3 targets up to 90°, 5 up to 180°, 8 above.
+Linear axes up to 2000 mm: at least five targets per metre and at least five in all; five approaches of each target in each
+direction; targets p_i = (i - 1) p + r with another r at every target, so that periodic errors are sampled. What is recalled
+here and not read in a source at hand: above 2000 mm a spacing of about 250 mm; rotary axes: at least 3 targets up to 90°, 5
+up to 180°, 8 above.
 """
 
 from __future__ import annotations

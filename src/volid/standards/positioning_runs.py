@@ -1,10 +1,10 @@
-"""Approaches of targets along one axis: deviations by target, direction and run, and the statistics of ISO 230-2 for each target."""
+"""Approaches of targets along one axis: deviations by target, direction and run, and ISO 230-2's statistics of each target."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -80,11 +80,11 @@ class PositioningRuns:
 
 
 class Statistics(NamedTuple):
-    """Of every target, leading axes kept: `mean`, `s` (…, t, 2), NaN where unknown; `count` (t, 2) of approaches."""
+    """Of every target, leading axes kept: `mean`, `s` (…, t, 2), NaN where unknown; `n` (t, 2) approaches."""
 
     mean: np.ndarray
     s: np.ndarray
-    count: np.ndarray
+    n: np.ndarray
 
     @property
     def reversal(self) -> np.ndarray:
@@ -106,7 +106,7 @@ class Statistics(NamedTuple):
 def statistics_of(deviations: np.ndarray) -> Statistics:
     """Mean and standard deviation (n - 1) over the approaches, (…, t, 2, n) -> (…, t, 2).
 
-    NaN counts for nothing; s is NaN for fewer than two approaches. ISO 230-2:2014 clause 3.
+    NaN counts for nothing; s is NaN for fewer than two approaches. ISO 230-2:2014.
     """
     there = np.isfinite(deviations)
     count = there.sum(axis=-1)
@@ -118,7 +118,7 @@ def statistics_of(deviations: np.ndarray) -> Statistics:
 
 
 class Approaches(NamedTuple):
-    """Readings one by one: target and deviation (m,), direction ±1 (m,), run by any name (m,), and the place of each in its file."""
+    """Readings one by one, each (m,): target, direction ±1, run by any name, deviation, and its place in the file, in words."""
 
     target: np.ndarray
     direction: np.ndarray
@@ -130,7 +130,7 @@ class Approaches(NamedTuple):
 SAME_TARGET = {"mm": 1e-3, "°": 1e-6}  # positions nearer than this are one target
 
 
-def arranged(axis: str, found: Approaches, unit: str = "mm", **known: object) -> PositioningRuns:
+def arranged(axis: str, found: Approaches, unit: str = "mm", **known: Any) -> PositioningRuns:
     """The runs of readings that stand in any order. `known`: further fields of `PositioningRuns`.
 
     Raises `InputError` for a direction other than +1 and -1, and for one approach of a target that stands twice.
@@ -153,7 +153,7 @@ def arranged(axis: str, found: Approaches, unit: str = "mm", **known: object) ->
             )
         seen[place] = found.where[i]
         deviations[place] = found.deviation[i]
-    return PositioningRuns(axis, targets, _closed_up(deviations), unit, **known)  # type: ignore[arg-type]
+    return PositioningRuns(axis, targets, _closed_up(deviations), unit, **known)
 
 
 def run_numbers(target: np.ndarray, direction: np.ndarray, unit: str) -> list[str]:
@@ -167,7 +167,7 @@ def run_numbers(target: np.ndarray, direction: np.ndarray, unit: str) -> list[st
     return found
 
 
-def from_means(axis: str, targets: np.ndarray, means: Mapping[int, np.ndarray], **known: object) -> PositioningRuns:
+def from_means(axis: str, targets: np.ndarray, means: Mapping[int, np.ndarray], **known: Any) -> PositioningRuns:
     """Mean deviations (t,) by direction ±1 as runs of which nothing but the mean is known: E, M and B, but neither R nor A.
 
     >>> runs = from_means("X", np.array([0.0, 50.0]), {1: np.array([0.0, 0.002]), -1: np.array([0.001, 0.004])})
@@ -177,7 +177,7 @@ def from_means(axis: str, targets: np.ndarray, means: Mapping[int, np.ndarray], 
     deviations = np.full((len(targets), 2, 1), np.nan)
     for direction, values in means.items():
         deviations[:, WAYS[direction], 0] = values
-    return PositioningRuns(axis, np.asarray(targets, dtype=float), deviations, are_means=True, **known)  # type: ignore[arg-type]
+    return PositioningRuns(axis, np.asarray(targets, dtype=float), deviations, are_means=True, **known)
 
 
 def _targets(positions: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:

@@ -1,4 +1,4 @@
-"""Positioning runs out of a campaign's sets, and what the sets themselves say of their uncertainty: u of every reading, and effects."""
+"""Positioning runs out of a campaign's sets, and what these say of their uncertainty: u of every reading, and effects."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def _notes(line: Positioning) -> tuple[str, ...]:
 def _contributions(
     observations: ObservationSet, campaign: Campaign, line: Positioning, place: np.ndarray
 ) -> Iterator[Contribution]:
-    """By `place` (t, 2, n), the number of the row in the line, NaN where there is none. The machine's own repeatability is none."""
+    """`place` (t, 2, n): number of the row in the line, NaN where there is none. The machine's repeatability is no contribution."""
     spread = _Spread(line, np.isfinite(place), np.nan_to_num(place).astype(int))
     u = observations.u[line.rows, 0]
     if np.isfinite(u).all() and u.any():

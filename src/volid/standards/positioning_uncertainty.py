@@ -1,19 +1,20 @@
 """Expanded uncertainty of the quantities of ISO 230-2: what instrument, set-up and surroundings may have added to the runs.
 
-The measurand is the quantity of THESE runs: how well the machine repeats is part of it (R, A) and no contribution; how another test
-of five runs would come out is not said. With x the deviations that an exact instrument would have shown, and n what the contributions
-add, a test shows Q(x + n). Each contribution draws n for every approach at once, so that what is alike in all runs (a scale) acts on E,
-A and M, and what changes from approach to approach also on R and B. U is the smallest number that |Q(x^ + n) - Q(x^)| exceeds in 4.55 %
-of the draws, which is k = 2 of a normal distribution; it includes that noise only ever raises a range (JCGM 101, propagation of
-distributions).
+The measurand is the quantity of THESE runs: how well the machine repeats is part of it (R, A) and no contribution; how
+another test of five runs would come out is not said. With x the deviations that an exact instrument would have shown, and n
+what the contributions add, a test shows Q(x + n). Each contribution draws n for every approach at once, so that what is alike
+in all runs (a scale) acts on E, A and M, and what changes from approach to approach also on R and B. U is the smallest number
+that |Q(x^ + n) - Q(x^)| exceeds in 4.55 % of the draws, which is k = 2 of a normal distribution; it includes that noise only
+ever raises a range (JCGM 101, propagation of distributions).
 
-x^ are the measured deviations, shrunk where they are no larger than the contributions themselves explain: three parts (means of both
-directions about their mean, half reversals, scatter about the means) are each multiplied by 1 - variance of n / variance seen, the
-share of it that is the machine's, or by 0. Without it, a machine that repeats better than its instrument would have an R that looks certain. Every Q but B_mean is a
-seminorm of the deviations, so that |Q(x + n) - Q(x)| never exceeds Q(n), whatever x is: `largest` is U from n alone.
+x^ are the measured deviations, shrunk where they are no larger than the contributions themselves explain: three parts (means
+of both directions about their mean, half reversals, scatter about the means) are each multiplied by 1 - variance of n /
+variance seen, the share of it that is the machine's, or by 0. Without it, a machine that repeats better than its instrument
+would have an R that looks certain. Every Q but B_mean is a seminorm of the deviations, so that |Q(x + n) - Q(x)| never
+exceeds Q(n), whatever x is: `largest` is U from n alone.
 
-Source: JCGM 101:2008; the contributions are those that ISO/TR 230-9 and the annex of ISO 230-2 name (recalled), their propagation is
-not that of the annex.
+Source: JCGM 101:2008; the contributions are those that ISO/TR 230-9 and the annex of ISO 230-2 name (recalled), their
+propagation is not that of the annex.
 """
 
 from __future__ import annotations
