@@ -28,7 +28,9 @@ if TYPE_CHECKING:
 HELP = "a test evaluated by its standard: positioning, ball bar, diagonals, step diagonals"
 
 # standard as it is asked for: module in volid.cli.evaluations
-STANDARDS: dict[str, str] = {}
+STANDARDS: dict[str, str] = {
+    "step-diagonal": "step_diagonal",
+}
 
 _EPILOG = """\
 'volid evaluate STANDARD --help' explains what each reads and gives.

@@ -90,7 +90,9 @@ class Steps:
         return all((a, i, -s, d) in seen for a, i, s, d in seen)
 
     def _keys(self) -> Iterator[tuple[int, int, float, np.ndarray]]:
-        yield from zip(self.axis.tolist(), self.interval.tolist(), self.sense.tolist(), self.along.round(9), strict=True)
+        yield from zip(
+            self.axis.tolist(), self.interval.tolist(), self.sense.tolist(), self.along.round(9), strict=True
+        )
 
     def of_axis(self, axis: int) -> Iterator[np.ndarray]:
         """Numbers of the steps in each interval of an axis."""
@@ -204,7 +206,9 @@ def _steps_along(line: BeamLine, places: np.ndarray, nodes: tuple[np.ndarray, ..
         moved = np.flatnonzero(np.abs(places[last] - places[first]) > STILL)
         if len(moved) > 1:
             letters = " and ".join(LINEAR_AXES[i] for i in moved)
-            raise InputError(f"{own.where(int(last))}: {letters} move in one step of line '{line.name}'; expected one axis")
+            raise InputError(
+                f"{own.where(int(last))}: {letters} move in one step of line '{line.name}'; expected one axis"
+            )
         for axis in moved:  # none where the tool turns back
             ends = [int(np.argmin(np.abs(nodes[axis] - places[row, axis]))) for row in (first, last)]
             if abs(ends[1] - ends[0]) != 1:
@@ -251,3 +255,12 @@ def _of_axis(steps: Steps, axis: int) -> tuple[np.ndarray, np.ndarray, np.ndarra
         found[i] = np.sqrt(np.mean((left @ change) ** 2))
         noise[i] = np.sqrt(np.mean(left**2 @ variance))
     return np.concatenate([np.zeros((1, *increments.shape[1:])), np.cumsum(increments, axis=0)]), found, noise
+
+
+def middle_lines(steps: Steps, axis: int) -> np.ndarray:
+    """Positions of all axes at the nodes of one axis, X and Y and Z else in the middle of the steps' box, (n + 1, n_axes) [mm, °]."""
+    q = np.tile(steps.observations.positions[0], (len(steps.nodes[axis]), 1))
+    for other, letter in enumerate(LINEAR_AXES):
+        nodes = steps.nodes[other]
+        q[:, steps.machine.index(letter)] = nodes if other == axis else 0.5 * (nodes[0] + nodes[-1])
+    return q

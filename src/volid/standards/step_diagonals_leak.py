@@ -28,12 +28,15 @@ from volid.model.iso230 import DIRECTIONS, LINEAR_AXES, SPINDLE
 from volid.model.jacobian import influence
 from volid.model.kinematics import ROWS
 from volid.model.machine import Machine
+from volid.standards.results import Section
 from volid.standards.shared_errors import tilt_columns
-from volid.standards.step_diagonals import NAMES, NineFunctions, Steps
+from volid.standards.step_diagonals import NAMES, NineFunctions, Steps, middle_lines, separate, steps_of
+from volid.virtual.simulate import on_machine
 from volid.virtual.truth import Truth
 
 TILT = 1e-5  # rad: of every mirror, for the table
 TURN = 1e-3  # rad: of every beam alone, for the table
+NOTHING = 1e-6  # mm: a smaller leak is none
 MIRROR, BEAM = "mirror tilt", "beam alone"
 
 
@@ -60,16 +63,18 @@ class Leak:
         zero = [np.zeros_like(v) for v in self.nine.values]
         return tuple(sum((found[a] for found in self.by_function.values()), zero[a]) for a in range(3))
 
-    def table(self) -> tuple[tuple[str, ...], list[list[float | str]]]:
-        """Columns cause and the nine functions; rows: largest leak [mm] of each rotation, of all, of mirrors and beams.
+    def section(self) -> Section:
+        """Largest leak [mm] of each rotation, of all, of mirrors and beams, into each of the nine functions.
 
         A mirror's row is for 10 µrad of each mirror in both directions, independent of each other; a beam's for 1 mrad of all.
         """
-        rows: list[list[float | str]] = [[name, *_largest(found)] for name, found in self.by_function.items()]
-        rows.append(["all rotations", *_largest(self.total)])
-        rows.append([f"{MIRROR} {1e6 * TILT:g} µrad", *_largest(tuple(TILT * np.linalg.norm(t, axis=2) for t in self.tilt))])
-        rows.append([f"{BEAM} {1e3 * TURN:g} mrad", *_largest(tuple(TURN**2 * b for b in self.beam))])
-        return ("cause", *NAMES), rows
+        rows = [(name, *_largest(found)) for name, found in self.by_function.items()]
+        rows.append(("all rotations", *_largest(self.total)))
+        rows.append(
+            (f"{MIRROR} {1e6 * TILT:g} µrad", *_largest(tuple(TILT * np.linalg.norm(t, axis=2) for t in self.tilt)))
+        )
+        rows.append((f"{BEAM} {1e3 * TURN:g} mrad", *_largest(tuple(TURN**2 * b for b in self.beam))))
+        return Section("leak", "largest leak into the nine functions", ("cause", *NAMES), tuple(rows))
 
 
 def _largest(found: tuple[np.ndarray, ...]) -> list[float]:
@@ -82,7 +87,11 @@ def leak_of(nine: NineFunctions, truth: Truth) -> Leak:
     Args:
         nine: The nine functions, as `separate` makes them; their readings do not count.
         truth: The errors of the machine: of a simulation, or of a solution by `volid.virtual.truth.truth_of_solution`.
+
+    Raises:
+        InputError: the machine of `truth` has other axes.
     """
+    nine = _on_machine(nine, truth.machine)
     steps = nine.steps
     own = steps.observations
     readings = _by_row(steps, truth.errors(own.positions, own.directions))
@@ -92,13 +101,21 @@ def leak_of(nine: NineFunctions, truth: Truth) -> Leak:
         if row % ROWS >= 3:
             shares = nine.from_readings(readings[:, row])
             shares = tuple(share - line[:, :, row] for share, line in zip(shares, lines, strict=True))
-            if any(np.abs(share).max() > 0.0 for share in shares):
+            if any(np.abs(share).max() > NOTHING for share in shares):
                 found[name] = shares
     tilts = np.concatenate([tilt_columns(line) for line in steps.lines], axis=1)
     nominal = np.zeros(len(own))
     for line in steps.lines:
         nominal[line.rows] = line.nominal
     return Leak(nine, found, tuple(m @ tilts for m in nine.maps), nine.from_readings(0.5 * nominal))
+
+
+def _on_machine(nine: NineFunctions, machine: Machine) -> NineFunctions:
+    """The nine functions of the same readings on the machine whose errors are known, with its chain of axes."""
+    steps = nine.steps
+    number = next(i for i, s in enumerate(steps.campaign.sets) if s is steps.observations)
+    campaign = on_machine(steps.campaign, machine)
+    return separate(steps_of(campaign.sets[number], campaign))
 
 
 def _names(machine: Machine) -> list[str]:
@@ -124,10 +141,6 @@ def _by_row(steps: Steps, errors: np.ndarray) -> np.ndarray:
 
 def _along_middle(steps: Steps, truth: Truth, axis: int) -> np.ndarray:
     """Share of every row of error values in the deviation along a line through the middle, 0 at its first node, (n + 1, 3, E)."""
-    machine, own = steps.machine, steps.observations
-    q = np.tile(own.positions[0], (len(steps.nodes[axis]), 1))
-    for other, letter in enumerate(LINEAR_AXES):
-        nodes = steps.nodes[other]
-        q[:, machine.index(letter)] = nodes if other == axis else 0.5 * (nodes[0] + nodes[-1])
+    machine, own, q = steps.machine, steps.observations, middle_lines(steps, axis)
     share = influence(machine, q, own.tool[:1].repeat(len(q), axis=0))[:, :3] * truth.errors(q).T[:, None, :]
     return np.asarray(share - share[:1])
