@@ -21,6 +21,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -49,8 +50,8 @@ def read_step_diagonals(path: str | Path, machine: Machine | None = None) -> Cam
         machine: The machine that was measured; None: a bed-X-Y-Z-tool machine with the travels of the box.
 
     Raises:
-        InputError: a line of the header or a column is missing or no such thing, the number of rows is none of 3 n and 3 n + 1, or
-            readings contradict the positions.
+        InputError: a line of the header or a column is missing or is none, the number of rows is neither 3 n nor 3 n + 1,
+            or readings contradict the positions.
 
     >>> campaign = read_step_diagonals("datasets/step_diagonals_800/steps.csv")
     >>> campaign.n_readings, list(campaign.sets[0].options["lines"])
@@ -73,7 +74,8 @@ def _joined(runs: list[ObservationSet]) -> ObservationSet:
     """The rows of all runs as one set."""
     arrays = ("positions", "directions", "tool", "readings", "u", "rows")
     labels = {key: np.concatenate([r.labels[key] for r in runs]) for key in runs[0].labels}
-    return replace(runs[0], labels=labels, **{key: np.concatenate([getattr(r, key) for r in runs]) for key in arrays})
+    joined: dict[str, Any] = {key: np.concatenate([getattr(r, key) for r in runs]) for key in arrays}
+    return replace(runs[0], labels=labels, **joined)
 
 
 def _box(header: Mapping[str, str], path: str | Path, machine: Machine | None) -> dict[str, tuple[float, float]]:
@@ -126,8 +128,8 @@ def _steps(table: CsvTable) -> int:
     for name in table.columns:
         if not _COLUMN.fullmatch(name):
             raise InputError(
-                f"{table.source}: column '{name}' is no diagonal; expected {', '.join(BODY)}, with _back for the way back and _2, "
-                "_3 … for further runs"
+                f"{table.source}: column '{name}' is no diagonal; expected {', '.join(BODY)}, with _back for the way back "
+                "and _2, _3 … for further runs"
             )
     table.require(BODY, "the nine functions need four body diagonals")
     if len(table) % 3 == 2 or len(table) < 3:
@@ -161,7 +163,7 @@ def _read(plan: Campaign, table: CsvTable, header: Mapping[str, str], run: str) 
 
 
 def _displacements(table: CsvTable, name: str, header: Mapping[str, str], nominal: np.ndarray) -> np.ndarray:
-    """Displacements at the 3 n + 1 places of a diagonal, (3 n + 1,) [mm]; at the start of a table without it 0, on the way back NaN."""
+    """Displacements at the 3 n + 1 places of a diagonal [mm]; at the start where the table lacks it 0, on the way back NaN."""
     values, back = header.get("values", VALUES[0]), "_back" in name
     found = table.numbers(name, "mm", "every row has a reading")
     if values not in VALUES or (values == VALUES[2] and back):

@@ -212,9 +212,10 @@ def _steps_along(line: BeamLine, places: np.ndarray, nodes: tuple[np.ndarray, ..
         for axis in moved:  # none where the tool turns back
             ends = [int(np.argmin(np.abs(nodes[axis] - places[row, axis]))) for row in (first, last)]
             if abs(ends[1] - ends[0]) != 1:
+                way = f"{places[first, axis]:g} to {places[last, axis]:g} past {nodes[axis][min(ends) + 1]:g} mm"
                 raise InputError(
-                    f"{own.where(int(last))}: {LINEAR_AXES[axis]} moves from {places[first, axis]:g} to {places[last, axis]:g} past "
-                    f"{nodes[axis][min(ends) + 1]:g} mm, where other steps end; expected the same steps on every diagonal"
+                    f"{own.where(int(last))}: {LINEAR_AXES[axis]} moves from {way}, where other steps end; "
+                    "expected the same steps on every diagonal"
                 )
             yield axis, min(ends), float(ends[1] - ends[0]), line.beam.along, first, last
 
@@ -247,8 +248,7 @@ def _of_axis(steps: Steps, axis: int) -> tuple[np.ndarray, np.ndarray, np.ndarra
                 f"{steps.nodes[axis][i + 1]:g} mm do not determine three functions; expected steps on all four body diagonals"
             )
         inverse = np.linalg.pinv(design)
-        np.add.at(increments[i], (slice(None), steps.last[rows]), inverse)
-        np.add.at(increments[i], (slice(None), steps.first[rows]), -inverse)
+        increments[i] = inverse @ (_picked(steps.last[rows], len(own)) - _picked(steps.first[rows], len(own)))
         left = np.eye(len(rows)) - design @ inverse
         change = steps.beyond_nominal[steps.last[rows]] - steps.beyond_nominal[steps.first[rows]]
         variance = own.u[steps.last[rows], 0] ** 2 + own.u[steps.first[rows], 0] ** 2
@@ -257,8 +257,15 @@ def _of_axis(steps: Steps, axis: int) -> tuple[np.ndarray, np.ndarray, np.ndarra
     return np.concatenate([np.zeros((1, *increments.shape[1:])), np.cumsum(increments, axis=0)]), found, noise
 
 
+def _picked(rows: np.ndarray, m: int) -> np.ndarray:
+    """The matrix (k, m) that takes `rows` (k,) from m readings."""
+    found = np.zeros((len(rows), m))
+    found[np.arange(len(rows)), rows] = 1.0
+    return found
+
+
 def middle_lines(steps: Steps, axis: int) -> np.ndarray:
-    """Positions of all axes at the nodes of one axis, X and Y and Z else in the middle of the steps' box, (n + 1, n_axes) [mm, °]."""
+    """Positions of all axes at the nodes of one axis, the others in the middle of the steps' box, (n + 1, n_axes) [mm, °]."""
     q = np.tile(steps.observations.positions[0], (len(steps.nodes[axis]), 1))
     for other, letter in enumerate(LINEAR_AXES):
         nodes = steps.nodes[other]

@@ -4,9 +4,9 @@ To first order a reading beyond the nominal one is
 
     d · e(q) + ((ω(q) - ω(q0)) × d) · Δ(q) + τ · Δ(q),
 
-e and ω the deviation of position and orientation of the tool, linear in the error values (`volid.model.jacobian.influence`), Δ how
-far the nominal functional point is beside the beam, τ ⊥ d the tilt of the mirror against its beam when it was adjusted, at
-the first row q0. The nine functions are linear in the readings too, so that each cause has its own share in each of them. What
+e and ω the deviation of position and orientation of the tool, linear in the error values (`volid.model.jacobian.influence`),
+Δ how far the nominal functional point is beside the beam, τ ⊥ d the tilt of the mirror against its beam when it was adjusted,
+at the first row q0. The nine functions are linear in the readings too, so that each cause has its own share in each of them. What
 they should hold is the deviation of the functional point along three lines through the middle of the steps' box; what they hold
 besides is the leak. Errors of position and squareness have none.
 
@@ -68,7 +68,7 @@ class Leak:
 
         A mirror's row is for 10 µrad of each mirror in both directions, independent of each other; a beam's for 1 mrad of all.
         """
-        rows = [(name, *_largest(found)) for name, found in self.by_function.items()]
+        rows: list[tuple[str | float, ...]] = [(name, *_largest(found)) for name, found in self.by_function.items()]
         rows.append(("all rotations", *_largest(self.total)))
         rows.append(
             (f"{MIRROR} {1e6 * TILT:g} µrad", *_largest(tuple(TILT * np.linalg.norm(t, axis=2) for t in self.tilt)))

@@ -53,7 +53,7 @@ class ByModel:
     shapes: dict[str, Curve]
 
     def section(self) -> Section:
-        """Range of each function by the nine, largest difference and u there [mm], and at how many positions; then of its shape."""
+        """Range of each function by the nine, largest difference and u there [mm], at how many positions; then of shapes."""
         rows = tuple(
             (name, float(np.ptp(f.nine)), *f.compared(), *self.shapes[name].compared())
             for name, f in self.functions.items()

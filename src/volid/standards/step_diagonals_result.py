@@ -1,4 +1,4 @@
-"""The evaluation of sequential step diagonals: quantities of the nine functions, what contradicts them, and what may have leaked in."""
+"""The evaluation of sequential step diagonals: the nine functions' quantities, what contradicts them, what may have leaked in."""
 
 from __future__ import annotations
 
@@ -18,10 +18,13 @@ CHANCE = 0.05  # of an attention where nothing but noise is in the readings
 # Squareness in the datum of X primary, Y secondary: minus or plus the sum of the slopes of two functions (CONVENTIONS 3)
 SQUARENESS = {"EC0Y": (-1.0, "Dx(y)", "Dy(x)"), "EB0Z": (1.0, "Dx(z)", "Dz(x)"), "EA0Z": (-1.0, "Dy(z)", "Dz(y)")}
 LEAKY = (
-    "rotations of the axes and a mirror that is not square to its beam leak into the nine functions, and the four diagonals hardly "
-    "show it; `leak` predicts it from a solution or a truth"
+    "rotations of the axes and a mirror that is not square to its beam leak into the nine functions, and the four diagonals "
+    "hardly show it; `leak` predicts it from a solution or a truth"
 )
-ONE_WAY = "the steps were not read in both senses: where reversal changes along an axis, half of its change is in the nine functions"
+ONE_WAY = (
+    "the steps were not read in both senses: where reversal changes along an axis, half of that change is in the nine "
+    "functions"
+)
 
 
 def evaluate_step_diagonals(observations: ObservationSet, campaign: Campaign) -> Evaluation:
@@ -99,7 +102,8 @@ def _remarks(nine: NineFunctions) -> Iterator[str]:
     yield f"least squares over {len(steps.axis)} steps on {len(steps.lines)} diagonals, {counts}"
     found, noise, _, _ = contradiction(nine)
     yield (
-        f"the diagonals contradict each other by {1e3 * found:.2f} µm RMS per step, where readings of this u give {1e3 * noise:.2f} µm"
+        f"the diagonals contradict each other by {1e3 * found:.2f} µm RMS per step, where readings of this u give "
+        f"{1e3 * noise:.2f} µm"
     )
     yield LEAKY
     if not steps.both_senses:
@@ -126,8 +130,8 @@ def _contradiction(nine: NineFunctions) -> Iterator[str]:
     found, noise, squares, dof = contradiction(nine)
     if dof and chi2.sf(squares, dof) < CHANCE:
         yield (
-            f"the four diagonals contradict each other: {1e3 * found:.2f} µm RMS per step instead of {1e3 * noise:.2f} µm. The axes "
-            "rotate, a mirror is not square to its beam, or u is stated too small; the nine functions hold it too"
+            f"the four diagonals contradict each other: {1e3 * found:.2f} µm RMS per step instead of {1e3 * noise:.2f} µm. "
+            "The axes rotate, a mirror is not square to its beam, or u is stated too small; the nine functions hold it too"
         )
 
 

@@ -28,10 +28,10 @@ def nine_figure(evaluations: Sequence[Evaluation]) -> Figure:
         axis, component = divmod(i, 3)
         what = "positioning" if axis == component else "straightness and squareness"
         panel.set_title(f"{NAMES[i]}: {what}", fontsize=9, loc="left", color="0.3")
-    for axis, panel in zip(LINEAR_AXES, panels[-1], strict=True):
-        panel.set_xlabel(f"{axis} / mm")
-    for component, panel in zip(LINEAR_AXES, panels[:, 0], strict=True):
-        panel.set_ylabel(f"motion in {component} / µm")
+    for letter, panel in zip(LINEAR_AXES, panels[-1], strict=True):
+        panel.set_xlabel(f"{letter} / mm")
+    for letter, panel in zip(LINEAR_AXES, panels[:, 0], strict=True):
+        panel.set_ylabel(f"motion in {letter} / µm")
     if len(evaluations) > 1:
         panels[0, 0].legend(fontsize=7, frameon=False)
     figure.suptitle("Sequential step diagonals: nine displacement functions with U (k = 2)", fontsize=11)
