@@ -90,6 +90,21 @@ class NuisanceTable:
         return number
 
 
+class Positioning(NamedTuple):
+    """Readings of how far one axis went along or about itself, the others standing still.
+
+    `line`: as the set calls it. `axis`: its number. `rows` (m,): in the set. `deviations` (m,): actual - commanded position
+    [mm or degrees], up to a constant; `factor`: ∂deviation/∂reading. `zeros`: how many unknown constants the rows have.
+    """
+
+    line: str
+    axis: int
+    rows: np.ndarray
+    deviations: np.ndarray
+    factor: float
+    zeros: int
+
+
 class Part(NamedTuple):
     """Part of a set whose readings share a unit: kind in words, unit, and rows (m,) or rows and columns (m, k), bool."""
 
@@ -237,6 +252,10 @@ class Kind(ABC):
         """Coordinates of the functional point in the station's frame (m, 3) [mm], and their covariance (m, 3, 3) [mm²]; else
         None."""
         return None
+
+    def positioning(self, observations: ObservationSet, campaign: Campaign) -> Iterable[Positioning]:
+        """Lines of the set that say how far the one axis that moves has gone; other kinds and lines have none."""
+        return ()
 
     # ------------------------------------------------------------------------------------------------- what must be right
 

@@ -31,8 +31,9 @@ from volid.observations.alignments import (
     predict_aligned,
     slopes_apart,
 )
-from volid.observations.base import LIGHT, Group, Kind, NuisanceTable, Part
+from volid.observations.base import LIGHT, Group, Kind, NuisanceTable, Part, Positioning
 from volid.observations.lines import LINE, Line, check_components, check_lines, check_offset_per, lines_of_set
+from volid.observations.one_axis import by_component
 from volid.observations.placements import alignment_starts
 from volid.observations.unread import unread
 
@@ -95,6 +96,11 @@ class Component(Kind):
     def components(self, observations: ObservationSet) -> np.ndarray | None:
         """Row of the deviation that every reading is."""
         return np.array([DIRECTIONS.index(str(c)) for c in observations.labels["component"]], dtype=np.int64)
+
+    def positioning(self, observations: ObservationSet, campaign: Campaign) -> Iterator[Positioning]:
+        """Lines that read the component along or about the axis that moves."""
+        components = self.components(observations)
+        return iter(()) if components is None else by_component(observations, campaign, components)
 
     def check(self, observations: ObservationSet) -> None:
         """Raises `InputError` for options that do not fit each other or the lines."""

@@ -30,7 +30,7 @@ step diagonals M. A. V. Chapman, Precision Engineering 27 (2003) 401.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -41,7 +41,7 @@ from volid.exceptions import InputError
 from volid.model.geometry import Vector, dot, subtract, turned_direction
 from volid.model.kinematics import from_tool_frame, functional_point, transform
 from volid.model.machine import BED, WORKPIECE, Machine
-from volid.observations.base import LIGHT, Group, Kind, NuisanceTable, takes_large_errors
+from volid.observations.base import LIGHT, Group, Kind, NuisanceTable, Positioning, takes_large_errors
 from volid.observations.beam_advice import advice
 from volid.observations.beam_checks import check_beam, check_beside, check_direction, check_displacements
 from volid.observations.beam_lines import FLAT, MIRRORS, RETRO, SIDES, beams_of, described_beam
@@ -55,6 +55,7 @@ from volid.observations.beam_unknowns import (
     offset_slots,
     uninterrupted,
 )
+from volid.observations.one_axis import by_beam
 
 
 class ProjectionSettings(NamedTuple):
@@ -130,6 +131,10 @@ class Projection(Kind):
                     left = (line.seen.readings[:, 0] - along)[own]
                     found[key] = float(np.mean(left)) if np.isfinite(left).all() else 0.0
         return found
+
+    def positioning(self, observations: ObservationSet, campaign: Campaign) -> Iterator[Positioning]:
+        """Beams along the axis that moves."""
+        return by_beam(observations, campaign)
 
     def check(self, observations: ObservationSet) -> None:
         """Raises `InputError` for options that are none or do not go together, or a line without direction."""

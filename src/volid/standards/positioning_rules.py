@@ -1,0 +1,99 @@
+"""Rules of ISO 230-2 for the test itself, and what it breaks of them, in words. The quantities are evaluated all the same.
+
+Linear axes up to 2000 mm: at least five targets per metre and at least five in all; five approaches of each target in each
+direction; targets p_i = (i - 1) p + r with another r at every target, so that periodic errors are sampled. What is recalled
+here and not read in a source at hand: above 2000 mm a spacing of about 250 mm; rotary axes: at least 3 targets up to 90°, 5
+up to 180°, 8 above.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from volid.standards.positioning_runs import WAY_NAMES, PositioningRuns
+
+APPROACHES = 5  # of each target in each direction
+PER_METRE, LEAST, LONG = 5, 5, 2000.0  # targets, targets, mm
+SPACING, GENEROUS = 250.0, 1.1  # mm, above `LONG`; "about"
+ROTARY = ((90.0, 3), (180.0, 5), (math.inf, 8))  # up to this range [°] so many targets
+EQUAL = 0.01  # steps that differ by less than this share of the step are equal
+COVERED = 0.9  # share of the travel
+
+
+def rules(runs: PositioningRuns) -> tuple[str, ...]:
+    """What the test breaks of the standard's rules."""
+    return (*_targets(runs), *_equal_steps(runs), *_approaches(runs), *_directions(runs), *_travel(runs))
+
+
+def attention(runs: PositioningRuns) -> tuple[str, ...]:
+    """Why the numbers need a second look: none of them can mean what the symbol says."""
+    if runs.deviations.shape[2] > 1 and not np.nanstd(runs.deviations, axis=2).any():
+        return (f"{runs.axis}: all runs are equal to the last digit, so that R is 0; expected readings of every run",)
+    return ()
+
+
+def wanted_targets(runs: PositioningRuns) -> tuple[int, str]:
+    """How many targets the standard asks for at least, and by which rule, in words."""
+    length = runs.length
+    if runs.is_rotary:
+        most, count = next(rule for rule in ROTARY if length <= rule[0] + 1e-9)
+        words = f"a range up to {most:g}°" if math.isfinite(most) else "a range above 180°"
+        return count, f"{count} targets over {words} (the standard's table, recalled)"
+    if length > LONG:
+        count = math.ceil(length / (SPACING * GENEROUS)) + 1
+        return count, f"a spacing of about {SPACING:g} mm above {LONG:g} mm (recalled)"
+    return max(
+        LEAST, math.ceil(PER_METRE * length / 1000.0 - 1e-9)
+    ), f"{PER_METRE} targets per metre and {LEAST} in all"
+
+
+def _targets(runs: PositioningRuns) -> Iterator[str]:
+    count, rule = wanted_targets(runs)
+    if len(runs.targets) < count:
+        unit = "°" if runs.is_rotary else " mm"
+        yield f"{len(runs.targets)} targets over {runs.length:g}{unit}; ISO 230-2 asks for at least {rule}: {count} here"
+
+
+def _equal_steps(runs: PositioningRuns) -> Iterator[str]:
+    steps = np.diff(runs.targets)
+    if len(steps) > 1 and np.ptp(steps) < EQUAL * steps.mean():
+        unit = "°" if runs.is_rotary else " mm"
+        yield (
+            f"all targets are {steps.mean():.6g}{unit} apart; ISO 230-2 asks for (i - 1) p + r with another r at every target, "
+            "because an error whose period fits the step looks the same at all of them and is not seen"
+        )
+
+
+def _approaches(runs: PositioningRuns) -> Iterator[str]:
+    if runs.are_means:
+        yield "only means are known, not the approaches they come from: A and R are not determined"
+        return
+    counts = np.isfinite(runs.deviations).sum(axis=2)[:, list(runs.directions)]
+    fewest, most = int(counts.min()), int(counts.max())
+    if fewest < APPROACHES:
+        target = runs.targets[int(np.argmin(counts.min(axis=1)))]
+        where = "every target" if fewest == most else f"target {target:g}"
+        lost = "; without a second one its scatter, A and R are not determined" if fewest < 2 else ""
+        yield f"{where} has {fewest} approach(es) in a direction; ISO 230-2 asks for {APPROACHES}{lost}"
+    elif fewest != most:
+        yield f"targets have {fewest} to {most} approaches in a direction, and count alike"
+
+
+def _directions(runs: PositioningRuns) -> Iterator[str]:
+    if len(runs.directions) == 1:
+        way = runs.directions[0]
+        yield (
+            f"approached in {'+-'[way]} only: quantities of both directions are not determined, those with "
+            f"'{WAY_NAMES[way]}' hold"
+        )
+
+
+def _travel(runs: PositioningRuns) -> Iterator[str]:
+    if runs.travel is None:
+        return
+    share = runs.length / (runs.travel[1] - runs.travel[0])
+    if share < COVERED:
+        yield f"the targets cover {100.0 * share:.0f} % of the travel of {runs.axis}; the quantities hold for that part"

@@ -1,0 +1,113 @@
+"""Expanded uncertainty of the quantities of ISO 230-2: what instrument, set-up and surroundings may have added to the runs.
+
+The measurand is the quantity of THESE runs: how well the machine repeats is part of it (R, A) and no contribution; how
+another test of five runs would come out is not said. With x the deviations that an exact instrument would have shown, and n
+what the contributions add, a test shows Q(x + n). Each contribution draws n for every approach at once, so that what is alike
+in all runs (a scale) acts on E, A and M, and what changes from approach to approach also on R and B. U is the smallest number
+that |Q(x^ + n) - Q(x^)| exceeds in 4.55 % of the draws, which is k = 2 of a normal distribution; it includes that noise only
+ever raises a range (JCGM 101, propagation of distributions).
+
+x^ are the measured deviations, shrunk where they are no larger than the contributions themselves explain: three parts (means
+of both directions about their mean, half reversals, scatter about the means) are each multiplied by 1 - variance of n /
+variance seen, the share of it that is the machine's, or by 0. Without it, a machine that repeats better than its instrument
+would have an R that looks certain. Every Q but B_mean is a seminorm of the deviations, so that |Q(x + n) - Q(x)| never
+exceeds Q(n), whatever x is: `largest` is U from n alone.
+
+Source: JCGM 101:2008; the contributions are those that ISO/TR 230-9 and the annex of ISO 230-2 name (recalled), their
+propagation is not that of the annex.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from volid.standards.positioning_runs import PositioningRuns, Statistics, statistics_of
+
+TRIALS = 4000
+PROBABILITY = 0.9545  # k = 2
+SHOWN = ("E", "A", "R", "M", "B", "E_up", "A_up", "R_up", "E_down", "A_down", "R_down")
+SURE = 0.99  # that the contributions explain no more variance than is taken out
+_LEAST = 0.05  # share of U² below which a contribution is not named
+
+Draw = Callable[[np.random.Generator, int], np.ndarray]
+Quantities = Callable[[Statistics], Mapping[str, np.ndarray]]
+
+
+class Contribution(NamedTuple):
+    """One thing that makes a test uncertain.
+
+    `name`: in words. `draw`: from a generator and a number of trials, what it adds to the deviations, an array that spreads to
+    (trials, t, 2, n) [mm or degrees].
+    """
+
+    name: str
+    draw: Draw
+
+
+class Uncertainty(NamedTuple):
+    """U (k = 2) by symbol; `alone`: by contribution, what it would be with it alone; `largest`: bound whatever the machine is;
+    `remarks`: what there is to say of it."""
+
+    U: Mapping[str, float]
+    alone: Mapping[str, Mapping[str, float]]
+    largest: Mapping[str, float]
+    remarks: tuple[str, ...]
+
+
+def expanded(
+    runs: PositioningRuns, contributions: Sequence[Contribution], quantities: Quantities, seed: int = 0
+) -> Uncertainty:
+    """U of all quantities by the contributions together, and by each alone. `seed`: of the random numbers."""
+    rng = np.random.default_rng(seed)
+    shape = (TRIALS, *runs.deviations.shape)
+    alone, total = {}, np.zeros(shape)
+    for contribution in contributions:
+        drawn = np.broadcast_to(contribution.draw(rng, TRIALS), shape)
+        alone[contribution.name] = _changes(runs.deviations, drawn, quantities)
+        total = total + drawn
+    start = shrunk(runs.deviations, total)
+    U = _changes(start, total, quantities)
+    nothing = np.where(np.isfinite(runs.deviations), 0.0, np.nan)
+    return Uncertainty(U, alone, _changes(nothing, total, quantities), _remarks(U, alone))
+
+
+def shrunk(deviations: np.ndarray, drawn: np.ndarray) -> np.ndarray:
+    """Deviations (t, 2, n) with each of their three parts reduced to the share that `drawn`, (…, t, 2, n), does not explain."""
+    parts, added = _parts(deviations), _parts(np.where(np.isfinite(deviations), drawn, np.nan))
+    result = np.zeros(deviations.shape)
+    for part, noise in zip(parts, added, strict=True):
+        seen, of_noise = np.nanmean(part**2), np.quantile(np.nanmean(noise**2, axis=(-3, -2, -1)), SURE)
+        result = result + part * (max(0.0, 1.0 - of_noise / seen) if seen > 0.0 else 0.0)
+    return result
+
+
+def _parts(deviations: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Means of both directions about their mean, half reversals, scatter, each (…, t, 2, n) or spreading to it.
+
+    Their sum is the deviations but for a constant. Where a target was approached in one direction only it has no reversal.
+    """
+    mean = statistics_of(deviations).mean
+    both = np.where(np.isnan(mean), mean[..., ::-1], mean)
+    middle = both.mean(axis=-1, keepdims=True)
+    about = middle - middle.mean(axis=-2, keepdims=True)
+    return about[..., None], (mean - middle)[..., None], deviations - mean[..., None]
+
+
+def _changes(start: np.ndarray, drawn: np.ndarray, quantities: Quantities) -> dict[str, float]:
+    """The size that each quantity's change by the draws keeps within, with `PROBABILITY`."""
+    before, after = quantities(statistics_of(start)), quantities(statistics_of(start + drawn))
+    sizes = {name: np.abs(after[name] - value) for name, value in before.items() if np.isfinite(value)}
+    return {name: float(np.quantile(size, PROBABILITY)) for name, size in sizes.items()}
+
+
+def _remarks(U: Mapping[str, float], alone: Mapping[str, Mapping[str, float]]) -> tuple[str, ...]:
+    """By which contributions U of the main quantities comes about."""
+    said = []
+    for symbol in (s for s in SHOWN[:5] if U.get(s, 0.0) > 0.0):
+        shares = {name: (found[symbol] / U[symbol]) ** 2 for name, found in alone.items()}
+        named = [name for name in sorted(shares, key=lambda n: -shares[n]) if shares[name] >= _LEAST]
+        said.append(f"{symbol} by {', '.join(named) or 'many small contributions'}")
+    return (f"U: {'; '.join(said)}; the machine's own scatter is part of what is measured",) if said else ()
