@@ -32,6 +32,7 @@ from volid.cli.compensation_options import (
     rule_from,
     scatter,
 )
+from volid.cli.control_options import add_control_limits, control_limits
 from volid.cli.numbers import add_unusual, count, number, seed, tool_vector
 from volid.cli.progress import Progress
 
@@ -105,22 +106,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _add_motion(parser: argparse.ArgumentParser) -> None:
     """What the axes can do, and may be asked for."""
-    parser.add_argument(
-        "--increment",
-        metavar="X=..",
-        type=limits,
-        action=ByAxis,
-        help="least increments of the axes, mm or degrees",
-    )
-    parser.add_argument("--clamp", metavar="A,C", help="axes that stay clamped")
-    parser.add_argument("--poles", choices=("limit", "keep out"), default="limit", help="near kinematic poles")
-    parser.add_argument(
-        "--pole-margin",
-        metavar="D",
-        type=number("degrees", above=0.0, most=45.0),
-        default=5.0,
-        help="where that begins, degrees; default 5",
-    )
+    add_control_limits(parser)
     parser.add_argument(
         "--limit", metavar="X=..", type=limits, action=ByAxis, default={}, help="largest correction, mm or degrees"
     )
@@ -180,7 +166,6 @@ def _messages(solution: Solution) -> list[str]:
 def _forecast(solution: Solution, args: argparse.Namespace) -> tuple[Forecast, list[str]]:
     import numpy as np
 
-    from volid.compensation.orientation import PoleRule
     from volid.compensation.residual.forecast import forecast
     from volid.compensation.types import select
     from volid.uncertainty.lack_of_fit import lack_of_fit
@@ -192,11 +177,9 @@ def _forecast(solution: Solution, args: argparse.Namespace) -> tuple[Forecast, l
     tools = [tool, *(args.tools or [])]
     made_from, notes = prepared(solution, args, tools)
     judged = _judged(solution, args) if args.rigid else made_from
-    control: dict[str, Any] = {"poles": PoleRule(args.pole_margin, args.poles), "increment": args.increment or {}}
-    control["clamped"] = tuple(a.strip() for a in args.clamp.split(",")) if args.clamp else ()
     found = forecast(
         judged, lists, base_from(made_from, args, tool), np.array(tools), points=args.points, rule=rule_from(args.rule),
-        form="tables" if args.tables else None, control=control, tool_error=args.tool_error, seed=args.seed,
+        form="tables" if args.tables else None, control=control_limits(args), tool_error=args.tool_error, seed=args.seed,
         ranges=ranges_from(made_from, args), made_from=made_from, every_tool=args.tool is None and not args.tools,
         repeatability=args.repeatability,
     )  # fmt: skip

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from volid.cli.common import HDF5, add_allow_outside, add_output, check_output, conclude, explain, print_json
+from volid.cli.control_options import add_control, control_from
 from volid.cli.numbers import add_unusual, seed
 from volid.cli.progress import Progress
 
@@ -26,11 +27,18 @@ measured, whatever machine the plan was made for; both need the same axes.
 Without --truth the machine's errors are random. Errors, true stations and dead paths are written
 beside the campaign, with the ending .truth.h5. The same seed gives the same readings.
 
+With --compensation a control corrects the machine while it is measured: the campaign holds the
+programmed positions, the readings are those of the pose that the corrected drives reach, and
+[conditions] active_compensations records what was active. An axis that rests, and is moved by
+corrections alone, arrives in the direction of the last of these. The truth stays that of the machine.
+
 CAMPAIGN is one HDF5 file when it ends in .h5 or .hdf5, else a folder for campaign.toml and its
 CSV files.
 
 example:
   volid simulate models/wYXbZt_vertical.toml --plan plan.toml --seed 7 -o campaign.h5
+  volid simulate models/wYXbZt_vertical.toml --plan plan.toml --truth campaign.truth.h5 \
+      --compensation grid.csv --increment X=0.001,Y=0.001,Z=0.001 -o after.h5
 
 exit status: 0 good; 1 written, but the plan needs attention (positions outside the travel …);
 2 bad input
@@ -45,6 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--plan", metavar="PLAN.toml", required=True, help="what to measure, a manifest without readings"
     )
     parser.add_argument("--truth", metavar="TRUTH.h5", help="true errors, a truth or a solution; default: random")
+    add_control(parser)
     parser.add_argument("--seed", type=seed, default=0, metavar="N", help="of everything random; default 0")
     add_unusual(parser)
     add_allow_outside(parser)
@@ -66,10 +75,10 @@ def run(args: argparse.Namespace) -> int:
             read_machine(args.machine),
             load_campaign(args.plan, plan=True, allow_outside=args.allow_outside),
         )
-        truth = _truth(args, machine)
+        truth, control = _truth(args, machine), control_from(args, machine)
         progress(f"simulating {plan.n_readings} readings")
-        campaign, truth = simulate(plan, truth, seed=args.seed)
-        warnings = check_campaign(campaign)
+        campaign, truth = simulate(plan, truth, seed=args.seed, control=control)
+        warnings = (*check_campaign(campaign), *([] if control is None else control.corrected_twice))
     write_simulation(campaign, truth, *paths, overwrite=args.force)
     if args.json:
         print_json(_as_json(campaign, truth, args.seed, paths, warnings))
@@ -101,7 +110,7 @@ def _places(output: Path) -> tuple[Path, Path]:
 
 def _check_places(paths: tuple[Path, Path], args: argparse.Namespace) -> None:
     """Before any work: neither file is written when one of them cannot be."""
-    inputs = [path for path in (args.machine, args.plan, args.truth) if path is not None]
+    inputs = [path for path in (args.machine, args.plan, args.truth, *args.compensation) if path is not None]
     for path in paths:
         new_folder = paths[0].name == MANIFEST and not path.parent.exists()
         check_output(path.parent if new_folder else path, args.force, inputs)
@@ -109,6 +118,8 @@ def _check_places(paths: tuple[Path, Path], args: argparse.Namespace) -> None:
 
 def _summary(campaign: Campaign, planned: Machine, truth: Truth, seed: int, paths: tuple[Path, Path]) -> list[str]:
     """What was measured on what, and where it went, in a few lines."""
+    from volid.plausibility.conditions import active_compensations
+
     machine = campaign.machine
     lines = [f"machine '{machine.name}', {machine.structure}; {truth.source}; seed {seed}"]
     if planned.structure != machine.structure or planned.name != machine.name:
@@ -119,12 +130,15 @@ def _summary(campaign: Campaign, planned: Machine, truth: Truth, seed: int, path
     effects = dict.fromkeys(e.name for s in campaign.sets for e in s.effects)
     if effects:
         lines.append(f"systematic effects drawn from their u: {', '.join(effects)}")
+    lines += [f"active compensation: {text}" for text in active_compensations(campaign.conditions)]
     return [*lines, f"campaign: {paths[0]}", f"truth: {paths[1]}"]
 
 
 def _as_json(
     campaign: Campaign, truth: Truth, seed: int, paths: tuple[Path, Path], warnings: tuple[str, ...]
 ) -> dict[str, Any]:
+    from volid.plausibility.conditions import active_compensations
+
     return {
         "campaign": str(paths[0]),
         "truth": str(paths[1]),
@@ -132,6 +146,7 @@ def _as_json(
         "structure": campaign.machine.structure,
         "seed": seed,
         "errors": truth.source,
+        "active_compensations": active_compensations(campaign.conditions),
         "stations": len(campaign.stations),
         "readings": campaign.n_readings,
         "sets": [{"set": s.name, "kind": s.kind, "rows": len(s)} for s in campaign.sets],

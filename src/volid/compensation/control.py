@@ -1,9 +1,9 @@
 """A simulated control: it reads tables, grids and tool data, and alters the commanded position as a real control does.
 
-It interpolates tables and grids linearly, keeps their end values outside them, and takes the reversal of the approach direction.
-Lever arms are those of the tool vector that the control *uses*, which may be wrong. Rotary axes are turned against the
-orientation error, with a rule for poles. Corrections are rounded to the least increment, and clamped axes do not move. Not
-modelled: dynamics, the ramp at reversal, the order of cycles.
+It interpolates tables and grids linearly, or smooths them over a length, keeps their end values outside them, and takes the
+reversal of the approach direction that is programmed. Lever arms are those of the tool vector that the control *uses*, which may
+be wrong. Rotary axes are turned against the orientation error, with a rule for poles. Corrections are rounded to the least
+increment, and clamped axes do not move. Not modelled: dynamics, filters in time, the ramp at reversal, the order of cycles.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from volid.compensation.active import corrected_twice, grid_words, option_words, table_words, vector_words
 from volid.compensation.grids.grid import AnyGrid
 from volid.compensation.orientation import PoleRule, rotary_turns
 from volid.compensation.tables.error_table import ITSELF, MODEL, ErrorTable
@@ -22,7 +23,7 @@ from volid.model.iso230 import SPINDLE, parse
 from volid.model.jacobian import axis_directions, influence
 from volid.model.kinematics import ROWS, nominal_point, side_rotation
 from volid.model.machine import Machine
-from volid.model.requests import ask_increments
+from volid.model.requests import ask_increments, checked_number
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -52,6 +53,7 @@ class Control:
         increment: Least increment by axis letter [mm or °].
         clamped: Letters of axes that do not move for a compensation.
         poles: What it does near kinematic poles, see `PoleRule`.
+        smoothing: Length by axis letter over which it averages tables and grids, see `volid.compensation.smoothing` [mm or °].
         correct_motion: Whether X, Y, Z compensate the motion of the functional point that turned rotary axes cause; None: yes,
             unless only the orientation is corrected (FOR alone).
 
@@ -76,17 +78,32 @@ class Control:
     clamped: Sequence[str] = ()
     poles: PoleRule = field(default_factory=PoleRule)
     correct_motion: bool | None = None
+    smoothing: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for letter in (*self.increment, *self.clamped):
+        for letter in (*self.increment, *self.clamped, *self.smoothing):
             self.machine.index(letter)
         ask_increments((f"increment={a}", self.machine.axis(a).is_linear, v) for a, v in self.increment.items())
+        for letter, length in self.smoothing.items():
+            checked_number(f"smoothing={letter}", length, above=0.0)
         for table in self.tables:
             if table.axis != SPINDLE:
                 self.machine.index(table.axis)
         for grid in self.grids:
             for letter in grid.axes:
                 self.machine.index(letter)
+
+    @property
+    def active(self) -> tuple[str, ...]:
+        """Its compensations and what limits them, in words, one text each."""
+        by_axis = {"least increment": self.increment, "smoothing over": self.smoothing}
+        limits = option_words(self.machine, self.tool, by_axis, self.clamped)
+        return (*table_words(self.tables), *map(grid_words, self.grids), *limits)
+
+    @property
+    def corrected_twice(self) -> list[str]:
+        """What its tables and grids together correct more than once, in words."""
+        return corrected_twice(self.machine, self.tables, self.grids)
 
     def expected(
         self,
@@ -187,7 +204,7 @@ class Control:
                 i, component = self._place(table), parse(table.function).component
                 of_axis = i < len(self.machine.axes)
                 x, d = (q[:, i], way[:, i]) if of_axis else (np.zeros(len(q)), np.zeros(len(q)))
-                errors[:, ROWS * i + component] += table.at(x, d)
+                errors[:, ROWS * i + component] += table.at(x, d, self.smoothing.get(table.axis, 0.0))
         if not errors.any():
             return np.zeros((len(q), 3))
         return np.asarray(np.einsum("mij,mj->mi", influence(self.machine, q, tool)[:, :3], errors))
@@ -203,18 +220,20 @@ class Control:
                 i = self._place(table)
                 axis = self.machine.axes[i]
                 along = axis.frame.T @ np.asarray(axis.unit_vector)
-                value = table.at(q[:, i], way[:, i])
+                value = table.at(q[:, i], way[:, i], self.smoothing.get(table.axis, 0.0))
                 turns[:, i] -= np.rad2deg(value) * along[parse(table.function).component - 3]
         return turns
 
     def _from_grid(self, grid: AnyGrid, q: np.ndarray, tool: np.ndarray) -> np.ndarray:
         """Six components of the deviation (m, 6), with the grid's end values outside its nodes."""
-        values, lever = grid.clamped(grid.own_positions(self.machine, q)), grid.lever_arms(self.machine, q, tool)
+        own, lever = grid.own_positions(self.machine, q), grid.lever_arms(self.machine, q, tool)
+        values = grid.clamped(own, tuple(self.smoothing.get(letter, 0.0) for letter in grid.axes))
+        _ask_known(grid, own, values)
         blank = np.isnan(values[:, 3:]).any(axis=1)
         if np.any(blank & (np.abs(lever).max(axis=1) > 1e-9)):
             raise InputError(
                 f"control: rotations of the {grid.type} grid are blank, not determined by the data; it holds for its own tool "
-                "vector or reference point only"
+                f"vector or reference point only, {vector_words(grid.reference)}"
             )
         values[:, 3:] = np.nan_to_num(values[:, 3:])
         values[:, :3] += np.cross(values[:, 3:], lever)
@@ -243,3 +262,15 @@ class Control:
         if self.correct_motion is None:
             return any(grid.type != FOR for grid in self.grids) or bool(self.tables)
         return self.correct_motion
+
+
+def _ask_known(grid: AnyGrid, own: np.ndarray, values: np.ndarray) -> None:
+    """Raises `InputError` where the translations of a grid, (m, 6), are blank at the positions of its axes, (m, k)."""
+    blank = np.isnan(values[:, :3]).any(axis=1)
+    if blank.any():
+        at = own[int(np.argmax(blank))]
+        place = ", ".join(f"{a} = {v:g}" for a, v in zip(grid.axes, at, strict=True))
+        raise InputError(
+            f"control: the {grid.type} grid is blank at {place}, so that it does not say where to go; stay within the part that "
+            "it holds, or make one without gaps"
+        )

@@ -7,7 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from volid.compensation.control import Control
+from volid.compensation.grids.grid import AnyGrid
 from volid.compensation.package import Compensation
+from volid.compensation.tables.error_table import ErrorTable
 from volid.exceptions import InputError
 from volid.fitting.solution import Solution
 from volid.io.basics.atomic import atomic_folder
@@ -22,6 +24,7 @@ from volid.io.record import read_header
 from volid.io.table_reader import read_table
 from volid.io.tables import FORMAT as TABLE_FORMAT
 from volid.io.tables import TableForm, table_header, table_sheet
+from volid.model.iso230 import SPINDLE
 from volid.model.machine import Machine
 
 
@@ -76,10 +79,11 @@ def load_control(machine: Machine, paths: Iterable[str | Path], **options: Any) 
     Args:
         machine: The machine whose axes the control moves.
         paths: Paths of tables and grids, and of folders that contain them.
-        options: Options of `Control`: tool, increment, clamped, poles, correct_motion.
+        options: Options of `Control`: tool, increment, clamped, poles, correct_motion, smoothing.
 
     Raises:
-        InputError: a file is neither a table nor a grid of volid, or there are two tables of one function.
+        InputError: a file is neither a table nor a grid of volid, the machine lacks an axis of one, a grid stands in another
+            frame than that of the machine, there are two tables of one function, or no files at all.
 
     >>> import volid
     >>> solution = volid.fit(volid.load_campaign("datasets/five_axis_rtest/campaign.toml"))
@@ -89,22 +93,47 @@ def load_control(machine: Machine, paths: Iterable[str | Path], **options: Any) 
     >>> [table.function for table in volid.load_control(solution.machine, [folder]).tables]
     ['EAA', 'ECC']
     """
-    tables, grids = [], []
+    paths, tables, grids = list(paths), [], []
     for path in _files(paths):
         kind = GRID_FORMAT if is_hdf5(path) else _format(path)
         if kind == TABLE_FORMAT:
-            tables.append(read_table(path))
+            tables.append(_table_of(path, machine))
         elif kind == GRID_FORMAT:
-            grids.append(read_grid(path))
+            grids.append(_grid_of(path, machine))
         else:
             raise InputError(
                 f"{path}: format is '{kind}'; expected '{TABLE_FORMAT}' or '{GRID_FORMAT}', written by volid"
             )
+    if not tables and not grids:
+        raise InputError(f"{', '.join(map(str, paths))}: holds no table or grid (*.csv, *.h5); expected at least one")
     names = [t.function for t in tables]
     twice = next((n for n in names if names.count(n) > 1), None)
     if twice:
         raise InputError(f"two tables of {twice}; a control holds one per function. Superimpose them first")
     return Control(machine, tuple(tables), tuple(grids), **options)
+
+
+def _table_of(path: Path, machine: Machine) -> ErrorTable:
+    table = read_table(path)
+    _require_axes(path, machine, f"table of {table.function}", (table.axis,))
+    return table
+
+
+def _grid_of(path: Path, machine: Machine) -> AnyGrid:
+    grid = read_grid(path)
+    _require_axes(path, machine, f"grid over {', '.join(grid.axes)}", grid.axes)
+    if grid.frame != "machine":
+        raise InputError(f"{path}: frame is '{grid.frame}'; expected machine, in which a control applies the values")
+    return grid
+
+
+def _require_axes(path: Path, machine: Machine, what: str, axes: Iterable[str]) -> None:
+    """Raises `InputError` where the machine lacks an axis of a table or grid."""
+    lacking = [a for a in axes if a not in (*machine.letters, SPINDLE)]
+    if lacking:
+        raise InputError(
+            f"{path}: {what}, but machine '{machine.name}' has no axis {lacking[0]}; its axes are {', '.join(machine.letters)}"
+        )
 
 
 def _files(paths: Iterable[str | Path]) -> list[Path]:

@@ -8,6 +8,7 @@ from typing import Any
 from volid.exceptions import InputError
 
 THERMAL = "thermal_limit"  # key of [conditions] [mm]
+ACTIVE = "active_compensations"  # key of [conditions]: a list of texts (ISO/TR 16907 9.1)
 LARGEST_THERMAL = 1.0  # mm: a number above is one of micrometres
 
 
@@ -26,3 +27,12 @@ def thermal_limit(conditions: Mapping[str, Any]) -> float | None:
             )
         found.append(float(value))
     return max((v for v in found if v is not None), default=None)
+
+
+def active_compensations(conditions: Mapping[str, Any]) -> list[str]:
+    """Texts of the compensations that were active, those of single files included, each once; a lone text counts as a list."""
+    stated = conditions.get(ACTIVE, [])
+    found = [str(v) for v in (stated if isinstance(stated, list | tuple) else [stated])]
+    for value in conditions.values():
+        found += active_compensations(value) if isinstance(value, Mapping) else []
+    return list(dict.fromkeys(found))

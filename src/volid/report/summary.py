@@ -39,7 +39,7 @@ from volid.model.iso230 import DIRECTIONS, LINEAR_AXES, ROTARY_AXES, SPINDLE, de
 from volid.observations import KINDS
 from volid.observations.base import DEGREES
 from volid.plausibility.checks import closures
-from volid.plausibility.conditions import thermal_limit
+from volid.plausibility.conditions import active_compensations, thermal_limit
 from volid.report.repeats import repeatability_data
 from volid.report.sets import set_data
 from volid.report.squareness import angle_in_words, squareness_symbol
@@ -132,6 +132,7 @@ def _origin(solution: Solution) -> dict[str, Any]:
         "machine": {"name": solution.machine.name, "structure": solution.machine.structure},
         "axes": _axes(solution),
         "campaign": solution.campaign.title,
+        "active_compensations": active_compensations(solution.campaign.conditions),
         "datum": describe_datum(solution.machine, solution.datum),
         "sets": [row for i in sets for row in _set_rows(solution, i)],
     }

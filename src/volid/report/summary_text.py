@@ -108,6 +108,9 @@ def _head_lines(data: dict[str, Any]) -> list[str]:
     lines = paragraph(f"{machine['name']}  [{code}]", "machine")
     lines += paragraph("; ".join(axes), "travel")
     lines += paragraph(data["campaign"] or "(no title)", "campaign")
+    if data["active_compensations"]:
+        active = "; ".join(data["active_compensations"])
+        lines += paragraph(f"{active}. The errors below are those that remain with it", "active")
     return lines + paragraph(data["datum"], "datum")
 
 

@@ -24,6 +24,8 @@ from volid.model.requests import ask_positions, ask_tools
 from volid.observations import KINDS
 from volid.observations.base import Nuisance, NuisanceTable
 from volid.planning.standard import standard_plan
+from volid.plausibility.conditions import ACTIVE, active_compensations
+from volid.virtual.drives import Drives, errors_of
 from volid.virtual.random_truth import generator, random_truth
 from volid.virtual.truth import Truth
 
@@ -37,6 +39,7 @@ def simulate(
     seed: int = 0,
     noise: bool = True,
     station_error: float | None = STATION_ERROR,
+    control: Drives | None = None,
 ) -> tuple[Campaign, Truth]:
     """The campaign that a plan gives on a virtual machine, and everything that is true about it.
 
@@ -48,6 +51,10 @@ def simulate(
     effects of a set are drawn too, once for each scope. The resolution of an instrument and hidden lines of sight are not
     simulated.
 
+    With a `control`, the drives go where it corrects the programmed positions to, and the instruments see the pose reached
+    there; `volid.virtual.drives` says in which direction drives arrive whose axes rest. The campaign holds the programmed
+    positions, and under [conditions] `active_compensations` what was active. The truth stays that of the machine itself.
+
     Args:
         plan: A campaign, whose readings are replaced if it has any; a machine stands for its `standard_plan`.
         truth: What is measured: its machine must have the axes of the plan; None: a `random_truth` from `seed`.
@@ -55,13 +62,14 @@ def simulate(
         noise: Whether readings have noise; u is as stated either way.
         station_error: Standard deviation of each coordinate of the approximate positions of unknown stations and of spheres
             that the campaign holds [mm]; None: stations without position, spheres where they truly are.
+        control: A control that compensates, such as a `volid.Control` of the same machine; None: nothing is compensated.
 
     Returns:
         The campaign with readings, and the truth with `stations` and `instruments` filled in.
 
     Raises:
-        InputError: the axes differ, a station has no position, the u of a set cannot be known, or tool vectors or positions look
-            like another unit than mm (see `volid.accept_unusual`).
+        InputError: the axes differ, a station has no position, the u of a set cannot be known, the control lacks what it needs,
+            or tool vectors or positions look like another unit than mm (see `volid.accept_unusual`).
 
     Example:
         >>> from volid.io import read_machine
@@ -76,12 +84,14 @@ def simulate(
     _ask(plan)
     real = replace(plan, stations=tuple(_true_station(s, truth, plan) for s in plan.stations))
     engine = engine_for_readings(plan)
-    drawn = _draw_instruments(engine, real, truth, seed)
+    moved = _moved(engine, real, truth, control)
+    drawn = _draw_instruments(moved, real, truth, seed)
     sets = tuple(
-        _about(_measure(given, _exact(engine, read, truth, found, drawn.values), seed, noise), seed, station_error)
-        for given, read, found in zip(plan.sets, drawn.sets, drawn.groups, strict=True)
+        _about(_measure(given, _exact(at, read, found, drawn.values), seed, noise), seed, station_error)
+        for given, at, read, found in zip(plan.sets, moved, drawn.sets, drawn.groups, strict=True)
     )
     record = {"simulated": True, "simulation_seed": seed, "simulation_truth": truth.source or "given"}
+    record |= _active(plan, control)
     approximate = tuple(_approximate(s, seed, station_error) for s in real.stations)
     campaign = replace(plan, sets=sets, stations=approximate, conditions={**plan.conditions, **record})
     campaign = in_air(campaign, drawn.table.starts)
@@ -96,6 +106,31 @@ def _ask(plan: Campaign) -> None:
         ask_tools(plan.machine, planned.tool, name=f"{planned.file_and_set}: tool")
         columns = dict(zip(plan.machine.letters, planned.positions.T, strict=True))
         ask_positions(plan.machine, columns, f"{planned.file_and_set}, positions")
+
+
+def _active(plan: Campaign, control: Drives | None) -> dict[str, Any]:
+    """What [conditions] say of compensations: those that the plan names, and those of the control."""
+    if control is None:
+        return {}
+    return {ACTIVE: [*active_compensations(plan.conditions), *control.active]}
+
+
+class _At(NamedTuple):
+    """The machine as a set sees it: what computes, and its errors at the programmed positions, (ends · 6 · (n_axes + 1), m)."""
+
+    engine: Engine
+    machine: Machine
+    errors: np.ndarray
+
+
+def _moved(engine: Engine, real: Campaign, truth: Truth, control: Drives | None) -> list[_At]:
+    """The machine under each set of a campaign. Raises `InputError` for a control of other axes."""
+    if control is not None and control.machine.letters != truth.machine.letters:
+        raise InputError(
+            f"`control`: it moves the axes {', '.join(control.machine.letters)} of '{control.machine.name}', but "
+            f"'{truth.machine.name}' has {', '.join(truth.machine.letters)}; expected a control of this machine"
+        )
+    return [_At(engine, truth.machine, errors_of(truth, readings, control)) for readings in real.sets]
 
 
 class _Drawn(NamedTuple):
@@ -113,12 +148,12 @@ class _Drawn(NamedTuple):
         return {e.name: value for e, value in entries if e.recorded or _is_open(e)}
 
 
-def _draw_instruments(engine: Engine, real: Campaign, truth: Truth, seed: int) -> _Drawn:
+def _draw_instruments(moved: list[_At], real: Campaign, truth: Truth, seed: int) -> _Drawn:
     """Nuisance parameters of a campaign whose stations stand where they truly do."""
     table = NuisanceTable()
     own = [groups_of(readings, real, table, effects=False) for readings in real.sets]
     values = np.array([_true_value(entry, truth, seed) for entry in table.entries])
-    plain = [_predict(engine, readings, truth, found, values) for readings, found in zip(real.sets, own, strict=True)]
+    plain = [_predict(at, s, found, values) for at, s, found in zip(moved, real.sets, own, strict=True)]
     read = [replace(s, readings=exact) for s, exact in zip(real.sets, plain, strict=True)]
     table.starts = dict(zip(table.keys, values.tolist(), strict=True))
     groups = [groups_of(readings, real, table) for readings in read]  # what an effect does may depend on the reading
@@ -183,12 +218,10 @@ class _Exact(NamedTuple):
     random: list[tuple[Effect, np.ndarray]]
 
 
-def _exact(
-    engine: Engine, readings: ObservationSet, truth: Truth, groups: list[Extended], values: np.ndarray
-) -> _Exact:
-    exact = _predict(engine, readings, truth, groups, values)
-    sensitivities = partial(sensitivities_of, engine, readings, truth.machine, groups, values)
-    return _Exact(exact, random_parts(readings, truth.machine, sensitivities))
+def _exact(at: _At, readings: ObservationSet, groups: list[Extended], values: np.ndarray) -> _Exact:
+    exact = _predict(at, readings, groups, values)
+    sensitivities = partial(sensitivities_of, at.engine, readings, at.machine, groups, values)
+    return _Exact(exact, random_parts(readings, at.machine, sensitivities))
 
 
 def _is_open(entry: Nuisance) -> bool:
@@ -222,18 +255,15 @@ def _true_value(
     return entry.start + float(rng.uniform(-entry.spread, entry.spread))
 
 
-def _predict(
-    engine: Engine, readings: ObservationSet, truth: Truth, groups: list[Extended], values: np.ndarray
-) -> np.ndarray:
+def _predict(at: _At, readings: ObservationSet, groups: list[Extended], values: np.ndarray) -> np.ndarray:
     """Readings without noise, shape (m, k)."""
-    errors = np.concatenate([truth.errors(end.positions, end.directions) for end in readings.ends])
     seen = readings.side_by_side
     result = np.full(readings.readings.shape, np.nan)
-    chain = chain_of(truth.machine)
+    chain = chain_of(at.machine)
     for group in groups:
         rows = group.rows
-        numbers = (seen.positions[rows].T, seen.tool[rows].T, errors[:, rows], values[group.slots])
-        result[rows] = engine.readings(chain, group.form, *numbers, group.constants).T
+        numbers = (seen.positions[rows].T, seen.tool[rows].T, at.errors[:, rows], values[group.slots])
+        result[rows] = at.engine.readings(chain, group.form, *numbers, group.constants).T
     return result
 
 

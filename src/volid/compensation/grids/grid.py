@@ -20,6 +20,7 @@ import numpy as np
 from volid.backend.even_points import round_position
 from volid.compensation.grids.interpolation import interpolate, into_period
 from volid.compensation.grids.sides import HEAD, LINEAR, TABLE, lever_points
+from volid.compensation.smoothing import smoothed
 from volid.model.iso230 import DIRECTIONS
 from volid.model.machine import Machine
 
@@ -100,8 +101,18 @@ class SpatialGrid(ABC):
         table = self.values.reshape(*(len(n) for n in reversed(self.nodes)), 6)
         return interpolate(tuple(reversed(self.nodes)), table, x[:, ::-1])
 
-    def clamped(self, positions: Float[np.ndarray, "m k"]) -> Float[np.ndarray, "m 6"]:
-        """As `interpolate`, but with the end values of the grid outside its nodes."""
+    def clamped(
+        self, positions: Float[np.ndarray, "m k"], smoothing: tuple[float, ...] = ()
+    ) -> Float[np.ndarray, "m 6"]:
+        """As `interpolate`, but with the end values of the grid outside its nodes.
+
+        Args:
+            positions: Positions of the grid's axes, in the order of `axes`, shape (m, k) [mm or °].
+            smoothing: Lengths over which the control averages, one per axis, see `volid.compensation.smoothing` [mm or °].
+        """
+        if any(smoothing):
+            table = np.moveaxis(self.values.reshape(*(len(n) for n in reversed(self.nodes)), 6).T, 0, -1)
+            return smoothed(self.nodes, table, np.asarray(positions, dtype=float), smoothing, self.periods)
         x = np.array(positions, dtype=float).reshape(-1, len(self.axes))
         for k, (nodes, period) in enumerate(zip(self.nodes, self.periods, strict=True)):
             if not period:

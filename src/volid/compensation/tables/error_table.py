@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from volid.compensation.grids.interpolation import into_period
+from volid.compensation.smoothing import weights
 from volid.model.iso230 import parse
 
 if TYPE_CHECKING:
@@ -75,7 +76,9 @@ class ErrorTable:
         """Unit of the values."""
         return parse(self.function).unit
 
-    def at(self, positions: Float[np.ndarray, " m"], direction: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
+    def at(
+        self, positions: Float[np.ndarray, " m"], direction: Float[np.ndarray, " m"], smoothing: float = 0.0
+    ) -> Float[np.ndarray, " m"]:
         """Error values by linear interpolation, as a control finds them.
 
         Outside its positions a table keeps its end values.
@@ -83,10 +86,15 @@ class ErrorTable:
         Args:
             positions: Positions of the axis, shape (m,) [mm or °].
             direction: Direction of approach, shape (m,): +1, -1, or 0 when unknown, for the mean of both.
+            smoothing: Length over which the control averages, see `volid.compensation.smoothing` [mm or °].
 
         Returns:
             Error values, shape (m,) [mm or rad].
         """
+        if smoothing:
+            share = weights(self.positions, np.asarray(positions, dtype=float), smoothing, self.period)
+            up, down = share @ self.forward, share @ self.reverse
+            return np.asarray(0.5 * (up + down) + 0.5 * np.sign(direction) * (up - down))
         x = into_period(np.asarray(positions, dtype=float), self.positions[0], self.positions[-1], self.period)
         up, down = (np.interp(x, self.positions, v) for v in (self.forward, self.reverse))
         return np.asarray(0.5 * (up + down) + 0.5 * np.sign(direction) * (up - down))

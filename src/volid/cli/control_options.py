@@ -1,0 +1,86 @@
+"""What a simulated control can do, as options that `residual` and `simulate` share, and the control of `simulate`."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING, Any
+
+from volid.cli.compensation_options import ByAxis, limits
+from volid.cli.numbers import number, tool_vector
+
+if TYPE_CHECKING:
+    from volid.compensation.control import Control
+    from volid.model.machine import Machine
+
+
+def add_control_limits(parser: argparse.ArgumentParser) -> None:
+    """--increment, --clamp, --smoothing, --poles, --pole-margin."""
+    parser.add_argument(
+        "--increment",
+        metavar="X=..",
+        type=limits,
+        action=ByAxis,
+        help="least increments of the axes, mm or degrees",
+    )
+    parser.add_argument("--clamp", metavar="A,C", help="axes that stay clamped")
+    parser.add_argument(
+        "--smoothing",
+        metavar="X=..",
+        type=limits,
+        action=ByAxis,
+        help="lengths over which the control averages tables and grids, mm or degrees",
+    )
+    parser.add_argument("--poles", choices=("limit", "keep out"), default="limit", help="near kinematic poles")
+    parser.add_argument(
+        "--pole-margin",
+        metavar="D",
+        type=number("degrees", above=0.0, most=45.0),
+        default=5.0,
+        help="where that begins, degrees; default 5",
+    )
+
+
+def control_limits(args: argparse.Namespace) -> dict[str, Any]:
+    """The options as those of `volid.Control`."""
+    from volid.compensation.orientation import PoleRule
+
+    return {
+        "poles": PoleRule(args.pole_margin, args.poles),
+        "increment": args.increment or {},
+        "smoothing": args.smoothing or {},
+        "clamped": tuple(a.strip() for a in args.clamp.split(",")) if args.clamp else (),
+    }
+
+
+def add_control(parser: argparse.ArgumentParser) -> None:
+    """--compensation, --control-tool, and what the control can do."""
+    parser.add_argument(
+        "--compensation",
+        metavar="FILE",
+        nargs="+",
+        action="extend",
+        default=[],
+        help="tables and grids that are active, or folders of them, as volid tables, grid and field write them",
+    )
+    parser.add_argument(
+        "--control-tool",
+        metavar="x,y,z",
+        type=tool_vector,
+        help="tool vector that the control uses, mm; default: the true one of every reading",
+    )
+    add_control_limits(parser)
+
+
+def control_from(args: argparse.Namespace, machine: Machine) -> Control | None:
+    """The control with the files of --compensation; None without. Raises `InputError`, also for options that need files."""
+    from volid.exceptions import InputError
+    from volid.io.compensations import load_control
+
+    if args.compensation:
+        return load_control(machine, args.compensation, tool=args.control_tool, **control_limits(args))
+    idle = [n for n in ("control_tool", "increment", "clamp", "smoothing") if getattr(args, n)]
+    if idle:
+        raise InputError(
+            f"`{idle[0]}` says how a control compensates, and no compensation is given; name its files with `compensation`"
+        )
+    return None
