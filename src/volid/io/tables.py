@@ -32,6 +32,7 @@ from volid.io.functions_csv import OUTSIDE, Sheet
 from volid.io.layouts import ISO, VOLID, check_layout
 from volid.io.record import COMPENSATION, ERROR, SIGN, closing_lines, values_lines
 from volid.model.iso230 import LINEAR_AXES, parse
+from volid.model.machine import Machine
 from volid.model.requests import ask_increments
 
 FORMAT = "volid-table/1"
@@ -100,6 +101,12 @@ def table_header(
     command: Sequence[str] = (),
 ) -> dict[str, str]:
     """The record of a table (ISO/TR 16907 12): all that is needed to use it, and to make it again."""
+    lines = table_lines(table, form, solution.machine)
+    return lines | closing_lines(solution, source, table.datum, command, table.notes)
+
+
+def table_lines(table: ErrorTable, form: TableForm, machine: Machine) -> dict[str, str]:
+    """What the numbers of a table are; where they come from is for the maker of the table to say."""
     unit, axis_unit = table.unit, "mm" if table.axis in LINEAR_AXES else "degrees"
     values = ERROR if form.errors else COMPENSATION
     _, _, loss = written_values(table, form)
@@ -108,7 +115,7 @@ def table_header(
         "format": FORMAT,
         "type": table.type,
         "function": table.function,
-        "meaning": meaning_of(table, solution.machine),
+        "meaning": meaning_of(table, machine),
         **values_lines(values),
         "rows": INCREMENTAL if form.incremental else ABSOLUTE,
         "rows mean": _ROWS[INCREMENTAL if form.incremental else ABSOLUTE],
@@ -130,7 +137,7 @@ def table_header(
     if table.has_reversal and form.reversal == VALUE:
         value = float(round_to(np.array(SIGN[values] * table.reversal_value), least))
         lines["reversal value"] = f"{value:.12g} {unit}"
-    return lines | closing_lines(solution, source, table.datum, command, table.notes)
+    return lines
 
 
 def _reversal_text(table: ErrorTable, form: TableForm) -> str:

@@ -70,7 +70,7 @@ def _of_set(observations: ObservationSet, campaign: Campaign) -> Iterator[Found]
         )
         numbered = approaches._replace(deviation=np.arange(len(line.rows), dtype=float))
         place = arranged(axis.letter, numbered, axis.unit).deviations
-        yield Found(runs, tuple(_contributions(observations, campaign, line, place)))
+        yield Found(runs, tuple(contributions_of_line(observations, campaign, line, place)))
 
 
 def _approaches(observations: ObservationSet, line: Positioning, unit: str) -> Approaches:
@@ -94,10 +94,12 @@ def _notes(line: Positioning) -> tuple[str, ...]:
 # ------------------------------------------------------------------------------------------------- what makes it uncertain
 
 
-def _contributions(
+def contributions_of_line(
     observations: ObservationSet, campaign: Campaign, line: Positioning, place: np.ndarray
 ) -> Iterator[Contribution]:
-    """`place` (t, 2, n): number of the row in the line, NaN where there is none. The machine's repeatability is none."""
+    """What makes the runs of a line uncertain: u of its readings and effects.
+
+    `place` (t, 2, n): number of the row in the line, NaN where there is none. The machine's repeatability is no contribution."""
     spread = _Spread(line, np.isfinite(place), np.nan_to_num(place).astype(int))
     u = observations.u[line.rows, 0]
     if np.isfinite(u).all() and u.any():

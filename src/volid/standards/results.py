@@ -51,6 +51,23 @@ class Table:
 
 
 @dataclass(frozen=True)
+class Section:
+    """A further table that a reader sees below the quantities.
+
+    Args:
+        key: Its name in JSON.
+        title: What it shows.
+        columns: Names of its columns, the first of which names the rows.
+        rows: Texts, and lengths in mm (NaN where not determined), which a report shows in µm.
+    """
+
+    key: str
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str | float, ...], ...]
+
+
+@dataclass(frozen=True)
 class Evaluation:
     """One evaluated test: an axis, a plane, a diagonal.
 
@@ -63,6 +80,7 @@ class Evaluation:
         table: What stands behind the quantities.
         source: The file or set that was evaluated.
         details: The standard's own result, for figures.
+        sections: Further tables below the quantities.
     """
 
     standard: str
@@ -73,6 +91,7 @@ class Evaluation:
     table: Table = field(default_factory=Table)
     source: str = ""
     details: Any = None
+    sections: tuple[Section, ...] = ()
 
     def __getitem__(self, symbol: str) -> Quantity:
         """The quantity of this symbol. Raises `KeyError` where there is none."""

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import isnan
 from typing import Any
 
-from volid.report.text import bullets, table
+from volid.report.text import bullets, micro, table
 from volid.standards.results import RULE, Evaluation, Quantity
 
 _SHOWN = {"mm": (1e3, "µm", 2), "rad": (1e6, "µrad", 1), "mm/mm": (1e6, "µm/m", 1), "°": (3600.0, "arc sec", 2)}
@@ -21,7 +22,14 @@ def evaluation_lines(evaluation: Evaluation) -> list[str]:
     lines = [title, *table(header, rows, right=3 if limits else 2)]
     if limits:
         lines.append(f"verdict by {RULE}")
-    return [*lines, *bullets("remarks", evaluation.remarks)]
+    lines += bullets("remarks", evaluation.remarks)
+    for section in evaluation.sections:
+        lines += ["", f"{section.title}, µm", *table(section.columns, [_cells(row) for row in section.rows])]
+    return lines
+
+
+def _cells(row: Sequence[str | float]) -> list[str]:
+    return [cell if isinstance(cell, str) else micro(None if isnan(cell) else cell, "mm", 2) for cell in row]
 
 
 def evaluations_data(evaluations: Sequence[Evaluation]) -> dict[str, Any]:
@@ -76,4 +84,5 @@ def _entry(evaluation: Evaluation) -> dict[str, Any]:
         },
         "remarks": list(evaluation.remarks),
         "attention": list(evaluation.attention),
+        **{s.key: {"title": s.title, "columns": s.columns, "rows": s.rows} for s in evaluation.sections},
     }

@@ -1,0 +1,44 @@
+"""Systematic effects of a set, and angles of its beams, as errors that readings share: for the u of what a standard computes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from volid.campaign import Campaign, ObservationSet
+from volid.effects import TYPES
+from volid.effects.base import Term
+from volid.effects.prediction import is_random
+from volid.observations.base import NuisanceTable
+from volid.observations.beam_lines import BeamLine, beams_of
+
+
+def shared_columns(observations: ObservationSet, campaign: Campaign) -> np.ndarray:
+    """Errors of one standard uncertainty that readings of a set share, one column for each scope of each effect, (m, k).
+
+    The covariance of the readings (the first of each row) is diag(u²) + C Cᵀ with these columns C. Effects that are drawn anew
+    for every reading, and errors of the tool vector, which move all readings of a line alike, are not among them.
+    """
+    table, terms = NuisanceTable(), []
+    for effect in observations.effects:
+        if not is_random(effect):
+            terms += TYPES[effect.type].terms(effect, observations, campaign, table)
+    columns = [_column(term, i) * entry.prior_u for i, entry in enumerate(table.entries) for term in terms]
+    angle = float(observations.options.get("misalignment_u", np.inf))
+    if observations.options.get("misalignment", False) and np.isfinite(angle):
+        columns += [angle * column for line in beams_of(observations, campaign) for column in tilt_columns(line).T]
+    columns = [c for c in columns if c.any()]
+    return np.stack(columns, axis=1) if columns else np.zeros((len(observations), 0))
+
+
+def _column(term: Term, number: int) -> np.ndarray:
+    return np.where(term.slot == number, term.factor[:, 0], 0.0)
+
+
+def tilt_columns(line: BeamLine) -> np.ndarray:
+    """What 1 rad of tilt of the mirror against its line, about each of two directions, adds to readings of the set, (m, 2) [mm].
+
+    At Δ beside the beam a tilt adds its part along Δ. A beam that is turned together with its mirror does the same.
+    """
+    found = np.zeros((len(line.observations), 2))
+    found[line.rows] = (line.places - line.point) @ line.frame[1:].T
+    return found
