@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 HELP = "a test evaluated by its standard: positioning, ball bar, diagonals, step diagonals"
 
 # standard as it is asked for: module in volid.cli.evaluations
-STANDARDS: dict[str, str] = {}
+STANDARDS: dict[str, str] = {"iso230-4": "circular"}
 
 _EPILOG = """\
 'volid evaluate STANDARD --help' explains what each reads and gives.

@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from volid.exceptions import InputError
-from volid.standards.circular_geometry import BOW, FEW_DEGREES, Decomposition, decompose
+from volid.standards.circular_geometry import Decomposition, decompose
 from volid.standards.circular_readings import CircularReadings
 from volid.standards.circular_zone import LeastSquaresCircle, Zone, least_squares_circle, minimum_zone
 from volid.standards.circular_words import geometry, table
@@ -269,8 +269,9 @@ def _remarks(details: CircularDetails, blank: list[str], window: float, setup_ce
     found = [
         f"{len(test.runs)} runs of {test.arc:.0f}° with radius {test.radius:g} mm"
         f"{f', feed {test.feed:g} mm/min' if test.feed else ''}; anticlockwise is from +{test.plane[0]} to +{test.plane[1]}",
-        f"the socket stands {x:.1f} µm in {test.plane[0]} and {y:.1f} µm in {test.plane[1]} from the programmed centre"
-        f"{', which the radial deviations contain' if setup_centre else ', which is taken out'}",
+        f"the least-squares circle of all readings, spikes with them, says that the socket stands {x:.1f} µm in {test.plane[0]} and "
+        f"{y:.1f} µm in {test.plane[1]} from the programmed centre"
+        f"{', which the radial deviations contain' if setup_centre else ', which is taken out of the radial deviations'}",
         f"geometry is taken from the readings outside {window:g}° behind changes of quadrant, spikes from those within",
     ]
     if not test.is_calibrated:
@@ -282,8 +283,6 @@ def _remarks(details: CircularDetails, blank: list[str], window: float, setup_ce
             f"the arc of {test.arc:.0f}° is no full circle: D is not determined, and centre, radius and shape of the path can "
             "exchange"
         )
-    if test.arc < FEW_DEGREES:
-        found.append(f"on so short an arc a bow of u = {1e3 * BOW:g} µm over the diameter is allowed for beforehand")
     if test.u is None:
         found.append("no u of the readings is known: U of the geometry is from the residuals, ISO quantities have none")
     if blank:

@@ -1,4 +1,4 @@
-"""What bends a circle: geometry told apart from dynamics, by linear least squares of the radius over the angle, both senses together.
+"""What bends a circle: geometry told apart from dynamics, by least squares of the radius over the angle, both senses together.
 
 For axes a and b of the plane, φ the angle from +a to +b, s = ±1 the sense, R the radius, a small deviation e of the functional point
 reads as Δr = e·(cos φ, sin φ):
@@ -12,14 +12,15 @@ reads as Δr = e·(cos φ, sin φ):
     reversal B of E_ba, E_ab            (d_a/2) sin φ, (d_b/2) cos φ
     bow of E_ba, E_ab                   (1/4) sin 3φ, -(1/4) cos 3φ
 
-d_a = -s sgn(sin φ) and d_b = s sgn(cos φ) are the directions in which the axes move. A bow k is a parabola k (q/R)² of the
-straightness: k cos²φ sin φ, of which the part in sin φ moves the centre. A parabola of the other axis's positioning looks alike.
+d_a = -s sgn(sin φ) and d_b = s sgn(cos φ) are the directions in which the axes move; at a change of quadrant itself, those before it. A
+bow k is a parabola k (q/R)² of the straightness: k cos²φ sin φ, of which the part in sin φ moves the centre. A parabola of the other
+axis's positioning looks alike. Bows are the first of the waves by which the path may differ from the named terms
+(`volid.standards.circular_waves`); u of every term contains what waves can do to it.
 
 Within a window behind every change of quadrant nothing is fitted: there the pulses of friction stand, the reversal spikes. Each is the
-largest residual within its window, and nothing that the fit knows of. What the terms leave is the residual; where it is smooth over
-the angle it is no noise, and u of the terms contains what it can do to them (`volid.standards.circular_spread`).
+largest residual within its window, and nothing that the fit knows of.
 
-Not modelled: waves of a pitch, angular errors whose effect is no such term, and pulses that last longer than the window.
+Not modelled: reversal that depends on the position, and pulses that last longer than the window.
 """
 
 from __future__ import annotations
@@ -31,14 +32,10 @@ from typing import NamedTuple
 import numpy as np
 
 from volid.standards.circular_readings import CircularReadings
-from volid.standards.circular_spread import correlated_variance
+from volid.standards.circular_waves import fit_waves, waves
 from volid.standards.circular_zone import LeastSquaresCircle
 
 BEFORE = 2.0  # degrees: readings are taken somewhat before the angle they are given to
-FEW_DEGREES = 200.0  # an arc below does not tell a bow from centre, radius and scale
-BOW = 0.005  # mm over the diameter: standard uncertainty of what is known beforehand of a bow, on such arcs
-_NOISE = 1e-9  # of the largest singular value: a combination that no reading sees
-_PART = 1e-6  # share of a term in such a combination
 _EDGE = 1e-6  # degrees: rounding
 QUADRANTS = (0, 90, 180, 270)
 
@@ -67,42 +64,46 @@ class Spike(NamedTuple):
 class Decomposition:
     """The terms of a test by name, its spikes, and what is left.
 
-    `fitted`, `residual` (m,) [mm]: about the least-squares centre; `masked` (m,): behind changes of quadrant; `unit_weight`: root
-    mean square of residual / u, NaN where no u is known.
+    `named` (m,) [mm]: what the named terms explain, about the least-squares centre; `fitted` (m,): with all waves; `residual` (m,): the
+    readings less that; `masked` (m,): behind changes of quadrant; `ratio`: scatter of the residual in u, NaN where no u is known.
     """
 
     terms: Mapping[str, Term]
     spikes: tuple[Spike, ...]
+    named: np.ndarray
     fitted: np.ndarray
     residual: np.ndarray
     masked: np.ndarray
-    unit_weight: float
+    ratio: float
 
 
 def decompose(test: CircularReadings, circle: LeastSquaresCircle, window: float) -> Decomposition:
     """Terms of a test; `window`: degrees behind a change of quadrant that are left out of the fit."""
     columns = _columns(test, circle.direction)
-    A = np.stack(list(columns.values()), axis=1)
+    A, p = np.stack(list(columns.values()), axis=1), len(columns)
+    Z, orders = waves(test.angle, test.step)
     masked = in_windows(test, -BEFORE, window)
-    prior = _prior(test, tuple(columns))
-    gain, beforehand, unknown = _solve(A, ~masked, test.u, prior)
-    value = gain @ circle.deviation
-    fitted = A @ value
+    used = ~masked
+    found = fit_waves(A[used], Z[used], orders, circle.deviation[used], None if test.u is None else test.u[used])
+    named = A @ found.value[:p] + Z[:, :2] @ found.value[p : p + 2]
+    fitted = named + Z[:, 2:] @ found.value[p + 2 :]
     residual = circle.deviation - fitted
-    scatter, unit_weight = _scatter(test, residual, ~masked, A.shape[1] - np.count_nonzero(prior))
-    smooth = correlated_variance(gain, residual, test.angle, ~masked, test.step)
-    u = np.sqrt(gain**2 @ scatter**2 + beforehand + smooth)
-    value, u = np.where(unknown, np.nan, value), np.where(unknown, np.nan, u)
+    scatter = np.full(len(test), found.scatter) if test.u is None else found.scatter * test.u
+    value, u = (np.where(found.unknown, np.nan, of_all[:p]) for of_all in (found.value, found.u))
     terms = {name: Term(float(v), float(w)) for name, v, w in zip(columns, value, u, strict=True)}
+    terms["bow ba"] = Term(4.0 * float(found.value[p + 1]), 4.0 * float(found.u[p + 1]))
+    terms["bow ab"] = Term(-4.0 * float(found.value[p]), 4.0 * float(found.u[p]))
     spikes = _spikes(test, residual, scatter, window)
-    return Decomposition(_with_centre(terms, circle), spikes, fitted, residual, masked, unit_weight)
+    ratio = np.nan if test.u is None else found.ratio
+    return Decomposition(_with_centre(terms, circle), spikes, named, fitted, residual, masked, ratio)
 
 
 def _columns(test: CircularReadings, direction: np.ndarray) -> dict[str, np.ndarray]:
     """Every term's factor, (m,); those of the centre about the socket that was found."""
     phi, s = np.deg2rad(test.angle), test.sense
     c, d = np.cos(phi), np.sin(phi)
-    along_a, along_b = -s * np.sign(np.round(d, 12)), s * np.sign(np.round(c, 12))
+    before = phi - s * np.deg2rad(_EDGE)
+    along_a, along_b = -s * np.sign(np.sin(before)), s * np.sign(np.cos(before))
     parts = {f"radius {k}": (test.parts == k) * 1.0 for k in range(int(test.parts.max()) + 1)}
     return {
         **parts,
@@ -115,8 +116,6 @@ def _columns(test: CircularReadings, direction: np.ndarray) -> dict[str, np.ndar
         "reversal bb": 0.5 * along_b * d,
         "reversal ba": 0.5 * along_a * d,
         "reversal ab": 0.5 * along_b * c,
-        "bow ba": 0.25 * np.sin(3.0 * phi),
-        "bow ab": -0.25 * np.cos(3.0 * phi),
     }
 
 
@@ -124,42 +123,6 @@ def in_windows(test: CircularReadings, start: float, end: float) -> np.ndarray:
     """Which readings were taken from `start` to `end` degrees behind a change of quadrant, (m,)."""
     behind = np.mod(test.sense * test.angle - start + 1e-9, 90.0)  # quadrants change every 90 degrees in either sense
     return np.asarray(behind <= end - start + 2e-9)
-
-
-def _prior(test: CircularReadings, names: tuple[str, ...]) -> np.ndarray:
-    """1/u of what is known beforehand, by term; 0 for nothing."""
-    short = test.arc < FEW_DEGREES
-    return np.array([1.0 / BOW if short and name.startswith("bow") else 0.0 for name in names])
-
-
-class _Solved(NamedTuple):
-    """`gain` (p, m): ∂term/∂reading; `beforehand` (p,): variance by what was known; `unknown` (p,): terms no reading determines."""
-
-    gain: np.ndarray
-    beforehand: np.ndarray
-    unknown: np.ndarray
-
-
-def _solve(A: np.ndarray, used: np.ndarray, u: np.ndarray | None, prior: np.ndarray) -> _Solved:
-    """Least squares of the readings used, weighted by 1/u; without u, priors count as if it were 1 µm."""
-    weight = used / (np.full(len(A), 1e-3) if u is None else u)
-    both = np.vstack([weight[:, None] * A, np.diag(prior)])
-    size = np.linalg.norm(both, axis=0)
-    size[size == 0.0] = 1.0
-    U, s, Vt = np.linalg.svd(both / size, full_matrices=False)
-    kept = s > _NOISE * s[0]
-    inverse = (Vt[kept].T / s[kept]) @ U[:, kept].T / size[:, None]
-    unknown = np.abs(Vt[~kept]).max(axis=0, initial=0.0) > _PART
-    return _Solved(inverse[:, : len(A)] * weight, (inverse[:, len(A) :] ** 2).sum(axis=1), unknown)
-
-
-def _scatter(test: CircularReadings, residual: np.ndarray, used: np.ndarray, p: int) -> tuple[np.ndarray, float]:
-    """Standard uncertainty of the readings (m,), enlarged where the residuals scatter more; and their ratio to u."""
-    free = max(int(used.sum()) - p, 1)
-    if test.u is None:
-        return np.full(len(residual), np.sqrt(np.sum(residual[used] ** 2) / free)), np.nan
-    ratio = float(np.sqrt(np.sum((residual[used] / test.u[used]) ** 2) / free))
-    return test.u * max(ratio, 1.0), ratio
 
 
 def _with_centre(terms: dict[str, Term], circle: LeastSquaresCircle) -> dict[str, Term]:

@@ -128,7 +128,8 @@ def circular_readings(
     A run ends where the sense changes, the angle jumps, a label changes, or a turn is complete.
 
     Args:
-        plane: Two axes, such as "XY"; "YX" is the same plane, its angle still counts from +X to +Y.
+        plane: Two axes, such as "XY", from the first of which towards the second the angle counts. Of "YX", "ZY" and "XZ" angles
+            and senses are turned into those of XY, YZ and ZX.
         radius: Nominal radius [mm].
         angle: Commanded angle, shape (m,) [degrees].
         deviation: Radius that was read minus `radius`, shape (m,) [mm].
@@ -139,11 +140,14 @@ def circular_readings(
     Raises:
         InputError: no such plane, a run of fewer than 8 readings, or deviations of more than a twentieth of the radius.
 
-    >>> circular_readings("YX", 100.0, np.arange(0.0, 360.0, 10.0), np.zeros(36)).plane
-    'XY'
+    >>> turned = circular_readings("XZ", 100.0, np.arange(0.0, 360.0, 10.0), np.zeros(36))
+    >>> turned.plane, turned.senses, turned.angle[:3].tolist()
+    ('ZX', (-1,), [90.0, 80.0, 70.0])
     """
     found, where = _plane(plane, source), f"{source}: " if source else ""
     angle, deviation = np.asarray(angle, dtype=float), np.asarray(deviation, dtype=float)
+    if plane.upper() != found:
+        angle, sense = 90.0 - angle, None if sense is None else -np.asarray(sense)
     if not radius > 0.0:
         raise InputError(f"{where}radius is {radius:g}; expected the nominal radius of the circle in mm")
     largest = float(np.abs(deviation - np.median(deviation)).max(initial=0.0))

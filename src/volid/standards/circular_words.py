@@ -17,6 +17,7 @@ COLUMNS = (
     "as_read_mm",
     "deviation_mm",
     "geometry_mm",
+    "with_waves_mm",
     "residual_mm",
     "behind_quadrant",
 )
@@ -76,19 +77,20 @@ def _spike(test: CircularReadings, spike: Spike) -> Quantity:
 
 def _left(test: CircularReadings, found: Decomposition) -> Quantity:
     """What the terms leave outside the windows: the range of the residual."""
-    left = found.residual[~found.masked]
+    left = (found.residual + found.fitted - found.named)[~found.masked]
     text = "range of what these terms leave, spikes apart"
     return Quantity(f"residual_{test.plane}", float(np.ptp(left)), "mm", text=text)
 
 
 def table(test: CircularReadings, deviation: np.ndarray, found: Decomposition) -> Table:
-    """Reading by reading: as read, about the centre that was chosen, what the geometry explains, and what is left."""
+    """Reading by reading: as read, about the centre that was chosen, what the geometry explains, and with waves, and what is left."""
     columns = (
         test.angle.tolist(),
         test.sense.tolist(),
         (test.run + 1).tolist(),
         test.deviation.tolist(),
         deviation.tolist(),
+        found.named.tolist(),
         found.fitted.tolist(),
         found.residual.tolist(),
         found.masked.astype(int).tolist(),
