@@ -105,7 +105,9 @@ def load_control(machine: Machine, paths: Iterable[str | Path], **options: Any) 
                 f"{path}: format is '{kind}'; expected '{TABLE_FORMAT}' or '{GRID_FORMAT}', written by volid"
             )
     if not tables and not grids:
-        raise InputError(f"{', '.join(map(str, paths))}: holds no table or grid (*.csv, *.h5); expected at least one")
+        raise InputError(
+            f"{', '.join(map(str, paths))}: holds no table or grid (*.csv, *.h5, *.hdf5); expected at least one"
+        )
     names = [t.function for t in tables]
     twice = next((n for n in names if names.count(n) > 1), None)
     if twice:
@@ -139,7 +141,11 @@ def _require_axes(path: Path, machine: Machine, what: str, axes: Iterable[str]) 
 def _files(paths: Iterable[str | Path]) -> list[Path]:
     found: list[Path] = []
     for path in map(Path, paths):
-        found += sorted(p for p in path.iterdir() if p.suffix in (".csv", ".h5")) if path.is_dir() else [path]
+        found += (
+            sorted(p for p in path.iterdir() if p.suffix.lower() in (".csv", ".h5", ".hdf5"))
+            if path.is_dir()
+            else [path]
+        )
     return found
 
 
