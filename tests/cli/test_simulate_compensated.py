@@ -11,6 +11,9 @@ from support.machines import VERTICAL, volid_machine
 from volid.campaign import Campaign
 from volid.io import load_campaign
 from volid.io.campaign.manifest import write_manifest
+from volid.io.grid_reader import read_grid
+from volid.io.grids import write_grid_hdf5
+from volid.io.record import read_header
 from volid.io.truths import load_truth, write_truth
 
 TOOL = (0.0, 0.0, -150.0)
@@ -89,6 +92,22 @@ def test_what_is_corrected_twice_is_said_and_simulated(run, bench, kind, said):
     copies = [write_grid(folder / f"{n}.csv", kind, X, scale(X)) for n in "ab"]
     status, _, err = simulate(run, bench, "--compensation", *copies)
     assert (status, f"attention: two {kind} grids of one side (linear)" in err) == (1, True)
+
+
+def test_grids_of_both_formats_act_alike_and_a_measured_field_holds_for_its_own_tool_alone(run, bench):
+    csv = write_grid(bench / "grid.csv", "L-VOL", X, scale(X))
+    write_grid_hdf5(read_grid(csv), read_header(csv), bench / "grid.h5")
+    found = []
+    for path in (csv, bench / "grid.h5"):
+        assert simulate(run, bench, "--compensation", path)[0] == 0
+        found.append(load_campaign(bench / "out.h5").sets[0].readings[:, 0])
+    np.testing.assert_array_equal(*found)
+    np.testing.assert_allclose(found[0] - found[0][2], 0.0, atol=3e-6)
+    blank = csv.read_text(encoding="utf-8").replace(",0,0,0,0,0,0,0,0,0,0,0,0", ",0,0,,,,0,0,0,,,,0")
+    (bench / "field.csv").write_text(blank, encoding="utf-8")
+    status, _, err = simulate(run, bench, "--compensation", bench / "field.csv")
+    assert (status, "holds for its own tool vector or reference point only, 0, 0, 0 mm" in err) == (2, True)
+    assert simulate(run, bench, "--compensation", bench / "field.csv", "--control-tool", "0,0,0")[0] == 0
 
 
 def test_what_does_not_fit_is_named_with_its_file(run, bench):
