@@ -13,6 +13,7 @@ from volid.cli.common import (
     check_output,
     conclude,
     explain,
+    in_options,
     named_by,
     print_json,
     usable_solution,
@@ -114,5 +115,5 @@ def _say(found: Validation, args: argparse.Namespace) -> int:
         print_json(validation_data(found))
     else:
         written = [f"written: {path}" for path in filter(None, (args.output, args.figure))]
-        print("\n".join([*validation_lines(found), *written]))
+        print(in_options("\n".join([*validation_lines(found), *written]), args))
     return conclude(args, found.attention)

@@ -55,8 +55,8 @@ def validation_plan(
     """Plan of a campaign that tests what was identified from another one.
 
     A fit of R-test readings is tested by an R-test with other spheres, tool vectors and rotary positions; one of ball-bar
-    readings alone by circles about another centre with another bar and tool; every other one by
-    distances from stations where none of the fit's stood, to positions between the fit's levels. Collisions and lines of sight are not considered.
+    readings alone by circles about another centre with another bar and tool; every other one by distances from stations where
+    none of the fit's stood, to positions between the fit's levels. Collisions and lines of sight are not considered.
 
     Args:
         machine: The machine.

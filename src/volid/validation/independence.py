@@ -14,7 +14,7 @@ from volid.observations.base import Nuisance
 from volid.observations.response import Key, PlaceOf
 from volid.plausibility.conditions import active_compensations
 
-SEEN = "the fit has seen"
+SEEN, UNSTATED = "the fit has seen", "compensations were active"
 NEAR = 0.1  # of the diagonal of the volume: stations and spheres nearer to one of the fit's see the machine as that one did
 FEW = 60  # levels: positions on more of them are scattered, and stand between those of the fit as well
 
@@ -63,7 +63,7 @@ def active_notes(solution: Solution, campaign: Campaign, control: Control | None
     before, now = (set(active_compensations(c.conditions)) for c in (solution.campaign, campaign))
     if control is None and now - before:
         yield (
-            f"compensations were active that were not when the solution was measured: {', '.join(sorted(now - before))}; state "
+            f"{UNSTATED} that were not when the solution was measured: {', '.join(sorted(now - before))}; state "
             "them with `compensation`, or the prediction is that of the machine without"
         )
     if control is not None and before:

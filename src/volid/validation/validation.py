@@ -18,7 +18,7 @@ from volid.validation.chi_squares import Smallest, Split, Test, smallest_changes
 from volid.validation.equations import linear
 from volid.validation.groups import Compared, Group, compared, groups
 from volid.validation.held_out import HeldOut, held_out, with_factor
-from volid.validation.independence import SEEN, active_notes, dependences, places_of, tools_in_common
+from volid.validation.independence import SEEN, UNSTATED, active_notes, dependences, places_of, tools_in_common
 from volid.validation.verdict import verdict_of, weak_points
 from volid.validation.whitened import Whitened
 
@@ -67,8 +67,8 @@ class Validation:
     @property
     def attention(self) -> list[str]:
         """Why somebody should look: not confirmed, or no test at all."""
-        seen = [text for text in self.dependences if text.startswith(SEEN)]
-        return [*([] if self.confirmed else [self.verdict]), *seen]
+        doubtful = [text for text in (*self.dependences, *self.notes) if text.startswith((SEEN, UNSTATED))]
+        return [*([] if self.confirmed else [self.verdict]), *doubtful]
 
     @property
     def e_n(self) -> np.ndarray:
