@@ -89,7 +89,9 @@ class Split(NamedTuple):
 
 def tests(split: Split, level: float) -> tuple[Test, ...]:
     """The chi-squares that have any freedom."""
-    numbers = zip((SIMPLE, SMOOTH, REST), split.parts(split.whitened.v), split.freedom, split.limits(level), strict=True)
+    numbers = zip(
+        (SIMPLE, SMOOTH, REST), split.parts(split.whitened.v), split.freedom, split.limits(level), strict=True
+    )
     return tuple(Test(w, float(x), int(k), float(a), float(chdtrc(k, x))) for w, x, k, a in numbers if k > 0)
 
 

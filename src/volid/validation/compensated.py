@@ -44,7 +44,12 @@ def shifts(problem: Problem, campaign: Campaign, z: np.ndarray, control: Control
             shared = seen.positions.T, seen.tool.T
             with_control, without = (
                 problem.engine.readings(
-                    chain_of(campaign.machine), group.form, *shared, e[:, group.rows], z[n + group.slots], group.constants
+                    chain_of(campaign.machine),
+                    group.form,
+                    *shared,
+                    e[:, group.rows],
+                    z[n + group.slots],
+                    group.constants,
                 )
                 for e in (moved, plain)
             )
@@ -53,7 +58,9 @@ def shifts(problem: Problem, campaign: Campaign, z: np.ndarray, control: Control
     return tuple(found)
 
 
-def _errors(model: ErrorModel, coefficients: np.ndarray, readings: ObservationSet, control: Control | None) -> np.ndarray:
+def _errors(
+    model: ErrorModel, coefficients: np.ndarray, readings: ObservationSet, control: Control | None
+) -> np.ndarray:
     """Error values at the programmed positions of a set, those of all ends below each other."""
     found = []
     driven = readings.ends if control is None else driven_ends(control, readings)

@@ -100,9 +100,7 @@ def linear(solution: Solution, campaign: Campaign, control: Control | None = Non
     return _around(solution, campaign, problem, unknowns, z)
 
 
-def _around(
-    solution: Solution, campaign: Campaign, problem: Problem, unknowns: _Unknowns, z: np.ndarray
-) -> Linear:
+def _around(solution: Solution, campaign: Campaign, problem: Problem, unknowns: _Unknowns, z: np.ndarray) -> Linear:
     calibrated = unknowns.steps(unknowns.calibrated)
     back = _along(problem, campaign, z, calibrated) @ (z - unknowns.start)[unknowns.n + unknowns.calibrated]
     known = np.hstack([_known(solution, unknowns), calibrated * unknowns.u[unknowns.calibrated]])

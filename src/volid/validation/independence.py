@@ -38,7 +38,10 @@ def dependences(solution: Solution, campaign: Campaign, places: dict[tuple[Key, 
     near = [min((float(np.linalg.norm(p - t)) for t in theirs), default=np.inf) < NEAR for p in places.values()]
     if near and all(near):
         found.append(f"all stations stand within {NEAR:g} mm of where those of the fit stood: take other places")
-    found += [f"all positions of {letter} are those of the fit: between them nothing is tested" for letter in _levels(solution, campaign)]
+    found += [
+        f"all positions of {letter} are those of the fit: between them nothing is tested"
+        for letter in _levels(solution, campaign)
+    ]
     return tuple(found)
 
 

@@ -21,7 +21,11 @@ def verdict_of(found: Sequence[Test], groups: Sequence[Group], causes: Sequence[
         return f"confirmed: the readings agree with the solution's predictions (a right solution does so in {100 * level:g} %)"
     parts = ", ".join(f"{t.what} (chi-square {t.chi_square:.4g}, limit {t.limit:.4g})" for t in failed)
     where = _where(groups)
-    looks = f"; it looks like this: {causes[0].what}" if causes else "; nothing that was tried explains it better than chance"
+    looks = (
+        f"; it looks like this: {causes[0].what}"
+        if causes
+        else "; nothing that was tried explains it better than chance"
+    )
     return f"not confirmed, by {parts}{where}{looks}"
 
 
@@ -42,7 +46,9 @@ def weak_points(smallest: Sequence[Smallest]) -> tuple[str, ...]:
     coarse = [s for s in smallest if COARSE < s.at_point < float("inf")]
     found = []
     if never:
-        found.append(f"this campaign cannot tell a change of {', '.join(never)}: its own unknowns take it up, or no reading sees it")
+        found.append(
+            f"this campaign cannot tell a change of {', '.join(never)}: its own unknowns take it up, or no reading sees it"
+        )
     if coarse:
         sizes = ", ".join(f"{s.name} from {1e3 * s.at_point:.0f} µm at the functional point on" for s in coarse)
         found.append(f"this campaign would find with 90 % only large changes: {sizes}")
