@@ -60,6 +60,10 @@ VERBS = {
         "residual",
         "what each compensation type leaves over the working volume, side by side, with intervals",
     ),
+    "check": (
+        "check",
+        "a quick check of an old solution by few new readings: what has changed, and the solution updated",
+    ),
     "compare": (
         "compare",
         "what changed significantly between solutions of one machine; three or more: a series over time",

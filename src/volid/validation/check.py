@@ -1,17 +1,18 @@
 """The quick check: do few new readings still agree with an old solution, and if not, what has changed? ISO/TR 16907 4 b.
 
-The readings are tested against their prediction as in `validate`: with the covariance of the solution, their own unknowns projected
-out, |v|² is chi-square distributed while nothing has changed. Half of the 5 % of false alarms belongs to this test of everything, half
-to the best of the suspects (`suspects`), since |v|² of forty readings hardly notices one number. With Q a basis of what a suspect does
-to v,
+The readings are tested against their prediction as in `validate`: with the covariance of the solution, their own unknowns
+projected out, |v|² is chi-square distributed while nothing has changed. Half of the 5 % of false alarms belongs to this test of
+everything, half to the best of the suspects (`suspects`), since |v|² of forty readings hardly notices one number. With Q a
+basis of what a suspect does to v,
 
     drop of chi-square g = |Qᵀ v|²,   k degrees of freedom,
 
 and suspects compete by g - k log n (Schwarz 1978). Those within `RIVAL` of the best are named beside it: the readings do not tell
 them apart. What is found is released, and the others are asked again about what is left.
 
-The updated solution is the fit of the new readings with the old solution as prior knowledge, of which the combinations that changed
-are taken out: all contrasts that do not depend on them keep their covariance. With them in, the old value would hold the new one back.
+The updated solution is the fit of the new readings with the old solution as prior knowledge, of which the combinations that
+changed are taken out: all contrasts that do not depend on them keep their covariance. With them in, the old value would hold
+the new one back.
 """
 
 from __future__ import annotations
@@ -66,11 +67,11 @@ class Finding:
 class Check:
     """What new readings say of an old solution.
 
-    `changed`: whether they disagree (5 % false alarms). `chi_square`, `degrees_of_freedom`, `probability`: of all readings against
-    their prediction. `findings`: what changed, the surest first; empty where nothing that was tried explains it. `rest`: probability
-    of what the findings leave. `smallest_found`: by name of constants and scales, the size of a change that nine of ten such checks
-    find [mm, rad; of a scale mm over its range]; inf: none. `updated`: the solution of the new readings with the old one as prior,
-    what changed released. `left_out`: rows outside the measured range, by set.
+    `changed`: whether they disagree (5 % false alarms). `chi_square`, `degrees_of_freedom`, `probability`: of all readings
+    against their prediction. `findings`: what changed, the surest first; empty where nothing that was tried explains it.
+    `rest`: probability of what the findings leave. `smallest_found`: by name of constants and scales, the size of a change that
+    nine of ten such checks find [mm, rad; of a scale mm over its range]; inf: none. `updated`: the solution of the new readings
+    with the old one as prior, what changed released. `left_out`: rows outside the measured range, by set.
     """
 
     changed: bool

@@ -1,13 +1,13 @@
 """What may have changed since a solution was made, one thing at a time, with what it does to new readings.
 
-A crash, a transport or a repair changes little, but by much: a squareness, the scale of an axis, one error motion. So each of these is
-a suspect of its own, with few numbers γ:
+A crash, a transport or a repair changes little, but by much: a squareness, the scale of an axis, one error motion. So each of
+these is a suspect of its own, with few numbers γ:
 
     δθ = S γ,   readings change by J S γ.
 
 A constant has one number, a scale one, an error motion the coefficients of Legendre polynomials of degree 1 … 4 (of a full turn:
-harmonics), as far as the datum leaves them to it. Beside them stands what is no change of the machine, and might be taken for one:
-a tool of another length, another scale of the instrument.
+harmonics), as far as the datum leaves them to it. Beside them stands what is no change of the machine, and might be taken for
+one: a tool of another length, another scale of the instrument.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ LEFT = 1e-3  # of a shape of its own size: less is nothing that the function its
 class Suspect:
     """Something that may have changed.
 
-    `name`: symbol, or words for what is not the machine. `words`: what it is. `columns` (n, k): what one unit of its numbers does to
-    the readings over their u. `steps` (n_parameters, k): its change of θ; None where it is not the machine. `rows` (m, n_parameters)
-    at `positions` (m,): the values that it changes, for its size; `unit`: of these.
+    `name`: symbol, or words for what is not the machine. `words`: what it is. `columns` (n, k): what one unit of its numbers
+    does to the readings over their u. `steps` (n_parameters, k): its change of θ; None where it is not the machine. `rows` (m,
+    n_parameters) at `positions` (m,): the values that it changes, for its size; `unit`: of these.
     """
 
     name: str
