@@ -66,9 +66,9 @@ def finding_words(finding: Finding) -> str:
     """One finding, with its rivals."""
     size = ""
     if np.isfinite(finding.size):
-        unit = unit_of(finding.unit) if finding.is_machine else ""
-        cells = [size_cell(v, finding.unit) for v in (finding.size, finding.u)] if finding.is_machine else []
-        size = f" by {cells[0]} {unit} (u {cells[1]} {unit})" if cells else ""
+        unit = "µm/m" if finding.unit == "mm/mm" else unit_of(finding.unit)
+        cells = [size_cell(v, "rad" if finding.unit == "mm/mm" else finding.unit) for v in (finding.size, finding.u)]
+        size = f" by {cells[0]} {unit} (u {cells[1]} {unit})"
     place = f" at {finding.at:.4g}" if np.isfinite(finding.at) else ""
     rivals = f"; these readings cannot tell it from {', '.join(finding.rivals)}" if finding.rivals else ""
     verb = "changed" if finding.is_machine else "differs"

@@ -7,8 +7,8 @@ basis of what a suspect does to v,
 
     drop of chi-square g = |Qᵀ v|²,   k degrees of freedom,
 
-and suspects compete by g - k log n (Schwarz 1978). Those within `RIVAL` of the best are named beside it: the readings do not tell
-them apart. What is found is released, and the others are asked again about what is left.
+and suspects compete by g - k log n (Schwarz 1978). Those within `RIVAL` of the best are named beside it: the readings do
+not tell them apart. What is found is released, and the others are asked again about what is left.
 
 The updated solution is the fit of the new readings with the old solution as prior knowledge, of which the combinations that
 changed are taken out: all contrasts that do not depend on them keep their covariance. With them in, the old value would hold
@@ -27,8 +27,8 @@ from scipy.special import chdtrc
 from volid.backend.threads import one_blas_thread
 from volid.campaign import Campaign
 from volid.exceptions import InputError
+from volid.fitting.diagnosis.alternatives.ranking import WORTH
 from volid.fitting.fit import fit
-from volid.fitting.prediction.spread import linear_uncertainty
 from volid.fitting.results import read_only
 from volid.fitting.solution import Solution
 from volid.fitting.stages import breakdown_named
@@ -47,9 +47,10 @@ MOST = 4  # changes that are looked for
 class Finding:
     """A suspect that explains the disagreement.
 
-    `size` with `u` in `unit`: of a constant its change, of an error motion the largest, at position `at`; NaN of what is not the
-    machine with several numbers. `probability`: of a drop of chi-square as large by chance, all suspects that were tried counted.
-    `is_machine`: False for a tool or an instrument. `rivals`: names of suspects that explain it nearly as well.
+    `size` with `u` in `unit`: of a constant its change, of an error motion the largest, at position `at`; NaN of what is
+    not the machine with several numbers. `probability`: of a drop of chi-square as large by chance, all suspects that were
+    tried counted. `is_machine`: False for a tool or an instrument. `rivals`: names of suspects that explain it nearly as
+    well.
     """
 
     name: str
@@ -120,7 +121,7 @@ def check(solution: Solution, campaign: Campaign, *, progress: Callable[[str], N
             f"{campaign.source or 'campaign'}: its {len(whitened.v)} readings are all taken up by its own stations, dead paths "
             "and offsets, so nothing is left to check; take more readings per set-up"
         )
-    suspects = suspects_of(solution, whitened)
+    suspects = suspects_of(whitened)
     search = _Search(whitened, tuple(suspects))
     chi_square = float(whitened.v @ whitened.v)
     probability = float(chdtrc(whitened.freedom, chi_square))
@@ -155,7 +156,8 @@ def updated(solution: Solution, campaign: Campaign, released: Sequence[Suspect])
 
 
 class _Picked(NamedTuple):
-    """A suspect with its drop of chi-square beside those picked before, `probability` with all tried counted, and its rivals."""
+    """A suspect with its drop of chi-square beside those picked before, `probability` with all tried counted, and its
+    rivals."""
 
     suspect: Suspect
     probability: float
@@ -175,7 +177,7 @@ class _Search:
         self.whitened = whitened
         nothing = np.zeros((len(whitened.v), 0))
         self.seen = tuple(s for s in suspects if whitened.span(s.columns, nothing).shape[1])
-        self.unseen = tuple(s for s in suspects if s not in self.seen)
+        self.suspects = suspects
 
     @property
     def level(self) -> float:
@@ -188,14 +190,18 @@ class _Search:
         Where that is small the first one need only be better than chance among suspects; else it has to pay for itself.
         """
         found: list[_Picked] = []
-        beside = np.zeros((len(self.whitened.v), 0))
+        beside, worth = np.zeros((len(self.whitened.v), 0)), 0.0
         while len(found) < MOST:
             tried = self._tried(beside, found)
             certain = [t for t in tried if t.probability <= 0.5 * LEVEL and (t.score > 0.0 or not found)]
             if not certain:
                 break
             best = max(certain, key=lambda t: t.score)
-            rivals = tuple(t.suspect.name for t in tried if t is not best and t.score > best.score - RIVAL)
+            if found and best.score < WORTH * worth:
+                break
+            worth = max(worth, best.score)
+            near = [t.suspect.name for t in tried if t.score > best.score - RIVAL]
+            rivals = tuple(dict.fromkeys(n for n in near if n != best.suspect.name))
             found.append(_Picked(best.suspect, best.probability, rivals))
             beside = np.hstack([beside, self.whitened.span(best.suspect.columns, beside)])
             if everything > 0.5 * LEVEL:  # one suspect was seen among readings that agree as a whole
@@ -225,20 +231,15 @@ class _Search:
 
     def smallest(self) -> dict[str, float]:
         """The size found with a power of 90 %, by name of suspects of the machine that have one number."""
-        needed = np.sqrt(noncentrality(1, self.level))
-        found = {}
-        for suspect in (*self.seen, *self.unseen):
-            if suspect.steps is None or suspect.steps.shape[1] != 1 or suspect.rows is None:
-                continue
-            left = float(np.linalg.norm(self.whitened.free(suspect.columns)))
-            size = _spread_of(suspect.rows @ suspect.steps[:, 0])
-            found[suspect.name] = size * needed / left if suspect in self.seen else np.inf
+        needed = float(np.sqrt(noncentrality(1, self.level)))
+        found: dict[str, float] = {}
+        for suspect in (s for s in self.suspects if s.is_one_number):
+            found[suspect.name] = np.inf
+            if suspect.columns.shape[1]:
+                left = float(np.linalg.norm(self.whitened.free(suspect.columns)))
+                one, _, _ = suspect.size(np.ones(1), np.zeros((1, 1)))
+                found[suspect.name] = abs(one) * needed / left
         return found
-
-
-def _spread_of(values: np.ndarray) -> float:
-    """Of a constant its size, of a function the range of its values."""
-    return float(np.abs(values[0])) if len(values) == 1 else float(np.ptp(values))
 
 
 def _finding(search: _Search, own: _Picked, picked: Sequence[_Picked]) -> Finding:
@@ -250,18 +251,7 @@ def _finding(search: _Search, own: _Picked, picked: Sequence[_Picked]) -> Findin
     first = sum(p.suspect.columns.shape[1] for p in picked[: list(picked).index(own)])
     part = slice(first, first + own.suspect.columns.shape[1])
     suspect = own.suspect
-    size, u, at = float("nan"), float("nan"), float("nan")
-    if suspect.steps is not None and suspect.rows is not None and suspect.positions is not None:
-        rows = suspect.rows @ suspect.steps
-        change, all_u = rows @ values[part], linear_uncertainty(rows, covariance[part, part])
-        if suspect.name.startswith("scale of"):
-            rows = rows[[-1]] - rows[[0]]
-            size, u = float((rows @ values[part])[0]), float(linear_uncertainty(rows, covariance[part, part])[0])
-        else:
-            worst = int(np.argmax(np.abs(change)))
-            size, u, at = float(change[worst]), float(all_u[worst]), float(suspect.positions[worst])
-    elif columns[:, part].shape[1] == 1:
-        size, u = float(values[part][0]), float(np.sqrt(covariance[part, part][0, 0]))
+    size, u, at = suspect.size(values[part], covariance[part, part])
     return Finding(
         suspect.name,
         suspect.words,
@@ -270,6 +260,6 @@ def _finding(search: _Search, own: _Picked, picked: Sequence[_Picked]) -> Findin
         suspect.unit,
         at,
         own.probability,
-        suspect.steps is not None,
+        suspect.is_machine,
         own.rivals,
     )
