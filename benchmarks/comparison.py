@@ -87,10 +87,9 @@ def pair(task: tuple[str, int]) -> dict[str, Any]:
     case, rng = CASES[name], np.random.default_rng(90_000 + seed)
     truth = random_truth(VERTICAL, rng, waviness=case.get("waviness", 0.8))
     scale = SCALE * float(rng.standard_normal()) if case.get("scale") else 0.0
-    common = ("tracker scale",) if case.get("scale") else ()
     before = volid.fit(campaign(truth, 2 * seed, case, False, scale))
     after = volid.fit(campaign(truth, 2 * seed + 1, case, True, scale))
-    found = volid.compare(before, after, common=common)
+    found = volid.compare(before, after)
     tested = [f for f in found.functions if f.degrees_of_freedom]
     row: dict[str, Any] = {"case": name, "seed": seed, "false alarm": int(bool(found.significant))}
     row["pointwise"] = float(np.mean([f.probability < 0.05 for f in tested]))
@@ -98,7 +97,7 @@ def pair(task: tuple[str, int]) -> dict[str, Any]:
     which = CHANGED[seed % len(CHANGED)]
     size = next(f.smallest_found for f in found.functions if f.name == which)
     moved = volid.fit(campaign(changed(truth, which, size), 2 * seed + 1, case, True, scale))
-    now = volid.compare(before, moved, common=common)
+    now = volid.compare(before, moved)
     row |= {"changed": which, "size": size, "found": int(which in {f.name for f in now.significant})}
     row["others"] = len([f for f in now.significant if f.name != which])
     return row

@@ -92,6 +92,10 @@ _PUBLIC = {  # public name: where it comes from, in the order of the work
     # another campaign, another day
     "compare": "volid.validation.comparison:compare",
     "Comparison": "volid.validation.comparison:Comparison",
+    "compare_series": "volid.validation.series:series",
+    "Series": "volid.validation.series:Series",
+    "quick_check": "volid.validation.check:check",
+    "Check": "volid.validation.check:Check",
     # what can go wrong
     "accept_unusual": "volid.backend.consent:accept_unusual",
     "VolidError": "volid.exceptions:VolidError",

@@ -40,7 +40,11 @@ from volid.planning.standard import standard_plan
 from volid.plausibility.checks import check_campaign, closures
 from volid.report.summary import summary
 from volid.uncertainty.trials.monte_carlo import monte_carlo
+from volid.validation.check import Check
+from volid.validation.check import check as quick_check
 from volid.validation.comparison import Comparison, compare
+from volid.validation.series import Series
+from volid.validation.series import series as compare_series
 from volid.validation.validation import Validation, validate
 from volid.virtual.random_truth import random_truth
 from volid.virtual.simulate import simulate
@@ -109,6 +113,10 @@ __all__ = [  # noqa: RUF022
     "Forecast",
     "compare",
     "Comparison",
+    "compare_series",
+    "Series",
+    "quick_check",
+    "Check",
     "accept_unusual",
     "VolidError",
     "InputError",

@@ -64,6 +64,10 @@ VERBS = {
         "validate",
         "a solution tested by readings of another campaign: agreement with the prediction, E_n, what would be found",
     ),
+    "check": (
+        "check",
+        "a quick check of an old solution by few new readings: what has changed, and the solution updated",
+    ),
     "compare": (
         "compare",
         "what changed significantly between solutions of one machine; three or more: a series over time",

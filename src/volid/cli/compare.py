@@ -25,16 +25,17 @@ HELP = "what changed significantly between solutions of one machine; three or mo
 _EPILOG = """\
 All solutions are brought into one datum over the range that all have measured. Every function is
 tested once, over all that is known of it, and false alarms are at most 5 % over all functions
-together. What the solutions share cancels: the smoothness of the machine, an earlier solution that
-was a prior of the later one, and with --common NAME an effect or artefact that was the same one each
-time, such as the scale of one laser.
+together. What the solutions share cancels: the smoothness of the machine; an earlier solution that
+was a prior of the later one; effects that all campaigns name alike ([[set.effect]] with the same u,
+per = "campaign" or "tool"), such as the scale of one laser. --common NAME says so of others, such as
+a calibrated length; --independent NAME says that it was another instrument.
 
 Three solutions or more make a series: drift per function, steps that are no drift, and the date from
 which a compensation made from the first survey no longer holds (--limit, mm; without it the U of the
 first survey's own field). Dates are [conditions] date of the campaigns, or --dates.
 
 example:
-  volid compare january.h5 june.h5 --common "tracker scale" -o change.csv --figure change.svg
+  volid compare january.h5 june.h5 --common "bar length" -o change.csv --figure change.svg
   volid compare a.h5 b.h5 c.h5 --dates 2026-01-10,2026-03-01,2026-06-15 --limit 0.010
 
 exit status: 0 nothing changed; 1 written, and what changed significantly, or is in doubt, is named;
@@ -53,6 +54,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         help="effect or artefact that was the same one each time; repeatable",
+    )
+    parser.add_argument(
+        "--independent",
+        metavar="NAME",
+        action="append",
+        default=[],
+        help="effect that was another one each time, although all campaigns name it alike; repeatable",
     )
     parser.add_argument("--dates", metavar="D1,D2,…", help="of three solutions or more: dates, or numbers")
     parser.add_argument(
@@ -104,7 +112,9 @@ def _pair(args: argparse.Namespace, solutions: list[Solution]) -> int:
     from volid.validation.comparison import compare
 
     names = (args.solutions[0], args.solutions[1])
-    found = compare(*solutions, datum=_datum(args, solutions), common=args.common, names=names)
+    found = compare(
+        *solutions, datum=_datum(args, solutions), common=args.common, independent=args.independent, names=names
+    )
     if args.figure:
         from volid.report.comparison_figures import changes_figure
 
@@ -126,6 +136,7 @@ def _series(args: argparse.Namespace, solutions: list[Solution]) -> int:
         times.values,
         datum=_datum(args, solutions),
         common=args.common,
+        independent=args.independent,
         limit=args.limit,
         names=args.solutions,
     )

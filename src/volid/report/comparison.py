@@ -9,9 +9,9 @@ import numpy as np
 
 from volid.model.iso230 import describe
 from volid.report.text import bullets, micro, paragraph, table, unit_of, vector
-from volid.validation.function_changes import LEVEL, FunctionChange
 from volid.validation.comparison import Comparison
 from volid.validation.dates import Times
+from volid.validation.function_changes import LEVEL, FunctionChange
 from volid.validation.series import FunctionDrift, K, Series
 from volid.validation.volume_change import VolumeChange
 
@@ -32,8 +32,8 @@ def comparison_lines(found: Comparison) -> list[str]:
     lines += ["", *_change_table(found.functions, "change"), ""]
     lines += paragraph(
         f"probability: of a test value as large without any change; * significant, with at most {100 * LEVEL:g} % false alarms "
-        "over all functions together (Holm). found: the size that nine of ten such comparisons find; of a function, of a bump over "
-        "half of its range at the least favourable place"
+        "over all functions together (Holm). found: the size that nine of ten such comparisons find; of a function, of a bump "
+        "over half of its range at the least favourable place"
     )
     return [*lines, *_ends(found.not_tested, found.notes)]
 
@@ -103,12 +103,12 @@ def _change_table(functions: Sequence[FunctionChange], word: str) -> list[str]:
     rows = [
         [
             f.name,
-            _cell(f.largest_change, f.unit),
-            _cell(f.u, f.unit),
+            size_cell(f.largest_change, f.unit),
+            size_cell(f.u, f.unit),
             unit_of(f.unit),
             "" if not np.isfinite(f.at) else f"{f.at:.4g}{_WAYS[f.direction]}",
-            _probability(f.probability),
-            _cell(f.smallest_found, f.unit),
+            probability_cell(f.probability),
+            size_cell(f.smallest_found, f.unit),
             "*" if f.significant else "",
             describe(f.name),
         ]
@@ -118,11 +118,13 @@ def _change_table(functions: Sequence[FunctionChange], word: str) -> list[str]:
     return table(header, rows, right=2)
 
 
-def _cell(value: float, unit: str) -> str:
+def size_cell(value: float, unit: str) -> str:
+    """A size of mm or rad in µm or µrad; "n.d." where it is not determined."""
     return micro(value if np.isfinite(value) else None, unit, DIGITS)
 
 
-def _probability(value: float) -> str:
+def probability_cell(value: float) -> str:
+    """A probability with as many digits as matter."""
     return "n.d." if not np.isfinite(value) else f"{value:.3f}" if value >= 1e-3 else f"{value:.0e}"
 
 
@@ -130,7 +132,7 @@ def _size(change: FunctionChange) -> str:
     if not np.isfinite(change.largest_change):
         return "an amount that is not determined as such"
     unit = unit_of(change.unit)
-    return f"{_cell(change.largest_change, change.unit)} {unit} (u {_cell(change.u, change.unit)} {unit})"
+    return f"{size_cell(change.largest_change, change.unit)} {unit} (u {size_cell(change.u, change.unit)} {unit})"
 
 
 def _place(change: FunctionChange) -> str:
@@ -182,8 +184,8 @@ def holding_words(found: Series, times: Times) -> str:
     latest = f"and {times.words(hold.latest)}" if np.isfinite(hold.latest) else "and an open end"
     return (
         f"not exceeded within the series; going on at {1e3 * hold.rate:.3g} µm per {'day' if times.dated else 'unit of time'} "
-        f"the change of the field reaches {limit} on {times.words(hold.until)} (extrapolated; between {times.words(hold.earliest)} "
-        f"{latest}, k = {K:g})"
+        f"the change of the field reaches {limit} on {times.words(hold.until)} (extrapolated; between "
+        f"{times.words(hold.earliest)} {latest}, k = {K:g})"
     )
 
 

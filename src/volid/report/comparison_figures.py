@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from volid.model.iso230 import DIRECTIONS, ROTARY_AXES, parse
-from volid.validation.function_changes import FunctionChange
 from volid.validation.comparison import Comparison
 from volid.validation.dates import Times
+from volid.validation.function_changes import FunctionChange
 from volid.validation.series import FunctionDrift, Series
 
 if TYPE_CHECKING:

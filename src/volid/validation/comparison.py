@@ -15,7 +15,7 @@ from volid.fitting.solution import Solution
 from volid.model.error_functions import describe_datum
 from volid.model.machine import Datum
 from volid.validation.function_changes import LEVEL, Combination, FunctionChange, by_holm, function_change, outputs_of
-from volid.validation.shared import Shared, what_is_shared
+from volid.validation.shared import Said, Shared, what_is_shared
 from volid.validation.states import in_one_model
 from volid.validation.volume_change import VolumeChange, change_in, volume_of
 
@@ -53,20 +53,23 @@ def compare(
     *,
     datum: Datum | None = None,
     common: Sequence[str] = (),
+    independent: Sequence[str] = (),
     names: tuple[str, str] = ("A", "B"),
 ) -> Comparison:
     """What changed from one solution to another, with 5 % false alarms over all functions together.
 
     Per function one chi-square test over all that the readings determine of it, and Holm's rule over the functions
-    (`volid.validation.function_changes`). The difference's u counts once what both share (`volid.validation.shared`): the machine's own
-    smoothness, effects said to be `common`, an earlier solution that was a prior. Not modelled: an instrument that changed in
-    between without saying so; what the smoothness estimated from each campaign may be wrong by.
+    (`volid.validation.function_changes`). The difference's u counts once what both share (`volid.validation.shared`): the
+    machine's own smoothness, effects of the same instrument, an earlier solution that was a prior. Not modelled: an instrument
+    that changed in between without saying so; what the smoothness estimated from each campaign may be wrong by.
 
     Args:
         before: The earlier solution.
         after: The later one, of the same machine with the same error functions.
         datum: The datum in which functions are compared; None: that of `before`.
-        common: Names of systematic effects and artefacts that were the same ones in both campaigns.
+        common: Names of systematic effects and artefacts that were the same ones in both campaigns, besides those that both
+            name alike, with the same u and `per` = "campaign" or "tool".
+        independent: Names of effects that were not the same ones although both campaigns name them alike.
         names: What messages call the two.
 
     Raises:
@@ -82,7 +85,7 @@ def compare(
     ((), 0.0)
     """
     states = in_one_model((before, after), names, datum)
-    shared = what_is_shared(states, common)
+    shared = what_is_shared(states, Said(tuple(common), tuple(independent)))
     pair = Combination(shared, np.array([-1.0, 1.0]), np.array([0.0, 1.0]))
     return Comparison(
         names=names,

@@ -26,7 +26,7 @@ from volid.fitting.diagnosis.identifiability import parameter_units
 from volid.fitting.prediction.spread import linear_uncertainty
 from volid.model.axis_lines import line_row
 from volid.model.error_functions import reference_of
-from volid.model.error_model import LOCATION, REVERSAL, ErrorModel
+from volid.model.error_model import LOCATION, MEAN, REVERSAL, ErrorModel
 from volid.model.iso230 import parse
 from volid.model.linear_maps import function_rows
 from volid.validation.shared import Shared
@@ -39,6 +39,7 @@ NEGLIGIBLE = 1e-10  # of the largest eigenvalue: rounding
 SAME = 1e-3  # share of the variance as if nothing were shared, below which a difference is none (one solution holds the other)
 OPEN = 1e-4  # of what its parameters can: a change of an open direction that leaves a value determined
 FIXED = 1e-6  # of the largest u of a function: the datum fixes the value
+SLOPE = 1e-3  # of a line: more of it left means that the function has no slope of its own
 WIDTH = 0.5  # of the range: a bump whose detection is stated
 CENTRES = (0.25, 0.5, 0.75)
 
@@ -257,17 +258,29 @@ def _unit_changes(model: ErrorModel, outputs: Outputs) -> list[np.ndarray]:
     if len(rows) == 1:
         return [rows[0] / float(rows[0] @ rows[0])]
     low, high = model.machine.axis(parse(outputs.name).axis).travel
-    own = model.by_name[outputs.name, "mean"].parameters
     share = (outputs.positions - low) / (high - low)
-    found = []
+    bumps = []
     for centre in CENTRES:
-        bump = np.where(
-            np.abs(share - centre) < 0.5 * WIDTH, 0.5 + 0.5 * np.cos(2 * np.pi * (share - centre) / WIDTH), 0.0
-        )
-        change = np.zeros(rows.shape[1])
-        design = np.hstack([rows[:, own], np.ones((len(rows), 1)), share[:, None]])  # the datum takes constant and line
-        change[own] = np.linalg.lstsq(design, bump, rcond=1e-9)[0][: rows[:, own].shape[1]]
-        found.append(change)
+        away = (share - centre) / WIDTH
+        bumps.append(np.where(np.abs(away) < 0.5, 0.5 + 0.5 * np.cos(2 * np.pi * away), 0.0))
+    return list(nearest_changes(model, outputs, np.array(bumps)).T)
+
+
+def nearest_changes(model: ErrorModel, outputs: Outputs, shapes: np.ndarray) -> np.ndarray:
+    """Changes of a function's own θ', (n', k), nearest to shapes (k, m) of its values, as far as the datum leaves them to it.
+
+    A constant is a motion of the workpiece, and the slope of a straightness function a squareness: they are no part of it.
+    """
+    own = model.by_name[outputs.name, MEAN].parameters
+    rows = outputs.rows[:, own]
+    x = outputs.positions - np.mean(outputs.positions)
+    elsewhere = np.stack([np.ones_like(x), x], axis=1)
+    design = np.hstack([rows, elsewhere[:, :1]])
+    left = x - design @ np.linalg.lstsq(design, x, rcond=1e-9)[0]
+    if np.linalg.norm(left) > SLOPE * np.linalg.norm(x):
+        design = np.hstack([rows, elsewhere])
+    found = np.zeros((outputs.rows.shape[1], len(shapes)))
+    found[own] = np.linalg.lstsq(design, shapes.T, rcond=1e-9)[0][: rows.shape[1]]
     return found
 
 

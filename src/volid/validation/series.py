@@ -20,6 +20,7 @@ from volid.exceptions import InputError
 from volid.fitting.solution import Solution
 from volid.model.error_functions import describe_datum
 from volid.model.machine import Datum
+from volid.validation.comparison import doubts
 from volid.validation.function_changes import (
     LEVEL,
     Combination,
@@ -30,8 +31,7 @@ from volid.validation.function_changes import (
     outputs_of,
     values_of,
 )
-from volid.validation.comparison import doubts
-from volid.validation.shared import Shared, what_is_shared
+from volid.validation.shared import Said, Shared, what_is_shared
 from volid.validation.states import in_one_model
 from volid.validation.volume_change import Volume, VolumeChange, change_in, largest_u, volume_of
 
@@ -80,8 +80,8 @@ class Holding(NamedTuple):
 class Series:
     """Solutions over time.
 
-    `times` (k,): from the first survey, in days or another unit. `functions`: every function and constant. `volume`: change of the
-    field from the first to each other survey; `drift`: of the field along the line, over the span. `holding`: until when a
+    `times` (k,): from the first survey, in days or another unit. `functions`: every function and constant. `volume`: change of
+    the field from the first to each other survey; `drift`: of the field along the line, over the span. `holding`: until when a
     compensation made from the first survey holds. `datum`: in words.
     """
 
@@ -108,6 +108,7 @@ def series(
     *,
     datum: Datum | None = None,
     common: Sequence[str] = (),
+    independent: Sequence[str] = (),
     limit: float | None = None,
     names: Sequence[str] = (),
 ) -> Series:
@@ -117,7 +118,8 @@ def series(
         solutions: In any order of time, of one machine with the same error functions.
         times: When each was measured, in days or another unit.
         datum: In which functions are compared; None: that of the earliest.
-        common: Names of systematic effects and artefacts that were the same ones in all campaigns.
+        common: Names of systematic effects and artefacts that were the same ones in all campaigns, as in `compare`.
+        independent: Names of effects that were not, although all campaigns name them alike.
         limit: Largest change of the field that is accepted [mm]; None: the largest U (k = 2) of the field of the first survey,
             which a compensation made from it has anyway.
         names: What messages call the solutions.
@@ -135,7 +137,7 @@ def series(
         raise InputError("two solutions of the series have the same time; expected different dates")
     called = [names[i] if names else f"survey {n + 1}" for n, i in enumerate(order)]
     states = in_one_model([solutions[i] for i in order], called, datum)
-    shared = what_is_shared(states, common)
+    shared = what_is_shared(states, Said(tuple(common), tuple(independent)))
     volume, line = volume_of(states), _Line(shared, when - when[0])
     weights = np.array([1.0 / max(_mean_variance(volume, s.covariance), 1e-300) for s in states.states])
     slope = line.slope(weights)

@@ -20,6 +20,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,6 +28,7 @@ from volid.exceptions import InputError
 from volid.fitting.datum import s_transformation
 from volid.fitting.prior import prior_of
 from volid.fitting.solution import Solution
+from volid.validation.equations import shared_effects
 from volid.validation.states import State, States
 
 SAME_PRIOR = 1e-4  # relative difference of two sets of pseudo-readings up to which they are one
@@ -53,7 +55,7 @@ class Shared:
             found = found + spread @ spread.T
         for i in range(len(states)):
             for j in range(i + 1, len(states)):
-                both = self._by_prior[i, j]
+                both = self.by_prior[i, j]
                 if both is not None:
                     found = found + weights[i] * weights[j] * (both + both.T)
         return np.asarray(found)
@@ -108,7 +110,7 @@ class Shared:
         return [e[:, : len(w)] @ (w @ machine) for e, w in zip(self._smooth_errors, rows, strict=True)]
 
     @cached_property
-    def _by_prior(self) -> dict[tuple[int, int], np.ndarray | None]:
+    def by_prior(self) -> dict[tuple[int, int], np.ndarray | None]:
         """cov(θ'ᵢ, θ'ⱼ) by an earlier solution that both hold, by pair."""
         states = self.of.states
         pairs = [(i, j) for i in range(len(states)) for j in range(i + 1, len(states))]
@@ -120,20 +122,59 @@ def _pinv(rows: np.ndarray) -> np.ndarray:
     return np.asarray(np.linalg.pinv(rows, rcond=SMALLEST)) if rows.size else np.zeros(rows.T.shape)
 
 
-def what_is_shared(states: States, common: Sequence[str] = ()) -> Shared:
-    """What solutions share, with the effects and artefacts that are said to be `common`, by name.
+class Said(NamedTuple):
+    """What is said of effects and artefacts by name: `common`, one and the same each time; `independent`, not so."""
 
-    Raises `InputError` for a name that not every solution has, or an effect common to a solution and to the one that was its
-    prior.
+    common: tuple[str, ...] = ()
+    independent: tuple[str, ...] = ()
+
+
+def what_is_shared(states: States, said: Said) -> Shared:
+    """What solutions share.
+
+    Effects that all campaigns name alike, with the same u and `per` = "campaign" or "tool", are one and the same each time, as in
+    a fit of all campaigns together, unless they are said to be independent; others where they are said to be common.
+
+    Raises `InputError` for a name that not every solution has, or an effect said to be common to a solution and to the one that
+    was its prior.
     """
-    effects = [_effect_errors(states, state, tuple(common)) for state in states.states]
-    found = Shared(states, tuple(effects), _notes(states, tuple(common)))
-    if common and any(both is not None for both in found._by_prior.values()):
+    everywhere = _everywhere(states)
+    for what, names in zip(Said._fields, said, strict=True):
+        _check_names(what, names, everywhere)
+    alike = {name for key, (_, name, _) in everywhere.items() if key in _recognised(states)} - set(said.independent)
+    chosen = alike | set(said.common)
+    effects = tuple(
+        _effect_errors(state, [k for k, own in everywhere.items() if own[1] in chosen]) for state in states.states
+    )
+    found = Shared(states, effects, _notes(everywhere, alike, chosen | set(said.independent)))
+    if not chosen or all(both is None for both in found.by_prior.values()):
+        return found
+    if said.common:
         raise InputError(
-            f"`common={common[0]}`: one solution is the prior of another, which has counted this as independent; fit all "
+            f"`common={said.common[0]}`: one solution is the prior of another, which has counted this as independent; fit all "
             "campaigns without a prior to compare them"
         )
-    return found
+    note = f"counted as independent, as the fit with a prior has done: {', '.join(sorted(alike))}"
+    return Shared(states, tuple(np.zeros((len(s.map), 0)) for s in states.states), (note,))
+
+
+def _check_names(what: str, names: tuple[str, ...], everywhere: dict[object, tuple[int, str, float]]) -> None:
+    known = sorted({own[1] for own in everywhere.values()})
+    for name in names:
+        if name not in known:
+            raise InputError(
+                f"`{what}={name}`: not every solution has an effect or artefact of this name with the same u and scope; those "
+                f"that all have: {', '.join(known) or 'none'}"
+            )
+
+
+def _recognised(states: States) -> set[object]:
+    """Keys of effects that all solutions have for the same reason that two campaigns fitted together have them in common."""
+    first, *others = [s.solution for s in states.states]
+    found: list[set[object]] = [
+        {first.nuisance_table[i].key for i in shared_effects(o, first.nuisance_table)} for o in others
+    ]
+    return found[0].intersection(*found[1:])
 
 
 def _name(entry) -> str:  # type: ignore[no-untyped-def]
@@ -149,19 +190,10 @@ def _known(solution: Solution) -> dict[object, tuple[int, str, float]]:
     }
 
 
-def _effect_errors(states: States, state: State, common: tuple[str, ...]) -> np.ndarray:
-    """(n', e): S C e_ξ / u of every unknown that has one of the common names and stands in all solutions."""
-    everywhere = _everywhere(states)
-    for name in common:
-        if name not in {own[1] for own in everywhere.values()}:
-            known = sorted({own[1] for own in everywhere.values()})
-            raise InputError(
-                f"`common={name}`: not every solution has an effect or artefact of this name with the same scope; those that "
-                f"all have: {', '.join(known) or 'none'}"
-            )
+def _effect_errors(state: State, keys: Sequence[object]) -> np.ndarray:
+    """(n', e): S C e_ξ / u of every common unknown."""
     own, n = _known(state.solution), state.solution.model.n_parameters
-    chosen = [key for key, (_, name, _) in everywhere.items() if name in common]
-    columns = [state.reach[:, n + own[key][0]] / own[key][2] for key in chosen]
+    columns = [state.reach[:, n + own[key][0]] / own[key][2] for key in keys]
     return np.stack(columns, axis=1) if columns else np.zeros((len(state.map), 0))
 
 
@@ -175,15 +207,22 @@ def _everywhere(states: States) -> dict[object, tuple[int, str, float]]:
     }
 
 
-def _notes(states: States, common: tuple[str, ...]) -> tuple[str, ...]:
-    """Effects that might be common and were not said to be."""
-    names = sorted({name for _, name, _ in _everywhere(states).values()} - set(common))
-    if not names:
-        return ()
-    return (
-        f"counted as independent each time, though all campaigns state them alike: {', '.join(names)}. Where it was the same "
-        f"instrument or artefact, say so with `common={names[0]}`: then it does not hide a change",
-    )
+def _notes(everywhere: dict[object, tuple[int, str, float]], alike: set[str], decided: set[str]) -> tuple[str, ...]:
+    """What was taken to be common without a word, and what might be."""
+    notes = []
+    if alike:
+        name = sorted(alike)[0]
+        notes.append(
+            f"taken to be the same each time, because all campaigns name it alike: {', '.join(sorted(alike))}; if it was another "
+            f"instrument, say so with `independent={name}`"
+        )
+    others = sorted({name for _, name, _ in everywhere.values()} - decided)
+    if others:
+        notes.append(
+            f"counted as independent each time: {', '.join(others)}; where it was the same one, say so with "
+            f"`common={others[0]}`, and it does not hide a change"
+        )
+    return tuple(notes)
 
 
 def _held_by_both(first: State, second: State) -> np.ndarray | None:

@@ -1,0 +1,265 @@
+"""The quick check: do few new readings still agree with an old solution, and if not, what has changed? ISO/TR 16907 4 b.
+
+The readings are tested against their prediction as in `validate`: with the covariance of the solution, their own unknowns
+projected out, |v|² is chi-square distributed while nothing has changed. Half of the 5 % of false alarms belongs to this test of
+everything, half to the best of the suspects (`suspects`), since |v|² of forty readings hardly notices one number. With Q a
+basis of what a suspect does to v,
+
+    drop of chi-square g = |Qᵀ v|²,   k degrees of freedom,
+
+and suspects compete by g - k log n (Schwarz 1978). Those within `RIVAL` of the best are named beside it: the readings do
+not tell them apart. What is found is released, and the others are asked again about what is left.
+
+The updated solution is the fit of the new readings with the old solution as prior knowledge, of which the combinations that
+changed are taken out: all contrasts that do not depend on them keep their covariance. With them in, the old value would hold
+the new one back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import chdtrc
+
+from volid.backend.threads import one_blas_thread
+from volid.campaign import Campaign
+from volid.exceptions import InputError
+from volid.fitting.diagnosis.alternatives.ranking import WORTH
+from volid.fitting.fit import fit
+from volid.fitting.results import read_only
+from volid.fitting.solution import Solution
+from volid.fitting.stages import breakdown_named
+from volid.validation.equations import linear
+from volid.validation.function_changes import noncentrality
+from volid.validation.held_out import held_out, with_factor
+from volid.validation.suspects import Suspect, suspects_of
+from volid.validation.whitened import Whitened
+
+LEVEL = 0.05
+RIVAL = 6.0  # difference of scores up to which two suspects are not told apart: 20 to 1 (Kass and Raftery 1995)
+MOST = 4  # changes that are looked for
+
+
+@dataclass(frozen=True, eq=False)
+class Finding:
+    """A suspect that explains the disagreement.
+
+    `size` with `u` in `unit`: of a constant its change, of an error motion the largest, at position `at`; NaN of what is
+    not the machine with several numbers. `probability`: of a drop of chi-square as large by chance, all suspects that were
+    tried counted. `is_machine`: False for a tool or an instrument. `rivals`: names of suspects that explain it nearly as
+    well.
+    """
+
+    name: str
+    words: str
+    size: float
+    u: float
+    unit: str
+    at: float
+    probability: float
+    is_machine: bool
+    rivals: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Check:
+    """What new readings say of an old solution.
+
+    `changed`: whether they disagree (5 % false alarms). `chi_square`, `degrees_of_freedom`, `probability`: of all readings
+    against their prediction. `findings`: what changed, the surest first; empty where nothing that was tried explains it.
+    `rest`: probability of what the findings leave. `smallest_found`: by name of constants and scales, the size of a change that
+    nine of ten such checks find [mm, rad; of a scale mm over its range]; inf: none. `updated`: the solution of the new readings
+    with the old one as prior, what changed released. `left_out`: rows outside the measured range, by set.
+    """
+
+    changed: bool
+    chi_square: float
+    degrees_of_freedom: int
+    probability: float
+    findings: tuple[Finding, ...]
+    rest: float
+    smallest_found: dict[str, float]
+    updated: Solution
+    left_out: dict[str, int]
+    notes: tuple[str, ...]
+
+
+@one_blas_thread()
+@breakdown_named()
+def check(solution: Solution, campaign: Campaign, *, progress: Callable[[str], None] | None = None) -> Check:
+    """Test an old solution by few new readings, name what has changed, and update it.
+
+    Effects of the instrument that both campaigns name alike (`per` = "campaign" or "tool") are the same unknowns in both. Not
+    modelled: changes that no suspect describes, such as one that is local to a tenth of a travel; several changes at once that
+    look like one.
+
+    Args:
+        solution: The old solution.
+        campaign: New readings on the same machine: forty distances, one circle of a ball bar, four diagonals.
+        progress: Called with a message at every stage.
+
+    Raises:
+        InputError: another machine, no readings within the measured range, or all of them taken up by their own unknowns.
+
+    Source: ISO/TR 16907 4 b, 11.3; Schwarz, Ann. Statist. 6 (1978) 461.
+
+    >>> import volid
+    >>> campaign = volid.load_campaign("datasets/published_positioning/campaign.toml")
+    >>> found = check(volid.fit(campaign), campaign)
+    >>> found.changed, found.findings
+    (False, ())
+    """
+    say = progress or (lambda _: None)
+    say("comparing with the prediction")
+    held = with_factor(held_out(solution, campaign))
+    whitened = Whitened.of(linear(held.solution, held.campaign))
+    if whitened.freedom < 1:
+        raise InputError(
+            f"{campaign.source or 'campaign'}: its {len(whitened.v)} readings are all taken up by its own stations, dead paths "
+            "and offsets, so nothing is left to check; take more readings per set-up"
+        )
+    suspects = suspects_of(whitened)
+    search = _Search(whitened, tuple(suspects))
+    chi_square = float(whitened.v @ whitened.v)
+    probability = float(chdtrc(whitened.freedom, chi_square))
+    picked = search.picked(everything=probability)
+    changed = probability <= 0.5 * LEVEL or bool(picked)
+    say("updating the solution")
+    released = [p.suspect for p in picked if p.suspect.steps is not None]
+    return Check(
+        changed=changed,
+        chi_square=chi_square,
+        degrees_of_freedom=whitened.freedom,
+        probability=probability,
+        findings=tuple(_finding(search, p, picked) for p in picked),
+        rest=search.rest(picked),
+        smallest_found=search.smallest(),
+        updated=updated(solution, campaign, released),
+        left_out=held.left_out,
+        notes=held.notes,
+    )
+
+
+def updated(solution: Solution, campaign: Campaign, released: Sequence[Suspect]) -> Solution:
+    """The fit of new readings with an old solution as prior, without what it says of the released suspects."""
+    steps = [s.steps for s in released if s.steps is not None]
+    if not steps:
+        return fit(campaign, prior=solution)
+    null = np.hstack([np.asarray(solution.null_space), *steps])
+    found = fit(campaign, prior=replace(solution, null_space=read_only(null)))
+    names = ", ".join(s.name for s in released)
+    note = f"from an earlier solution, of which {names} was released because new readings contradict it"
+    return replace(found, notes=(*found.notes, note))
+
+
+class _Picked(NamedTuple):
+    """A suspect with its drop of chi-square beside those picked before, `probability` with all tried counted, and its
+    rivals."""
+
+    suspect: Suspect
+    probability: float
+    rivals: tuple[str, ...]
+
+
+class _Tried(NamedTuple):
+    suspect: Suspect
+    probability: float
+    score: float
+
+
+class _Search:
+    """The search for what explains |v|²."""
+
+    def __init__(self, whitened: Whitened, suspects: tuple[Suspect, ...]) -> None:
+        self.whitened = whitened
+        nothing = np.zeros((len(whitened.v), 0))
+        self.seen = tuple(s for s in suspects if whitened.span(s.columns, nothing).shape[1])
+        self.suspects = suspects
+
+    @property
+    def level(self) -> float:
+        """Of one suspect."""
+        return 0.5 * LEVEL / max(len(self.seen), 1)
+
+    def picked(self, everything: float) -> list[_Picked]:
+        """Suspects that explain the disagreement, the best first; `everything`: probability of the test of all readings.
+
+        Where that is small the first one need only be better than chance among suspects; else it has to pay for itself.
+        """
+        found: list[_Picked] = []
+        beside, worth = np.zeros((len(self.whitened.v), 0)), 0.0
+        while len(found) < MOST:
+            tried = self._tried(beside, found)
+            certain = [t for t in tried if t.probability <= 0.5 * LEVEL and (t.score > 0.0 or not found)]
+            if not certain:
+                break
+            best = max(certain, key=lambda t: t.score)
+            if found and best.score < WORTH * worth:
+                break
+            worth = max(worth, best.score)
+            near = [t.suspect.name for t in tried if t.score > best.score - RIVAL]
+            rivals = tuple(dict.fromkeys(n for n in near if n != best.suspect.name))
+            found.append(_Picked(best.suspect, best.probability, rivals))
+            beside = np.hstack([beside, self.whitened.span(best.suspect.columns, beside)])
+            if everything > 0.5 * LEVEL:  # one suspect was seen among readings that agree as a whole
+                break
+        return found
+
+    def _tried(self, beside: np.ndarray, found: Sequence[_Picked]) -> list[_Tried]:
+        picked = {p.suspect.name for p in found}
+        result, log_n = [], float(np.log(max(len(self.whitened.v), 2)))
+        for suspect in self.seen:
+            basis = self.whitened.span(suspect.columns, beside)
+            k = basis.shape[1]
+            if not k or suspect.name in picked:
+                continue
+            drop = float(np.sum((basis.T @ self.whitened.v) ** 2))
+            chance = min(1.0, float(chdtrc(k, drop)) * len(self.seen))
+            result.append(_Tried(suspect, chance, drop - k * log_n))
+        return result
+
+    def rest(self, picked: Sequence[_Picked]) -> float:
+        """Probability of what is left of chi-square."""
+        beside = np.zeros((len(self.whitened.v), 0))
+        for p in picked:
+            beside = np.hstack([beside, self.whitened.span(p.suspect.columns, beside)])
+        v, freedom = self.whitened.v - beside @ (beside.T @ self.whitened.v), self.whitened.freedom - beside.shape[1]
+        return float(chdtrc(freedom, float(v @ v))) if freedom > 0 else np.nan
+
+    def smallest(self) -> dict[str, float]:
+        """The size found with a power of 90 %, by name of suspects of the machine that have one number."""
+        needed = float(np.sqrt(noncentrality(1, self.level)))
+        found: dict[str, float] = {}
+        for suspect in (s for s in self.suspects if s.is_one_number):
+            found[suspect.name] = np.inf
+            if suspect.columns.shape[1]:
+                left = float(np.linalg.norm(self.whitened.free(suspect.columns)))
+                one, _, _ = suspect.size(np.ones(1), np.zeros((1, 1)))
+                found[suspect.name] = abs(one) * needed / left
+        return found
+
+
+def _finding(search: _Search, own: _Picked, picked: Sequence[_Picked]) -> Finding:
+    """Size and u of one of several changes that are estimated together."""
+    whitened = search.whitened
+    columns = np.hstack([p.suspect.columns for p in picked])
+    left = whitened.free(columns)
+    values, covariance = np.linalg.pinv(left) @ whitened.v, np.linalg.pinv(left.T @ left)
+    first = sum(p.suspect.columns.shape[1] for p in picked[: list(picked).index(own)])
+    part = slice(first, first + own.suspect.columns.shape[1])
+    suspect = own.suspect
+    size, u, at = suspect.size(values[part], covariance[part, part])
+    return Finding(
+        suspect.name,
+        suspect.words,
+        size,
+        u,
+        suspect.unit,
+        at,
+        own.probability,
+        suspect.is_machine,
+        own.rivals,
+    )
