@@ -1,8 +1,8 @@
 """Makes this SYNTHETIC positioning test again, byte for byte: python make.py [FOLDER].
 
 Everything is a closed form in whole steps of 0.1 µm or 0.1 arc sec, so that every quantity of ISO 230-2 can be computed by hand:
-mean deviations as below, and five approaches that lie -2, -1, 0, 1, 2 times a step a_i about the mean, whose standard deviation is
-a_i sqrt(2.5). README.md says what is in which file.
+mean deviations as below, and five approaches that lie -2, -1, 0, 1, 2 times a step a_i about the mean, whose standard deviation
+is a_i sqrt(2.5). README.md says what is in which file.
 """
 
 import sys
@@ -13,13 +13,13 @@ HERE = Path(__file__).resolve().parent
 ORDER = ((-2, 1, 0, 2, -1), (1, -2, 2, -1, 0), (0, 2, -1, -2, 1))  # of the approaches about their mean, taken in turn
 
 # Axis X: targets (i - 1) 100 mm + r_i; mean deviations and steps a_i in 0.1 µm
-X_TARGETS = "3.1 108.4 201.7 306.2 400.9 507.3 602.5 709.8 804.6 901.2 997.4".split()
+X_TARGETS = ("3.1", "108.4", "201.7", "306.2", "400.9", "507.3", "602.5", "709.8", "804.6", "901.2", "997.4")
 X_UP = (0, 12, 31, 44, 40, 52, 75, 81, 78, 96, 110)
 X_DOWN = (-21, -12, 4, 20, 19, 26, 48, 60, 55, 64, 84)
 X_STEPS = {1: (4, 3, 3, 5, 4, 3, 6, 4, 3, 4, 5), -1: (3, 4, 3, 4, 6, 3, 4, 5, 3, 4, 4)}
 
 # Axis C: targets over the whole turn in degrees; mean deviations and steps in 0.1 arc sec
-C_TARGETS = "0.4 46.1 88.7 134.9 181.3 224.6 271.8 313.2 358.9".split()
+C_TARGETS = ("0.4", "46.1", "88.7", "134.9", "181.3", "224.6", "271.8", "313.2", "358.9")
 C_UP = (0, 23, 41, 35, 10, -18, -37, -30, -4)
 C_DOWN = (-15, 10, 30, 22, -6, -31, -52, -43, -17)
 C_STEPS = {1: (3, 4, 3, 5, 3, 3, 4, 3, 3), -1: (4, 3, 3, 3, 5, 3, 3, 4, 3)}
@@ -52,7 +52,7 @@ def long_rows() -> list[str]:
     return rows
 
 
-def wide_rows(axis: str, targets: list[str], title: str, unit: str) -> list[str]:
+def wide_rows(axis: str, targets: tuple[str, ...], title: str, unit: str) -> list[str]:
     """One row for each target, deviations in `unit`, which is that of ten steps."""
     names = [f"{way}_{run} [{unit}]" for way in ("up", "down") for run in range(1, 6)]
     found = deviations(axis)

@@ -1,4 +1,4 @@
-"""What `volid evaluate iso230-2` reads: campaigns, files of laser interferometers, tables of runs × targets, compensation tables."""
+"""Positioning runs from whatever holds them: campaigns, files of laser interferometers, tables, compensation tables."""
 
 from __future__ import annotations
 

@@ -1,12 +1,12 @@
 """Tables of approaches × targets as people keep them, recognised by their header.
 
-long:  target, direction, run, actual        one row per approach; instead of `actual`, the position reached, `deviation` from the
-                                             target; `run` may be left out (approaches of a target then count in the file's order);
-                                             `axis` where one file holds several
-wide:  target, up_1, up_2, …, down_1, …      one row per target; cells are deviations, or positions where they follow the targets
+    target, direction, run, actual        long: one row per approach
+    target, up_1, up_2, …, down_1, …      wide: one row per target
 
-Directions: +1 and -1, also up and down, forward and reverse. mm, degrees for rotary axes; a header may state the unit of a column,
-"deviation [µm]". A cell of the wide form may be empty.
+Long: `actual` is the position reached; instead of it `deviation` from the target. `run` may be left out: approaches of a
+target then count in the order of the file. `axis` where one file holds several. Wide: cells are deviations, or positions where
+they follow the targets; a cell may be empty. Directions are +1 and -1, also up and down, forward and reverse. mm, degrees for
+rotary axes; a header may state the unit of a column, "deviation [µm]".
 """
 
 from __future__ import annotations
@@ -57,7 +57,8 @@ def is_runs_table(csv: CsvTable) -> bool:
 def runs_of_table(csv: CsvTable, axis: str | None) -> list[PositioningRuns]:
     """The runs of a table, of every axis in it. `axis`: the axis that moved, where the table does not say.
 
-    Raises `InputError` naming file and column, or row, for columns that are missing, and cells that are none of what is expected.
+    Raises `InputError` naming file and column, or row, for columns that are missing, and cells that are none of what is
+    expected.
     """
     names = {_plain(name): name for name in csv.columns}
     csv = csv.renamed({plain: name for plain, name in names.items() if plain != name}, (), csv.source)
@@ -96,8 +97,8 @@ def _runs_of(csv: CsvTable, axis: str, rows: np.ndarray) -> PositioningRuns:
         _check_deviations(csv, DEVIATION, target, deviation, unit)
     else:
         actual = csv.numbers(ACTUAL, unit.words, _PURPOSE)[rows]
-        _check_actual(csv, target, actual)
-        deviation = np.round(actual - target, DIGITS)
+        deviation = _difference(actual, target, unit)
+        _check_actual(csv, target, target + deviation)
         _ask_size(csv, deviation, unit)
     run = csv.labels(RUN, _PURPOSE)[rows].tolist() if RUN in csv else run_numbers(target, direction, unit.symbol)
     where = [csv.where(int(i)) for i in rows]
@@ -131,7 +132,7 @@ def _wide(csv: CsvTable, cells: Mapping[str, re.Match[str]], axis: str | None) -
     target = csv.numbers(TARGET, unit.words, "every row needs one")
     grid = np.stack([csv.numbers(name, unit.words, "or an empty cell", gaps=True) for name in cells], axis=1)
     actual, notes = _are_actual(csv, cells, target, grid)
-    deviation = np.round(grid - target[:, None], DIGITS) if actual else grid
+    deviation = _difference(grid, target[:, None], unit) if actual else grid
     _ask_size(csv, deviation, unit)
     rows, columns = np.nonzero(np.isfinite(deviation))
     ways = np.array([_WAYS[match[2]] for match in cells.values()])
@@ -153,7 +154,7 @@ def _how(csv: CsvTable, cells: list[str]) -> tuple[str, ...]:
 def _are_actual(
     csv: CsvTable, cells: Mapping[str, re.Match[str]], target: np.ndarray, grid: np.ndarray
 ) -> tuple[bool, tuple[str, ...]]:
-    """Whether the cells are positions, as their names say, or else by whether they follow the targets; and what was recognised."""
+    """Whether the cells are positions: their names say it, or whether they follow the targets. And what was recognised."""
     stated = {match[1] for match in cells.values()}
     if len(stated) > 1:
         raise InputError(
@@ -186,6 +187,12 @@ def _unit(csv: CsvTable, axis: str) -> _Unit:
     return _Unit("°", "degrees") if axis in ROTARY_AXES or (axis == AXIS and angle) else _Unit("mm", "mm")
 
 
+def _difference(actual: np.ndarray, target: np.ndarray, unit: _Unit) -> np.ndarray:
+    """actual - target; of angles within half a turn, as a display begins anew after a whole one."""
+    difference = np.round(actual - target, DIGITS)
+    return difference if unit.symbol == "mm" else (difference + 180.0) % 360.0 - 180.0
+
+
 def _slope(target: np.ndarray, values: np.ndarray) -> float:
     """Of a straight line through values over targets, NaN left out; 0 where the targets do not differ."""
     kept = np.isfinite(values)
@@ -216,6 +223,6 @@ def _ask_size(csv: CsvTable, deviation: np.ndarray, unit: _Unit) -> None:
     if size > _LARGE[unit.symbol]:
         other = "µm" if unit.symbol == "mm" else "arcsec"
         ask(
-            f"{csv.source}: deviations reach {size:.4g} {unit.symbol} from their median. Expected {unit.words}: is it in {other}? "
-            f"Then the header should say so, such as deviation [{other}]."
+            f"{csv.source}: deviations reach {size:.4g} {unit.symbol} from their median. Expected {unit.words}: is it in "
+            f"{other}? Then the header should say so, such as deviation [{other}]."
         )

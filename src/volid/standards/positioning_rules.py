@@ -21,9 +21,8 @@ SPACING, GENEROUS = 250.0, 1.1  # mm, above `LONG`; "about"
 ROTARY = ((90.0, 3), (180.0, 5), (math.inf, 8))  # up to this range [°] so many targets
 EQUAL = 0.01  # steps that differ by less than this share of the step are equal
 COVERED = 0.9  # share of the travel
-CHANCE = 1e-3  # that any approach of a test without stray ones is called stray
-LEAST_OTHERS = (
-    0.2  # scatter of the others at a target, at least this share of the typical one: two equal readings prove little
+STRAY = (
+    6.0  # standard deviations, of the others at the target and of what is typical of the test, that make a stray one
 )
 
 
@@ -34,7 +33,8 @@ def rules(runs: PositioningRuns) -> tuple[str, ...]:
 
 def attention(runs: PositioningRuns) -> tuple[str, ...]:
     """Why the numbers need a second look: none of them can mean what the symbol says."""
-    if runs.deviations.shape[2] > 1 and not np.nanstd(runs.deviations, axis=2).any():
+    spread = np.fmax.reduce(runs.deviations, axis=2) - np.fmin.reduce(runs.deviations, axis=2)
+    if runs.deviations.shape[2] > 1 and not np.nan_to_num(spread).any():
         return (f"{runs.axis}: all runs are equal to the last digit, so that R is 0; expected readings of every run",)
     return ()
 
@@ -105,31 +105,27 @@ def _travel(runs: PositioningRuns) -> Iterator[str]:
 
 
 def _stray(runs: PositioningRuns) -> Iterator[str]:
-    """The approach that lies farthest outside the others of its target and direction, where chance does not explain it.
+    """The approach that lies farthest outside the others of its target and direction, where their scatter does not explain it.
 
-    t of an approach against the others, by Student's distribution over all approaches of the test (Bonferroni).
+    `STRAY` standard deviations both of these others, which are few, and of what is typical of the test.
     """
-    n = np.isfinite(runs.deviations).sum(axis=2)
+    n = np.isfinite(runs.deviations).sum(axis=2)[..., None]
     if runs.are_means or int(n.max()) < 4:
         return
-    from scipy.special import stdtrit
-
     away, s = _against_others(runs.deviations)
-    typical = float(np.nanmedian(s))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        t = away / np.maximum(s, LEAST_OTHERS * typical) / np.sqrt(1.0 + 1.0 / (n - 1))[..., None]
-        limit = stdtrit(np.maximum(n - 2, 1), 1.0 - 0.5 * CHANCE / n.sum())[..., None]
-        excess = np.where((n > 3)[..., None] & np.isfinite(t), np.abs(t) / limit, 0.0)
-    worst = np.unravel_index(int(np.argmax(excess)), excess.shape)
-    if excess[worst] <= 1.0:
+    typical = float(np.nanmedian(statistics_of(runs.deviations).s))
+    unit = np.maximum(s, typical) * np.sqrt(1.0 + 1.0 / np.maximum(n - 1, 1))
+    size = np.where((n > 3) & (unit > 0.0) & np.isfinite(away), np.abs(away) / np.where(unit > 0.0, unit, 1.0), 0.0)
+    worst = np.unravel_index(int(np.argmax(size)), size.shape)
+    if size[worst] <= STRAY:
         return
     i, way, run = (int(k) for k in worst)
-    shown = f"{1e3 * away[worst]:+.1f} µm" if not runs.is_rotary else f"{3600.0 * away[worst]:+.1f} arc sec"
-    others = int((excess > 1.0).sum()) - 1
-    more = f", and {others} more of the test" if others else ""
+    shown = f"{3600.0 * away[worst]:+.1f} arc sec" if runs.is_rotary else f"{1e3 * away[worst]:+.1f} µm"
+    others = int((size > STRAY).sum()) - 1
+    more = f", and so do {others} more of the test" if others else ""
     yield (
-        f"target {runs.targets[i]:g} approached in {'+-'[way]}: approach {run + 1} lies {shown} from the mean of the others, more "
-        f"than their scatter explains{more}; it counts all the same, as ISO 230-2 has it"
+        f"target {runs.targets[i]:g} approached in {'+-'[way]}: approach {run + 1} lies {shown} from the mean of the others, "
+        f"more than their scatter explains{more}; it counts all the same, as ISO 230-2 has it"
     )
 
 

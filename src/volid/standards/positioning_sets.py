@@ -51,8 +51,8 @@ def positioning_of(campaign: Campaign, sets: Sequence[str] = ()) -> list[Found]:
     found = [f for s in campaign.sets if s.name in (sets or names) for f in _of_set(s, campaign)]
     if not found:
         raise InputError(
-            f"{campaign.source}: {', '.join(sets) or 'no set'} holds no positioning of one axis; expected a line of component "
-            "X along X, C about C and the like, or a beam along the one axis that moves"
+            f"{campaign.source}, {', '.join(sets) or 'all sets'}: no line is positioning of one axis; expected component X along "
+            "X, C about C and the like, or a beam along the one axis that moves"
         )
     return found
 

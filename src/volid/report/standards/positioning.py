@@ -26,12 +26,11 @@ def positioning_figure(evaluations: Sequence[Evaluation]) -> Figure:
 
     Lengths in µm, angles in arc seconds. Needs matplotlib. `evaluations`: as `evaluate_positioning` gives them.
     """
-    import matplotlib.pyplot as plt
+    from matplotlib.figure import Figure
 
     n = len(evaluations)
-    figure, panels = plt.subplots(
-        n, 2, figsize=(9.5, 4.4 * n), squeeze=False, sharey="row", width_ratios=(4, 1.5), layout="constrained"
-    )
+    figure = Figure(figsize=(9.5, 4.4 * n), layout="constrained")  # not one of pyplot's, which would keep it
+    panels = figure.subplots(n, 2, squeeze=False, sharey="row", width_ratios=(4, 1.5))
     for (left, right), evaluation in zip(panels, evaluations, strict=True):
         result: PositioningResult = evaluation.details
         scale, unit = (1e3, "µm") if result.runs.unit == "mm" else (3600.0, "arc sec")
