@@ -65,7 +65,15 @@ def test_quantities_leak_tables_and_figure(tmp_path, capsys):
     truth = truth_of(CASE, 1)
     machine = volid.load_machine(FOLDER / "machine.toml")
     write_truth(VolidTruth(machine, truth.functions, constants=truth.constants), tmp_path / "truth.h5")
-    options = ["--leak", tmp_path / "truth.h5", "--tables", tmp_path / "tables", "--figure", tmp_path / "nine.png", "--json"]
+    options = [
+        "--leak",
+        tmp_path / "truth.h5",
+        "--tables",
+        tmp_path / "tables",
+        "--figure",
+        tmp_path / "nine.png",
+        "--json",
+    ]
     status, said = run(capsys, FOLDER / "steps.csv", *options, "-o", tmp_path / "nine.csv")
     assert status == 1 and "the four diagonals contradict each other" in said.err  # mirrors of this dataset are tilted
     data = json.loads(said.out)

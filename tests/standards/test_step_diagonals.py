@@ -140,6 +140,10 @@ def test_u_is_the_scatter_of_repeated_readings_and_effects_add_to_it(tmp_path):
     far = [u[-1] for u in separate(steps_of(own, campaign)).u]
     np.testing.assert_allclose(np.diag(far), 1e-5 * np.array([700.0, 500.0, 400.0]), rtol=1e-5)
     assert max(far[0][1], far[0][2], far[1][0]) < 1e-6
+    # positions that repeat within U in every axis scatter the readings by U along the beam
+    own = replace(own, effects=(Effect("machine", "repeatability", U, "point", {}),))
+    again = separate(steps_of(own, replace(campaign, sets=(own,))))
+    assert largest_difference(again.u, nine.u) < 1e-9
 
 
 def test_contradictions_are_told_where_they_exceed_the_noise(tmp_path):

@@ -34,7 +34,7 @@ from volid.exceptions import InputError, NotDeterminedError
 from volid.model.iso230 import LINEAR_AXES
 from volid.model.machine import WORKPIECE, Machine
 from volid.observations.beam_lines import BeamLine, beams_of
-from volid.standards.shared_errors import shared_columns
+from volid.standards.shared_errors import own_variance, shared_columns
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -125,9 +125,14 @@ class NineFunctions:
 
     def variance(self, rows: np.ndarray) -> np.ndarray:
         """Variance of linear combinations `rows` (…, m) of the readings, (…,) [mm²]."""
-        own = self.steps.observations
-        shared = shared_columns(own, self.steps.campaign)
-        return np.asarray((rows**2) @ own.u[:, 0] ** 2 + np.sum((rows @ shared) ** 2, axis=-1))
+        own, shared = self._errors
+        return np.asarray((rows**2) @ own + np.sum((rows @ shared) ** 2, axis=-1))
+
+    @cached_property
+    def _errors(self) -> tuple[np.ndarray, np.ndarray]:
+        """Variance of each reading by itself, (m,), and errors that readings share, (m, k)."""
+        given = self.steps.observations, self.steps.campaign
+        return own_variance(*given), shared_columns(*given)
 
     def of(self, name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Positions, values and u of one function, such as "Dy(x)", (n + 1,) each [mm]."""
@@ -229,13 +234,14 @@ def separate(steps: Steps) -> NineFunctions:
     >>> len(NAMES), NAMES[:4]
     (9, ('Dx(x)', 'Dy(x)', 'Dz(x)', 'Dx(y)'))
     """
-    parts = [_of_axis(steps, axis) for axis in range(len(LINEAR_AXES))]
+    noise = own_variance(steps.observations, steps.campaign)
+    parts = [_of_axis(steps, axis, noise) for axis in range(len(LINEAR_AXES))]
     values = tuple(rows @ steps.beyond_nominal for rows, _, _ in parts)
     maps, contradictions, expected = (tuple(p[i] for p in parts) for i in range(3))
     return NineFunctions(steps, values, maps, contradictions, expected)
 
 
-def _of_axis(steps: Steps, axis: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _of_axis(steps: Steps, axis: int, noise_of: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The map of one axis (n + 1, 3, m), the RMS contradiction of each interval, and that of noise alone, (n,) [mm]."""
     own = steps.observations
     increments = np.zeros((len(steps.nodes[axis]) - 1, 3, len(own)))
@@ -251,7 +257,7 @@ def _of_axis(steps: Steps, axis: int) -> tuple[np.ndarray, np.ndarray, np.ndarra
         increments[i] = inverse @ (_picked(steps.last[rows], len(own)) - _picked(steps.first[rows], len(own)))
         left = np.eye(len(rows)) - design @ inverse
         change = steps.beyond_nominal[steps.last[rows]] - steps.beyond_nominal[steps.first[rows]]
-        variance = own.u[steps.last[rows], 0] ** 2 + own.u[steps.first[rows], 0] ** 2
+        variance = noise_of[steps.last[rows]] + noise_of[steps.first[rows]]
         found[i] = np.sqrt(np.mean((left @ change) ** 2))
         noise[i] = np.sqrt(np.mean(left**2 @ variance))
     return np.concatenate([np.zeros((1, *increments.shape[1:])), np.cumsum(increments, axis=0)]), found, noise

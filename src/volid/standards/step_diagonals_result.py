@@ -108,9 +108,6 @@ def _remarks(nine: NineFunctions) -> Iterator[str]:
     yield LEAKY
     if not steps.both_senses:
         yield ONE_WAY
-    others = [e.name for e in steps.observations.effects if e.per == "point"]
-    if others:
-        yield f"not in U: {', '.join(others)}, drawn anew for every reading"
 
 
 def contradiction(nine: NineFunctions) -> tuple[float, float, float, int]:

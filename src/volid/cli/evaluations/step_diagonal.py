@@ -19,7 +19,7 @@ HELP = "sequential step diagonals: nine displacement functions of X, Y, Z, squar
 
 EPILOG = """\
 FILE is a campaign with a projection set along the four body diagonals in steps of X, Y, Z (volid plan
-step-diagonals), or a CSV with one column per diagonal, 3 n readings in the order of the steps:
+MACHINE step-diagonals), or a CSV with one column per diagonal, 3 n readings in the order of the steps:
   # box: X 0 800, Y 0 600, Z 0 600     mm, between which positions the diagonals run
   # tool: 0, 0, -150                   mm, to the point of the mirror that the beam meets first
   # u: 0.0005                          mm, of a reading
@@ -73,12 +73,13 @@ def _named(names: Sequence[str] | None) -> str:
 
 
 def _campaign(file: str, machine: Machine | None, args: argparse.Namespace) -> Campaign:
+    from volid.environment.reduction import reduced
     from volid.io import load_campaign
     from volid.io.basics.hdf5_values import is_hdf5
     from volid.io.step_diagonals import read_step_diagonals
 
     if is_hdf5(file) or Path(file).suffix.lower() == ".toml":
-        return load_campaign(file, allow_outside=args.allow_outside)
+        return reduced(load_campaign(file, allow_outside=args.allow_outside))
     return read_step_diagonals(file, machine)
 
 
