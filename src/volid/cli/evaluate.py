@@ -29,6 +29,7 @@ HELP = "a test evaluated by its standard: positioning, ball bar, diagonals, step
 
 # standard as it is asked for: module in volid.cli.evaluations
 STANDARDS: dict[str, str] = {
+    "iso230-2": "iso230_2",
     "iso230-6": "diagonals",
     "step-diagonal": "step_diagonal",
 }

@@ -61,11 +61,11 @@ def keys_of(args: argparse.Namespace) -> dict[str, Any]:
     named = {name: getattr(args, name) for name in ("positions", "axis", "at", "component", "u", "unit", "encoding")}
     keys = {"as": args.format, "tool": None if args.tool is None else list(args.tool), **named}
     for text in args.key:
-        keys |= _key(text)
+        keys |= key_of(text)
     return {name: value for name, value in keys.items() if value is not None}
 
 
-def _key(text: str) -> dict[str, Any]:
+def key_of(text: str) -> dict[str, Any]:
     """`NAME=VALUE` as TOML; a value that is none is taken as a text."""
     from volid.exceptions import InputError
     from volid.io.basics.toml_table import format_value, parse_toml

@@ -126,11 +126,9 @@ def _flat(values: np.ndarray) -> np.ndarray:
 
 def _any(unknown: np.ndarray | None, way: int | slice) -> np.ndarray | bool:
     """Whether the scatter of any target is unknown in these directions, (…)."""
-    return (
-        False
-        if unknown is None
-        else _flat(unknown[..., way] if isinstance(way, slice) else unknown[..., [way]]).any(-1)
-    )
+    if unknown is None:
+        return False
+    return np.asarray(_flat(unknown[..., way] if isinstance(way, slice) else unknown[..., [way]]).any(-1))
 
 
 def _largest(values: np.ndarray, unknown: np.ndarray | bool = False) -> np.ndarray:

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from volid.standards.positioning_runs import WAY_NAMES, PositioningRuns
+from volid.standards.positioning_runs import WAY_NAMES, PositioningRuns, statistics_of
 
 APPROACHES = 5  # of each target in each direction
 PER_METRE, LEAST, LONG = 5, 5, 2000.0  # targets, targets, mm
@@ -21,16 +21,20 @@ SPACING, GENEROUS = 250.0, 1.1  # mm, above `LONG`; "about"
 ROTARY = ((90.0, 3), (180.0, 5), (math.inf, 8))  # up to this range [°] so many targets
 EQUAL = 0.01  # steps that differ by less than this share of the step are equal
 COVERED = 0.9  # share of the travel
+STRAY = (
+    6.0  # standard deviations, of the others at the target and of what is typical of the test, that make a stray one
+)
 
 
 def rules(runs: PositioningRuns) -> tuple[str, ...]:
     """What the test breaks of the standard's rules."""
-    return (*_targets(runs), *_equal_steps(runs), *_approaches(runs), *_directions(runs), *_travel(runs))
+    return (*_targets(runs), *_equal_steps(runs), *_approaches(runs), *_directions(runs), *_travel(runs), *_stray(runs))
 
 
 def attention(runs: PositioningRuns) -> tuple[str, ...]:
     """Why the numbers need a second look: none of them can mean what the symbol says."""
-    if runs.deviations.shape[2] > 1 and not np.nanstd(runs.deviations, axis=2).any():
+    spread = np.fmax.reduce(runs.deviations, axis=2) - np.fmin.reduce(runs.deviations, axis=2)
+    if runs.deviations.shape[2] > 1 and not np.nan_to_num(spread).any():
         return (f"{runs.axis}: all runs are equal to the last digit, so that R is 0; expected readings of every run",)
     return ()
 
@@ -76,8 +80,9 @@ def _approaches(runs: PositioningRuns) -> Iterator[str]:
     if fewest < APPROACHES:
         target = runs.targets[int(np.argmin(counts.min(axis=1)))]
         where = "every target" if fewest == most else f"target {target:g}"
-        lost = "; without a second one its scatter, A and R are not determined" if fewest < 2 else ""
-        yield f"{where} has {fewest} approach(es) in a direction; ISO 230-2 asks for {APPROACHES}{lost}"
+        lost = "; without a second one the scatter, A and R are not determined" if fewest < 2 else ""
+        counted = {0: "no approach", 1: "one approach"}.get(fewest, f"{fewest} approaches")
+        yield f"{where} has {counted} in a direction; ISO 230-2 asks for {APPROACHES}{lost}"
     elif fewest != most:
         yield f"targets have {fewest} to {most} approaches in a direction, and count alike"
 
@@ -97,3 +102,36 @@ def _travel(runs: PositioningRuns) -> Iterator[str]:
     share = runs.length / (runs.travel[1] - runs.travel[0])
     if share < COVERED:
         yield f"the targets cover {100.0 * share:.0f} % of the travel of {runs.axis}; the quantities hold for that part"
+
+
+def _stray(runs: PositioningRuns) -> Iterator[str]:
+    """The approach that lies farthest outside the others of its target and direction, where their scatter does not explain it.
+
+    `STRAY` standard deviations both of these others, which are few, and of what is typical of the test.
+    """
+    n = np.isfinite(runs.deviations).sum(axis=2)[..., None]
+    if runs.are_means or int(n.max()) < 4:
+        return
+    away, s = _against_others(runs.deviations)
+    typical = float(np.nanmedian(statistics_of(runs.deviations).s))
+    unit = np.maximum(s, typical) * np.sqrt(1.0 + 1.0 / np.maximum(n - 1, 1))
+    size = np.where((n > 3) & (unit > 0.0) & np.isfinite(away), np.abs(away) / np.where(unit > 0.0, unit, 1.0), 0.0)
+    worst = np.unravel_index(int(np.argmax(size)), size.shape)
+    if size[worst] <= STRAY:
+        return
+    i, way, run = (int(k) for k in worst)
+    shown = f"{3600.0 * away[worst]:+.1f} arc sec" if runs.is_rotary else f"{1e3 * away[worst]:+.1f} µm"
+    others = int((size > STRAY).sum()) - 1
+    more = f", and so do {others} more of the test" if others else ""
+    yield (
+        f"target {runs.targets[i]:g} approached in {'+-'[way]}: approach {run + 1} lies {shown} from the mean of the others, "
+        f"more than their scatter explains{more}; it counts all the same, as ISO 230-2 has it"
+    )
+
+
+def _against_others(deviations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Every approach minus the mean of the others of its target and direction, and their standard deviation, both (t, 2, n)."""
+    n = deviations.shape[2]
+    others = np.stack([np.delete(deviations, j, axis=2) for j in range(n)], axis=2)  # (t, 2, n, n - 1)
+    found = statistics_of(others)
+    return deviations - found.mean, found.s

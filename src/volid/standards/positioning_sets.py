@@ -51,8 +51,8 @@ def positioning_of(campaign: Campaign, sets: Sequence[str] = ()) -> list[Found]:
     found = [f for s in campaign.sets if s.name in (sets or names) for f in _of_set(s, campaign)]
     if not found:
         raise InputError(
-            f"{campaign.source}: {', '.join(sets) or 'no set'} holds no positioning of one axis; expected a line of component "
-            "X along X, C about C and the like, or a beam along the one axis that moves"
+            f"{campaign.source}, {', '.join(sets) or 'all sets'}: no line is positioning of one axis; expected component X along "
+            "X, C about C and the like, or a beam along the one axis that moves"
         )
     return found
 
@@ -97,9 +97,10 @@ def _notes(line: Positioning) -> tuple[str, ...]:
 def contributions_of_line(
     observations: ObservationSet, campaign: Campaign, line: Positioning, place: np.ndarray
 ) -> Iterator[Contribution]:
-    """What makes the runs of a line uncertain: u of its readings and effects.
+    """What makes the runs of a line uncertain: u of its readings, and effects; not how well the machine repeats.
 
-    `place` (t, 2, n): number of the row in the line, NaN where there is none. The machine's repeatability is no contribution."""
+    `place` (t, 2, n): number of the row in the line, NaN where there is none.
+    """
     spread = _Spread(line, np.isfinite(place), np.nan_to_num(place).astype(int))
     u = observations.u[line.rows, 0]
     if np.isfinite(u).all() and u.any():

@@ -28,7 +28,6 @@ from volid.standards.positioning_runs import PositioningRuns, Statistics, statis
 
 TRIALS = 4000
 PROBABILITY = 0.9545  # k = 2
-SHOWN = ("E", "A", "R", "M", "B", "E_up", "A_up", "R_up", "E_down", "A_down", "R_down")
 SURE = 0.99  # that the contributions explain no more variance than is taken out
 _LEAST = 0.05  # share of U² below which a contribution is not named
 
@@ -105,9 +104,22 @@ def _changes(start: np.ndarray, drawn: np.ndarray, quantities: Quantities) -> di
 
 def _remarks(U: Mapping[str, float], alone: Mapping[str, Mapping[str, float]]) -> tuple[str, ...]:
     """By which contributions U of the main quantities comes about."""
-    said = []
-    for symbol in (s for s in SHOWN[:5] if U.get(s, 0.0) > 0.0):
-        shares = {name: (found[symbol] / U[symbol]) ** 2 for name, found in alone.items()}
-        named = [name for name in sorted(shares, key=lambda n: -shares[n]) if shares[name] >= _LEAST]
-        said.append(f"{symbol} by {', '.join(named) or 'many small contributions'}")
-    return (f"U: {'; '.join(said)}; the machine's own scatter is part of what is measured",) if said else ()
+    said = {symbol: _named(symbol, U[symbol], alone) for symbol in _shown(U) if U.get(symbol, 0.0) > 0.0}
+    if not said:
+        return ()
+    alike = len(set(said.values())) == 1
+    shown = next(iter(said.values())) if alike else "; ".join(f"{symbol}: {names}" for symbol, names in said.items())
+    return (f"U comes from {shown}. The machine's own scatter is part of what is measured, and not of U",)
+
+
+def _shown(U: Mapping[str, float]) -> tuple[str, ...]:
+    """The quantities of both directions, or those of one where there is no other."""
+    both = tuple(symbol for symbol in ("E", "A", "R", "M", "B") if symbol in U)
+    return both or tuple(U)
+
+
+def _named(symbol: str, U: float, alone: Mapping[str, Mapping[str, float]]) -> str:
+    """The contributions to U of a quantity, largest first, without those that hardly count."""
+    shares = {name: (found[symbol] / U) ** 2 for name, found in alone.items()}
+    named = [name for name in sorted(shares, key=lambda n: -shares[n]) if shares[name] >= _LEAST]
+    return ", ".join(named) or "many small contributions"

@@ -18,9 +18,10 @@ if TYPE_CHECKING:
 
 def nine_figure(evaluations: Sequence[Evaluation]) -> Figure:
     """The nine functions of every evaluation, values in µm over positions in mm; bands are ± U (k = 2)."""
-    import matplotlib.pyplot as plt
+    from matplotlib.figure import Figure
 
-    figure, panels = plt.subplots(3, 3, figsize=(10.5, 7.2), sharex="col", sharey=True, layout="constrained")
+    figure = Figure(figsize=(10.5, 7.2), layout="constrained")  # not one of pyplot's, which would keep it
+    panels = figure.subplots(3, 3, sharex="col", sharey=True)
     for colour, evaluation in zip(_colours(len(evaluations)), evaluations, strict=True):
         for i, panel in enumerate(panels.T.ravel()):
             _function(panel, evaluation.details, NAMES[i], colour, evaluation.source or evaluation.subject)

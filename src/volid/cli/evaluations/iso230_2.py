@@ -1,0 +1,84 @@
+"""`volid evaluate iso230-2`: accuracy and repeatability of positioning of linear and rotary axes."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from volid.standards.positioning_sets import Found
+    from volid.standards.results import Evaluation
+
+HELP = "ISO 230-2: accuracy and repeatability of positioning, linear and rotary axes"
+
+EPILOG = """\
+FILE: a campaign (.toml, .h5; kind component along the axis that moves, or projection along an axis), a file of a laser
+interferometer that volid import knows (.rtl, .rta, .pos), or a table (CSV):
+  target,direction,run,actual                     a row for each approach (deviation = actual - target does instead of actual)
+  target,up_1,up_2,up_3,up_4,up_5,down_1,…        a row for each target, deviations or positions
+  X,EXX(+),EXX(-) below "# values: compensation"  a compensation table, rows absolute or incremental: E, M and B from the means
+mm, degrees for rotary axes; a header may say otherwise, such as up_1 [µm]. Rules of the standard that the test does not follow
+are named, and the quantities evaluated all the same.
+
+U: from a campaign's own u and effects, and from --uncertainty TOML with the test's conditions; each may be left out:
+  device = { U = 0.0002, U_per_length = 5e-7 }                   of the certificate, k = 2, mm and mm/mm
+  misalignment = { angle = 0.001 }                               rad at most; or { offset = 0.5 } mm at most over the targets
+  temperature = { u = 0.2, expansion = 11.5e-6, at = 22.0, u_expansion = 1e-6 }
+  drift = { range = 0.0008 }                                     mm during the test; form = "linear": evenly through it
+  setup = { u = 0.0002 }                                         mm, what each run has in common
+  noise = { u = 0.0001 }                                         mm, of a reading
+
+example:
+  volid evaluate iso230-2 runs.csv --axis X --limits limits.toml --figure X.svg
+  volid evaluate iso230-2 campaign.toml --set laser --uncertainty conditions.toml -o targets.csv
+  volid evaluate iso230-2 X.pos --axis X --key sign=1
+
+exit status: 0 good; 1 a limit is exceeded, or the result needs attention, which is named; 2 bad input
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of this standard."""
+    parser.add_argument(
+        "--axis", metavar="X", help="the axis that moved, where the file does not say; of several the one that counts"
+    )
+    parser.add_argument("--uncertainty", metavar="TOML", help="conditions of the test, from which U follows")
+    parser.add_argument(
+        "--key",
+        metavar="NAME=VALUE",
+        action="append",
+        default=[],
+        help="how a file of another program is read, as for volid import",
+    )
+
+
+def evaluate(args: argparse.Namespace) -> list[Evaluation]:
+    """One evaluation for every axis, or line, of every file. Raises `InputError`."""
+    from volid.cli.import_options import key_of
+    from volid.io.positioning_files import read_positioning
+
+    keys: dict[str, Any] = {}
+    for text in args.key:
+        keys |= key_of(text)
+    found = [
+        f for path in args.files for f in read_positioning(path, args.axis, args.set or (), keys, args.allow_outside)
+    ]
+    return [_evaluated(f, args.uncertainty) for f in found]
+
+
+def _evaluated(found: Found, conditions: str | None) -> Evaluation:
+    from volid.io.positioning_conditions import read_conditions
+    from volid.standards.positioning import evaluate_positioning
+    from volid.standards.positioning_conditions import contributions_of
+
+    stated = contributions_of(read_conditions(conditions, found.runs.length), found.runs) if conditions else ()
+    return evaluate_positioning(found.runs, (*found.contributions, *stated))
+
+
+def draw(evaluations: Sequence[Evaluation]) -> Any:
+    """The usual figure."""
+    from volid.report.standards.positioning import positioning_figure
+
+    return positioning_figure(evaluations)
