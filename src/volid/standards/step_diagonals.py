@@ -25,6 +25,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -32,6 +33,7 @@ import numpy as np
 from volid.campaign import Campaign, ObservationSet
 from volid.exceptions import InputError, NotDeterminedError
 from volid.model.iso230 import LINEAR_AXES
+from volid.model.kinematics import side_rotation
 from volid.model.machine import WORKPIECE, Machine
 from volid.observations.beam_lines import BeamLine, beams_of
 from volid.standards.shared_errors import own_variance, shared_columns
@@ -40,6 +42,7 @@ if TYPE_CHECKING:
     from jaxtyping import Float
 
 STILL = 1e-4  # mm: an axis that moves less has not moved; positions that differ by less are one
+TURNED = 1e-6  # of a direction's parts
 NAMES = tuple(f"D{c}({a})" for a in "xyz" for c in "xyz")
 
 
@@ -151,9 +154,21 @@ def step_sets(campaign: Campaign, names: list[str] | None = None) -> list[Observ
 
 
 def _is_stepped(observations: ObservationSet, campaign: Campaign) -> bool:
-    moved = np.count_nonzero(np.abs(np.diff(_linear(observations, campaign.machine), axis=0)) > STILL, axis=1)
-    own = observations.labels["line"]
-    return bool((moved[own[1:] == own[:-1]] <= 1).all()) and len(set(own.tolist())) > 2
+    """Whether three lines or more go along X, Y and Z, one axis at a time."""
+    places, stepped = _linear(observations, campaign.machine), 0
+    for line in beams_of(observations, campaign):
+        moves = [np.abs(np.diff(places[rows], axis=0)) > STILL for rows in _uninterrupted(line)]
+        alone = all((m.sum(axis=1) <= 1).all() for m in moves)
+        stepped += alone and bool(np.any(np.concatenate(moves), axis=0).all())
+    return stepped > 2
+
+
+def _uninterrupted(line: BeamLine) -> Iterator[np.ndarray]:
+    """Rows of a line, run by run and beam by beam, in their order."""
+    labels = [line.observations.labels[key][line.rows].tolist() for key in ("run", "segment")]
+    keys = list(zip(*labels, strict=True))
+    for key in dict.fromkeys(keys):
+        yield line.rows[[k == key for k in keys]]
 
 
 def _linear(observations: ObservationSet, machine: Machine) -> np.ndarray:
@@ -172,8 +187,8 @@ def steps_of(observations: ObservationSet, campaign: Campaign) -> Steps:
         campaign: The campaign that it belongs to.
 
     Raises:
-        InputError: the beams do not stand on the workpiece, two axes move in one step, or a step jumps over a position at which
-            another one ended.
+        InputError: the beams do not stand on the workpiece, or it is turned; two axes move in one step, or a step jumps over a
+            position at which another one ended.
 
     >>> import volid
     >>> from volid.planning.diagonals import step_diagonals
@@ -187,6 +202,7 @@ def steps_of(observations: ObservationSet, campaign: Campaign) -> Steps:
             f"set '{observations.name}': body is '{observations.options['body']}'; expected beams that stand on the workpiece"
         )
     places = _linear(observations, campaign.machine)
+    _ask_still_table(observations, campaign.machine)
     nodes = tuple(_distinct(q) for q in places.T)
     lines = tuple(beams_of(observations, campaign))
     found = [step for line in lines for step in _steps_along(line, places, nodes)]
@@ -194,6 +210,17 @@ def steps_of(observations: ObservationSet, campaign: Campaign) -> Steps:
         raise InputError(f"set '{observations.name}': no axis moves; expected steps of X, Y and Z along body diagonals")
     axis, interval, sense, along, first, last = (np.array(column) for column in zip(*found, strict=True))
     return Steps(campaign, observations, lines, axis, interval, sense, along, first, last, nodes)
+
+
+def _ask_still_table(observations: ObservationSet, machine: Machine) -> None:
+    """Raises `InputError` where a rotary table has turned the workpiece, and the beams with it, from the axes' directions."""
+    turned = np.abs(side_rotation(machine, observations.positions, True) - np.eye(3)).max(axis=(1, 2))
+    i = int(np.argmax(turned))
+    if turned[i] > TURNED:
+        raise InputError(
+            f"{observations.where(i)}: the rotary axes have turned the workpiece; expected them at 0, so that X, Y and Z "
+            "move along its directions"
+        )
 
 
 def _distinct(positions: np.ndarray) -> np.ndarray:
@@ -204,10 +231,9 @@ def _distinct(positions: np.ndarray) -> np.ndarray:
 
 def _steps_along(line: BeamLine, places: np.ndarray, nodes: tuple[np.ndarray, ...]) -> Iterator[tuple]:
     """Axis, interval, sense, direction, row before and row after each step of an uninterrupted beam."""
-    own, labels = line.observations, line.observations.labels
-    for first, last in zip(line.rows[:-1], line.rows[1:], strict=True):
-        if any(labels[key][first] != labels[key][last] for key in ("run", "segment")):
-            continue
+    own = line.observations
+    pairs = [pair for rows in _uninterrupted(line) for pair in pairwise(rows)]
+    for first, last in pairs:
         moved = np.flatnonzero(np.abs(places[last] - places[first]) > STILL)
         if len(moved) > 1:
             letters = " and ".join(LINEAR_AXES[i] for i in moved)

@@ -65,7 +65,7 @@ def evaluate(args: argparse.Namespace) -> list[Evaluation]:
         found += [replace(e, source=file) for e in (evaluate_step_diagonals(s, campaign) for s in sets)]
     if args.tables:
         _write_tables(found, args)
-    return [replace(e, sections=tuple(_beside(e, args))) for e in found]
+    return [replace(e, sections=tuple(_beside(e, args)), attention=(*e.attention, *_unknown(args))) for e in found]
 
 
 def _named(names: Sequence[str] | None) -> str:
@@ -104,6 +104,18 @@ def _beside(evaluation: Evaluation, args: argparse.Namespace) -> Iterator[Sectio
         from volid.standards.step_diagonals_model import by_model
 
         yield by_model(evaluation.details, read_solution(args.model)).section()
+
+
+def _unknown(args: argparse.Namespace) -> Iterator[str]:
+    """What a solution that the leak is predicted from does not determine."""
+    from volid.io.solutions import read_solution
+    from volid.io.truths import is_solution
+
+    if args.leak and is_solution(args.leak):
+        from volid.standards.step_diagonals_leak import not_known
+
+        if names := not_known(read_solution(args.leak)):
+            yield f"{args.leak} does not determine {', '.join(names)}: the leak is predicted as if they were 0"
 
 
 def draw(evaluations: Sequence[Evaluation]) -> Figure:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,7 +25,7 @@ def nine_figure(evaluations: Sequence[Evaluation]) -> Figure:
     panels = figure.subplots(3, 3, sharex="col", sharey=True)
     for colour, evaluation in zip(_colours(len(evaluations)), evaluations, strict=True):
         for i, panel in enumerate(panels.T.ravel()):
-            _function(panel, evaluation.details, NAMES[i], colour, evaluation.source or evaluation.subject)
+            _function(panel, evaluation.details, NAMES[i], colour, Path(evaluation.source).name or evaluation.subject)
     for i, panel in enumerate(panels.T.ravel()):
         axis, component = divmod(i, 3)
         what = "positioning" if axis == component else "straightness and squareness"
