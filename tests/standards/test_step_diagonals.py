@@ -26,11 +26,13 @@ from exact_chain.step_cases import (
 from support.machines import volid_machine
 from support.step_diagonals import along_middle, compensated, largest_in_volume, nine_of
 
+import volid
 from volid.campaign import Effect
 from volid.exceptions import InputError, NotDeterminedError
 from volid.io.step_diagonals import read_step_diagonals
+from volid.planning.diagonals import diagonals, parallel_lines, step_diagonals
 from volid.standards.step_diagonals import NAMES, separate, step_sets, steps_of
-from volid.standards.step_diagonals_leak import leak_of
+from volid.standards.step_diagonals_leak import leak_of, not_known
 from volid.standards.step_diagonals_result import contradiction, evaluate_step_diagonals
 from volid.virtual.truth import Truth as VolidTruth
 
@@ -140,6 +142,10 @@ def test_u_is_the_scatter_of_repeated_readings_and_effects_add_to_it(tmp_path):
     far = [u[-1] for u in separate(steps_of(own, campaign)).u]
     np.testing.assert_allclose(np.diag(far), 1e-5 * np.array([700.0, 500.0, 400.0]), rtol=1e-5)
     assert max(far[0][1], far[0][2], far[1][0]) < 1e-6
+    # positions that repeat within U in every axis scatter the readings by U along the beam
+    own = replace(own, effects=(Effect("machine", "repeatability", U, "point", {}),))
+    again = separate(steps_of(own, replace(campaign, sets=(own,))))
+    assert largest_difference(again.u, nine.u) < 1e-9
 
 
 def test_contradictions_are_told_where_they_exceed_the_noise(tmp_path):
@@ -247,6 +253,50 @@ def test_steps_that_are_none_are_refused(tmp_path):
     three = own.rows_of(np.flatnonzero(np.isin(own.labels["line"], ["PPP", "NPP"])))
     with pytest.raises(NotDeterminedError, match="do not determine three functions; expected steps on all four"):
         separate(steps_of(three, replace(campaign, sets=(three,))))
+
+
+def test_runs_one_way_are_told_from_each_other_and_in_any_order(tmp_path):
+    """Three runs on, none back: between them the tool goes back unread. Rows of runs may alternate."""
+    case = case_of("w b X Y Z t", 3)
+    truth = Truth({"EXX": lambda x: 1e-5 * x, "EZY": lambda y: 2e-5 * y})
+    nine = nine_of(tmp_path, case, read(case, truth))
+    own = nine.steps.observations
+    there = own.rows_of(np.flatnonzero(own.directions[:, 0] * np.where(own.labels["line"] == "NPP", -1, 1) > 0))
+    rows = np.concatenate(
+        [np.repeat(np.flatnonzero(there.labels["line"] == n), 3) for n in dict.fromkeys(own.labels["line"])]
+    )
+    runs = there.rows_of(rows)
+    runs = replace(runs, labels={**runs.labels, "run": np.resize(np.array(["1", "2", "3"]), len(rows))})
+    campaign = replace(nine.steps.campaign, sets=(runs,))
+    assert step_sets(campaign) == [runs]
+    again = separate(steps_of(runs, campaign))
+    assert largest_difference(again.values, nine.values) < 1e-9 and not again.steps.both_senses
+    one_by_one = there.rows_of(
+        np.concatenate([np.flatnonzero(there.labels["line"] == n) for n in ("PPP", "NPP", "PNP", "PPN")] * 2)
+    )
+    assert step_sets(replace(campaign, sets=(one_by_one,))) == []  # without numbers of runs three axes go back at once
+
+
+def test_lines_along_axes_and_straight_diagonals_are_no_steps():
+    machine = volid_machine(case_of("w b X Y Z t").machine)
+    assert step_sets(parallel_lines(machine, 5)) == [] and step_sets(diagonals(machine, 5)) == []
+    assert len(step_sets(step_diagonals(machine, 5))) == 1
+
+
+def test_a_turned_table_is_refused():
+    exact = ExactMachine("w C' X' Y' b Z t", {**BOX, "C": (-180.0, 180.0)})
+    plan = step_diagonals(volid_machine(exact), 3)
+    turned = plan.sets[0].moved(lambda q: np.where(np.arange(4) == 0, 90.0, q), lambda way: way)
+    with pytest.raises(InputError, match="the rotary axes have turned the workpiece; expected them at 0"):
+        steps_of(turned, replace(plan, sets=(turned,)))
+
+
+def test_rotations_that_a_solution_does_not_know_are_named(tmp_path):
+    case = case_of("w b X Y Z t", 4)
+    nine = nine_of(tmp_path, case, read(case, Truth(), np.random.default_rng(1)))
+    solution = volid.fit(nine.steps.campaign)
+    names = set(not_known(solution))
+    assert {"EAX", "EAY"} <= names <= set(ROTATIONS), "one tool vector and mirrors of unknown tilt"
 
 
 def test_names_are_by_axis():

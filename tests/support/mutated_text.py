@@ -31,13 +31,18 @@ from volid.fitting.fit import fit
 from volid.io import load_campaign, write_manifest
 from volid.io.basics.toml_table import format_lines
 from volid.io.campaign.imported import evaluation_of
+from volid.io.diagonals import read_diagonals
 from volid.io.functions_csv import read_deviations, read_functions, read_points
 from volid.io.grid_reader import read_grid
 from volid.io.machines import parse_machine, read_machine
 from volid.io.networks import network_from_csv
+from volid.io.step_diagonals import read_step_diagonals
 from volid.io.studies import read_study
 from volid.io.table_reader import read_table
 from volid.plausibility.checks import check_campaign
+from volid.standards.diagonals_result import evaluate_diagonals
+from volid.standards.step_diagonals import step_sets
+from volid.standards.step_diagonals_result import evaluate_step_diagonals
 
 LONGEST, MOST_MEMORY = 10.0, 1 << 30  # s of the processor; bytes of the whole process
 ROWS = 12  # of each set: damage is done to few lines, and read in milliseconds
@@ -148,7 +153,14 @@ def _tables(machine: bytes) -> dict[str, Original]:
         "functions": Original({"f.csv": FUNCTIONS}, lambda f: read_functions(f / "f.csv")),
         "grid": Original({"g.csv": GRID}, lambda f: read_grid(f / "g.csv")),
         "table": Original({"t.csv": TABLE}, lambda f: read_table(f / "t.csv")),
+        "diagonals": Original({"d.csv": DIAGONALS}, lambda f: evaluate_diagonals(read_diagonals(f / "d.csv"))),
+        "step diagonals": Original({"s.csv": STEPS}, lambda f: _separated(f / "s.csv")),
     }
+
+
+def _separated(path: Path) -> Any:
+    campaign = read_step_diagonals(path)
+    return [evaluate_step_diagonals(s, campaign) for s in step_sets(campaign)]
 
 
 def _others(machine: bytes) -> dict[str, Original]:
@@ -181,6 +193,14 @@ TABLE = (
     b"# applied: kinematic model\n# zero: X = 0 mm\n# period: none\n# datum: primary axis X\n"
     b"# interpolation: linear; largest deviation between the points 0.0004 mm\n"
     b"X,EXX(+),EXX(-),u_EXX\n0,0,0.001,1e-4\n100,-0.01,-0.009,1e-4\n200,-0.02,-0.018,1e-4\n"
+)
+DIAGONALS = b"# u: 0.0005\ndiagonal,target,direction,run,deviation\n" + b"".join(
+    f"{name},{target},{way},{run},{0.001 * target / 700}\n".encode()
+    for name in ("PPP", "XY_NP") for run in (1, 2) for target in (0, 350, 700) for way in (1, -1)
+)  # fmt: skip
+STEPS = (
+    b"# box: X 0 200, Y 0 150, Z -150 0\n# tool: 0, 0, -150\n# u: 0.0005\n# values: deviation\n"
+    b"PPP,NPP,PNP,PPN,PPP_back\n" + b"".join(f"0.00{k},0,-0.001,0.002,0.001\n".encode() for k in range(1, 7))
 )
 MODEL = (
     b'\n[datum]\nprimary = "X"\nsecondary = "Y"\n[model]\ndegree = 3\nsegments = "auto"\n[model.functions]\n'

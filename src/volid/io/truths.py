@@ -143,6 +143,14 @@ def _read_values(group: Group, name: str) -> list[tuple[str, Any]]:
     return list(zip(group.texts("name", (n,)).tolist(), group.array(name, shape, finite=True).tolist(), strict=True))
 
 
+def is_solution(path: str | Path) -> bool:
+    """Whether a file says that it is a solution."""
+    if not is_hdf5(path):
+        return False
+    with opened(path, "truth") as file:
+        return file.attributes.text("format", "").startswith("volid-solution/")
+
+
 def load_truth(path: str | Path) -> Truth:
     """The truth in a `volid-truth` file, or the machine that a `volid-solution` file describes.
 

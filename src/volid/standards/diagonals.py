@@ -123,11 +123,22 @@ def _diagonal(line: BeamLine, campaign: Campaign, name: str, sign: float) -> Dia
         run = run_numbers(target, ways, "mm")
     places = [own.where(int(i)) for i in rows]
     approaches = Approaches(target, ways, run, deviation - deviation[int(np.argmin(target))], places)
-    runs = arranged(name, approaches, source=f"{own.file_and_set}, line {line.name}")
+    notes = _notes(len(uninterrupted(line)))
+    runs = arranged(name, approaches, source=f"{own.file_and_set}, line {line.name}", notes=notes)
     numbered = approaches._replace(deviation=np.arange(len(rows), dtype=float))
     read = Positioning(line.name, -1, rows, deviation, sign, len(uninterrupted(line)))
     found = contributions_of_line(own, campaign, read, arranged(name, numbered).deviations)
     return Diagonal(name, name in BODY_NAMES, runs, tuple(found))
+
+
+def _notes(zeros: int) -> tuple[str, ...]:
+    """What is to be said of an interferometer that was set to zero more than once along a diagonal."""
+    if zeros == 1:
+        return ()
+    return (
+        f"the interferometer was set to zero {zeros} times along a diagonal; every zero is taken as it was read, so that "
+        "R and B hold for what happened after it",
+    )
 
 
 def _ways(line: BeamLine) -> np.ndarray:

@@ -92,6 +92,7 @@ def _remarks(subject: str, diagonals: Sequence[Diagonal], singles: Sequence[Quan
     alone = [d.name for d in diagonals if len(d.runs.directions) < 2]
     if alone:
         yield f"run one way only: {', '.join(alone)}; E, R and B hold for both ways and are not determined"
+    yield from dict.fromkeys(note for d in diagonals for note in d.runs.notes)
     if singles:
         yield MIXED
 

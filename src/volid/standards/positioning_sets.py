@@ -97,9 +97,10 @@ def _notes(line: Positioning) -> tuple[str, ...]:
 def contributions_of_line(
     observations: ObservationSet, campaign: Campaign, line: Positioning, place: np.ndarray
 ) -> Iterator[Contribution]:
-    """What makes the runs of a line uncertain: u of its readings and effects.
+    """What makes the runs of a line uncertain: u of its readings, and effects; not how well the machine repeats.
 
-    `place` (t, 2, n): number of the row in the line, NaN where there is none. The machine's repeatability is no contribution."""
+    `place` (t, 2, n): number of the row in the line, NaN where there is none.
+    """
     spread = _Spread(line, np.isfinite(place), np.nan_to_num(place).astype(int))
     u = observations.u[line.rows, 0]
     if np.isfinite(u).all() and u.any():

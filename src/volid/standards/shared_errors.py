@@ -6,8 +6,10 @@ import numpy as np
 
 from volid.campaign import Campaign, ObservationSet
 from volid.effects import TYPES
-from volid.effects.base import Term
+from volid.effects.base import Sensitivity, Term
 from volid.effects.prediction import is_random
+from volid.model.jacobian import axis_rows
+from volid.model.kinematics import nominal_rotation
 from volid.observations.base import NuisanceTable
 from volid.observations.beam_lines import BeamLine, beams_of
 
@@ -15,8 +17,8 @@ from volid.observations.beam_lines import BeamLine, beams_of
 def shared_columns(observations: ObservationSet, campaign: Campaign) -> np.ndarray:
     """Errors of one standard uncertainty that readings of a set share, one column for each scope of each effect, (m, k).
 
-    The covariance of the readings (the first of each row) is diag(u²) + C Cᵀ with these columns C. Effects that are drawn anew
-    for every reading, and errors of the tool vector, which move all readings of a line alike, are not among them.
+    The covariance of the readings (the first of each row) is diag(u²) + C Cᵀ with these columns C where no effect is drawn
+    anew for every reading (`own_variance`). Errors of the tool vector, which move all readings of a line alike, are left out.
     """
     table, terms = NuisanceTable(), []
     for effect in observations.effects:
@@ -28,6 +30,27 @@ def shared_columns(observations: ObservationSet, campaign: Campaign) -> np.ndarr
         columns += [angle * column for line in beams_of(observations, campaign) for column in tilt_columns(line).T]
     columns = [c for c in columns if c.any()]
     return np.stack(columns, axis=1) if columns else np.zeros((len(observations), 0))
+
+
+def own_variance(observations: ObservationSet, campaign: Campaign) -> np.ndarray:
+    """Variance of each reading by itself, (m,) [mm²]: u², and effects that are drawn anew for every reading.
+
+    Those of axes and tool act through the nominal machine along the beam.
+    """
+    found = observations.u[:, 0] ** 2
+    effects = [e for e in observations.effects if is_random(e)]
+    if not effects:
+        return np.asarray(found)
+    machine, m = campaign.machine, len(observations)
+    along = np.zeros((m, 3))
+    for line in beams_of(observations, campaign):
+        along[line.rows] = line.beam.along
+    moved = axis_rows(machine, observations.positions, observations.tool)[:, :3]
+    by_tool = np.einsum("mij,mi->jm", nominal_rotation(machine, observations.positions, len(machine.axes), 0), along)
+    sensitivity = Sensitivity(np.einsum("mij,mi->jm", moved, along)[:, :, None], by_tool[:, :, None])
+    for effect in effects:
+        found = found + TYPES[effect.type].variance(effect, observations, machine, sensitivity)[:, 0]
+    return np.asarray(found)
 
 
 def _column(term: Term, number: int) -> np.ndarray:

@@ -25,6 +25,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -32,14 +33,16 @@ import numpy as np
 from volid.campaign import Campaign, ObservationSet
 from volid.exceptions import InputError, NotDeterminedError
 from volid.model.iso230 import LINEAR_AXES
+from volid.model.kinematics import side_rotation
 from volid.model.machine import WORKPIECE, Machine
 from volid.observations.beam_lines import BeamLine, beams_of
-from volid.standards.shared_errors import shared_columns
+from volid.standards.shared_errors import own_variance, shared_columns
 
 if TYPE_CHECKING:
     from jaxtyping import Float
 
 STILL = 1e-4  # mm: an axis that moves less has not moved; positions that differ by less are one
+TURNED = 1e-6  # of a direction's parts
 NAMES = tuple(f"D{c}({a})" for a in "xyz" for c in "xyz")
 
 
@@ -125,9 +128,14 @@ class NineFunctions:
 
     def variance(self, rows: np.ndarray) -> np.ndarray:
         """Variance of linear combinations `rows` (…, m) of the readings, (…,) [mm²]."""
-        own = self.steps.observations
-        shared = shared_columns(own, self.steps.campaign)
-        return np.asarray((rows**2) @ own.u[:, 0] ** 2 + np.sum((rows @ shared) ** 2, axis=-1))
+        own, shared = self._errors
+        return np.asarray((rows**2) @ own + np.sum((rows @ shared) ** 2, axis=-1))
+
+    @cached_property
+    def _errors(self) -> tuple[np.ndarray, np.ndarray]:
+        """Variance of each reading by itself, (m,), and errors that readings share, (m, k)."""
+        given = self.steps.observations, self.steps.campaign
+        return own_variance(*given), shared_columns(*given)
 
     def of(self, name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Positions, values and u of one function, such as "Dy(x)", (n + 1,) each [mm]."""
@@ -146,9 +154,21 @@ def step_sets(campaign: Campaign, names: list[str] | None = None) -> list[Observ
 
 
 def _is_stepped(observations: ObservationSet, campaign: Campaign) -> bool:
-    moved = np.count_nonzero(np.abs(np.diff(_linear(observations, campaign.machine), axis=0)) > STILL, axis=1)
-    own = observations.labels["line"]
-    return bool((moved[own[1:] == own[:-1]] <= 1).all()) and len(set(own.tolist())) > 2
+    """Whether three lines or more go along X, Y and Z, one axis at a time."""
+    places, stepped = _linear(observations, campaign.machine), 0
+    for line in beams_of(observations, campaign):
+        moves = [np.abs(np.diff(places[rows], axis=0)) > STILL for rows in _uninterrupted(line)]
+        alone = all((m.sum(axis=1) <= 1).all() for m in moves)
+        stepped += alone and bool(np.any(np.concatenate(moves), axis=0).all())
+    return stepped > 2
+
+
+def _uninterrupted(line: BeamLine) -> Iterator[np.ndarray]:
+    """Rows of a line, run by run and beam by beam, in their order."""
+    labels = [line.observations.labels[key][line.rows].tolist() for key in ("run", "segment")]
+    keys = list(zip(*labels, strict=True))
+    for key in dict.fromkeys(keys):
+        yield line.rows[[k == key for k in keys]]
 
 
 def _linear(observations: ObservationSet, machine: Machine) -> np.ndarray:
@@ -167,8 +187,8 @@ def steps_of(observations: ObservationSet, campaign: Campaign) -> Steps:
         campaign: The campaign that it belongs to.
 
     Raises:
-        InputError: the beams do not stand on the workpiece, two axes move in one step, or a step jumps over a position at which
-            another one ended.
+        InputError: the beams do not stand on the workpiece, or it is turned; two axes move in one step, or a step jumps over a
+            position at which another one ended.
 
     >>> import volid
     >>> from volid.planning.diagonals import step_diagonals
@@ -182,6 +202,7 @@ def steps_of(observations: ObservationSet, campaign: Campaign) -> Steps:
             f"set '{observations.name}': body is '{observations.options['body']}'; expected beams that stand on the workpiece"
         )
     places = _linear(observations, campaign.machine)
+    _ask_still_table(observations, campaign.machine)
     nodes = tuple(_distinct(q) for q in places.T)
     lines = tuple(beams_of(observations, campaign))
     found = [step for line in lines for step in _steps_along(line, places, nodes)]
@@ -189,6 +210,17 @@ def steps_of(observations: ObservationSet, campaign: Campaign) -> Steps:
         raise InputError(f"set '{observations.name}': no axis moves; expected steps of X, Y and Z along body diagonals")
     axis, interval, sense, along, first, last = (np.array(column) for column in zip(*found, strict=True))
     return Steps(campaign, observations, lines, axis, interval, sense, along, first, last, nodes)
+
+
+def _ask_still_table(observations: ObservationSet, machine: Machine) -> None:
+    """Raises `InputError` where a rotary table has turned the workpiece, and the beams with it, from the axes' directions."""
+    turned = np.abs(side_rotation(machine, observations.positions, True) - np.eye(3)).max(axis=(1, 2))
+    i = int(np.argmax(turned))
+    if turned[i] > TURNED:
+        raise InputError(
+            f"{observations.where(i)}: the rotary axes have turned the workpiece; expected them at 0, so that X, Y and Z "
+            "move along its directions"
+        )
 
 
 def _distinct(positions: np.ndarray) -> np.ndarray:
@@ -199,10 +231,9 @@ def _distinct(positions: np.ndarray) -> np.ndarray:
 
 def _steps_along(line: BeamLine, places: np.ndarray, nodes: tuple[np.ndarray, ...]) -> Iterator[tuple]:
     """Axis, interval, sense, direction, row before and row after each step of an uninterrupted beam."""
-    own, labels = line.observations, line.observations.labels
-    for first, last in zip(line.rows[:-1], line.rows[1:], strict=True):
-        if any(labels[key][first] != labels[key][last] for key in ("run", "segment")):
-            continue
+    own = line.observations
+    pairs = [pair for rows in _uninterrupted(line) for pair in pairwise(rows)]
+    for first, last in pairs:
         moved = np.flatnonzero(np.abs(places[last] - places[first]) > STILL)
         if len(moved) > 1:
             letters = " and ".join(LINEAR_AXES[i] for i in moved)
@@ -229,13 +260,14 @@ def separate(steps: Steps) -> NineFunctions:
     >>> len(NAMES), NAMES[:4]
     (9, ('Dx(x)', 'Dy(x)', 'Dz(x)', 'Dx(y)'))
     """
-    parts = [_of_axis(steps, axis) for axis in range(len(LINEAR_AXES))]
+    noise = own_variance(steps.observations, steps.campaign)
+    parts = [_of_axis(steps, axis, noise) for axis in range(len(LINEAR_AXES))]
     values = tuple(rows @ steps.beyond_nominal for rows, _, _ in parts)
     maps, contradictions, expected = (tuple(p[i] for p in parts) for i in range(3))
     return NineFunctions(steps, values, maps, contradictions, expected)
 
 
-def _of_axis(steps: Steps, axis: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _of_axis(steps: Steps, axis: int, noise_of: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The map of one axis (n + 1, 3, m), the RMS contradiction of each interval, and that of noise alone, (n,) [mm]."""
     own = steps.observations
     increments = np.zeros((len(steps.nodes[axis]) - 1, 3, len(own)))
@@ -251,7 +283,7 @@ def _of_axis(steps: Steps, axis: int) -> tuple[np.ndarray, np.ndarray, np.ndarra
         increments[i] = inverse @ (_picked(steps.last[rows], len(own)) - _picked(steps.first[rows], len(own)))
         left = np.eye(len(rows)) - design @ inverse
         change = steps.beyond_nominal[steps.last[rows]] - steps.beyond_nominal[steps.first[rows]]
-        variance = own.u[steps.last[rows], 0] ** 2 + own.u[steps.first[rows], 0] ** 2
+        variance = noise_of[steps.last[rows]] + noise_of[steps.first[rows]]
         found[i] = np.sqrt(np.mean((left @ change) ** 2))
         noise[i] = np.sqrt(np.mean(left**2 @ variance))
     return np.concatenate([np.zeros((1, *increments.shape[1:])), np.cumsum(increments, axis=0)]), found, noise

@@ -24,7 +24,8 @@ from functools import cached_property
 
 import numpy as np
 
-from volid.model.iso230 import DIRECTIONS, LINEAR_AXES, SPINDLE
+from volid.fitting.solution import Solution
+from volid.model.iso230 import DIRECTIONS, LINEAR_AXES, SPINDLE, parse
 from volid.model.jacobian import influence
 from volid.model.kinematics import ROWS
 from volid.model.machine import Machine
@@ -37,6 +38,7 @@ from volid.virtual.truth import Truth
 TILT = 1e-5  # rad: of every mirror, for the table
 TURN = 1e-3  # rad: of every beam alone, for the table
 NOTHING = 1e-6  # mm: a smaller leak is none
+FEW = 5  # positions at which a function is looked at for whether the data determine it
 MIRROR, BEAM = "mirror tilt", "beam alone"
 
 
@@ -108,6 +110,13 @@ def leak_of(nine: NineFunctions, truth: Truth) -> Leak:
     for line in steps.lines:
         nominal[line.rows] = line.nominal
     return Leak(nine, found, tuple(m @ tilts for m in nine.maps), nine.from_readings(0.5 * nominal))
+
+
+def not_known(solution: Solution) -> tuple[str, ...]:
+    """Rotations of linear axes that a solution does not determine, wholly or in part: they count as 0 in `leak_of`."""
+    names = [row.name for row in solution.functions(points=FEW) if row.value != row.value]
+    kept = [n for n in dict.fromkeys(names) if parse(n).is_rotation and parse(n).axis in LINEAR_AXES]
+    return tuple(n for n in kept if not parse(n).location)
 
 
 def _on_machine(nine: NineFunctions, machine: Machine) -> NineFunctions:

@@ -19,7 +19,7 @@ CHANCE = 0.05  # of an attention where nothing but noise is in the readings
 SQUARENESS = {"EC0Y": (-1.0, "Dx(y)", "Dy(x)"), "EB0Z": (1.0, "Dx(z)", "Dz(x)"), "EA0Z": (-1.0, "Dy(z)", "Dz(y)")}
 LEAKY = (
     "rotations of the axes and a mirror that is not square to its beam leak into the nine functions, and the four diagonals "
-    "hardly show it; `leak` predicts it from a solution or a truth"
+    "hardly show it; the rotations themselves, from a solution or a simulation, tell by how much"
 )
 ONE_WAY = (
     "the steps were not read in both senses: where reversal changes along an axis, half of that change is in the nine "
@@ -108,9 +108,6 @@ def _remarks(nine: NineFunctions) -> Iterator[str]:
     yield LEAKY
     if not steps.both_senses:
         yield ONE_WAY
-    others = [e.name for e in steps.observations.effects if e.per == "point"]
-    if others:
-        yield f"not in U: {', '.join(others)}, drawn anew for every reading"
 
 
 def contradiction(nine: NineFunctions) -> tuple[float, float, float, int]:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 HELP = "ISO 230-6: displacements along body and face diagonals"
 
 EPILOG = """\
-FILE is a campaign with beams along diagonals (volid plan diagonals; of step diagonals the readings on
+FILE is a campaign with beams along diagonals (volid plan MACHINE diagonals; of steps the readings on
 the diagonal count), a table of step diagonals, or a CSV, one row per reading, mm:
   # u: 0.0005
   diagonal,target,direction,run,deviation     PPP, NPP, PNP, PPN, XY_PP, XY_NP, …; +1 on, -1 back

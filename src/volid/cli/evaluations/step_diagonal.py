@@ -19,7 +19,7 @@ HELP = "sequential step diagonals: nine displacement functions of X, Y, Z, squar
 
 EPILOG = """\
 FILE is a campaign with a projection set along the four body diagonals in steps of X, Y, Z (volid plan
-step-diagonals), or a CSV with one column per diagonal, 3 n readings in the order of the steps:
+MACHINE step-diagonals), or a CSV with one column per diagonal, 3 n readings in the order of the steps:
   # box: X 0 800, Y 0 600, Z 0 600     mm, between which positions the diagonals run
   # tool: 0, 0, -150                   mm, to the point of the mirror that the beam meets first
   # u: 0.0005                          mm, of a reading
@@ -65,7 +65,7 @@ def evaluate(args: argparse.Namespace) -> list[Evaluation]:
         found += [replace(e, source=file) for e in (evaluate_step_diagonals(s, campaign) for s in sets)]
     if args.tables:
         _write_tables(found, args)
-    return [replace(e, sections=tuple(_beside(e, args))) for e in found]
+    return [replace(e, sections=tuple(_beside(e, args)), attention=(*e.attention, *_unknown(args))) for e in found]
 
 
 def _named(names: Sequence[str] | None) -> str:
@@ -73,12 +73,13 @@ def _named(names: Sequence[str] | None) -> str:
 
 
 def _campaign(file: str, machine: Machine | None, args: argparse.Namespace) -> Campaign:
+    from volid.environment.reduction import reduced
     from volid.io import load_campaign
     from volid.io.basics.hdf5_values import is_hdf5
     from volid.io.step_diagonals import read_step_diagonals
 
     if is_hdf5(file) or Path(file).suffix.lower() == ".toml":
-        return load_campaign(file, allow_outside=args.allow_outside)
+        return reduced(load_campaign(file, allow_outside=args.allow_outside))
     return read_step_diagonals(file, machine)
 
 
@@ -103,6 +104,18 @@ def _beside(evaluation: Evaluation, args: argparse.Namespace) -> Iterator[Sectio
         from volid.standards.step_diagonals_model import by_model
 
         yield by_model(evaluation.details, read_solution(args.model)).section()
+
+
+def _unknown(args: argparse.Namespace) -> Iterator[str]:
+    """What a solution that the leak is predicted from does not determine."""
+    from volid.io.solutions import read_solution
+    from volid.io.truths import is_solution
+
+    if args.leak and is_solution(args.leak):
+        from volid.standards.step_diagonals_leak import not_known
+
+        if names := not_known(read_solution(args.leak)):
+            yield f"{args.leak} does not determine {', '.join(names)}: the leak is predicted as if they were 0"
 
 
 def draw(evaluations: Sequence[Evaluation]) -> Figure:

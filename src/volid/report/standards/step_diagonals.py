@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,12 +19,13 @@ if TYPE_CHECKING:
 
 def nine_figure(evaluations: Sequence[Evaluation]) -> Figure:
     """The nine functions of every evaluation, values in µm over positions in mm; bands are ± U (k = 2)."""
-    import matplotlib.pyplot as plt
+    from matplotlib.figure import Figure
 
-    figure, panels = plt.subplots(3, 3, figsize=(10.5, 7.2), sharex="col", sharey=True, layout="constrained")
+    figure = Figure(figsize=(10.5, 7.2), layout="constrained")  # not one of pyplot's, which would keep it
+    panels = figure.subplots(3, 3, sharex="col", sharey=True)
     for colour, evaluation in zip(_colours(len(evaluations)), evaluations, strict=True):
         for i, panel in enumerate(panels.T.ravel()):
-            _function(panel, evaluation.details, NAMES[i], colour, evaluation.source or evaluation.subject)
+            _function(panel, evaluation.details, NAMES[i], colour, Path(evaluation.source).name or evaluation.subject)
     for i, panel in enumerate(panels.T.ravel()):
         axis, component = divmod(i, 3)
         what = "positioning" if axis == component else "straightness and squareness"
