@@ -27,7 +27,8 @@ _ENDS = ((0.0, "+{0}"), (90.0, "+{1}"), (180.0, "-{0}"), (270.0, "-{1}"))
 
 
 def polar_plot(evaluations: Sequence[Evaluation]) -> Figure:
-    """One polar plot for each evaluated plane: paths of all runs, the nominal circle, circles of one division, the minimum zone of both.
+    """One polar plot for each evaluated plane: paths of all runs, the nominal circle, circles of one division, the minimum
+    zone of both.
 
     Deviations are those about the centre that was chosen. The magnification is that of a deviation against the circle as drawn.
     Raises `InputError` where nothing was evaluated from readings, as in a vendor's file.
@@ -106,7 +107,9 @@ def _scale(panel: Any, plane: str) -> None:
     """Circles of one division, the nominal one strong; rays of the axes with their names."""
     turn = np.linspace(0.0, 360.0, 361)
     for k in range(-3, 4):
-        panel.plot(*_place(turn, k * 1e-3, 1.0), color="0.35" if k == 0 else "0.86", lw=1.0 if k == 0 else 0.6, zorder=0)
+        panel.plot(
+            *_place(turn, k * 1e-3, 1.0), color="0.35" if k == 0 else "0.86", lw=1.0 if k == 0 else 0.6, zorder=0
+        )
     for angle, name in _ENDS:
         inner, outer = (_place(np.array([angle]), k * 1e-3, 1.0) for k in (-3, 3.3))
         panel.plot(*np.hstack([np.stack(inner), np.stack(outer)]), color="0.8", lw=0.6, zorder=0)
@@ -140,7 +143,9 @@ def _text(panel: Any, evaluation: Evaluation) -> None:
     for x, chosen in ((0.0, rest[:first]), (0.5, rest[first:])):
         lines = [_line(q) for q in chosen]
         panel.text(x, 1.0, "\n".join(lines), va="top", family="monospace", fontsize=7, transform=panel.transAxes)
-    panel.text(0.0, 0.14, _spike_lines(evaluation, spikes), va="top", family="monospace", fontsize=7, transform=panel.transAxes)
+    panel.text(
+        0.0, 0.14, _spike_lines(evaluation, spikes), va="top", family="monospace", fontsize=7, transform=panel.transAxes
+    )
 
 
 def _line(q: Quantity) -> str:
