@@ -1,4 +1,4 @@
-"""Circular tests of the exact machine with all its errors at once: against projections apart from the package, and against a fit."""
+"""Circular tests of the exact machine with all its errors: against projections apart from the package, and against a fit."""
 
 from dataclasses import replace
 
@@ -62,7 +62,7 @@ def test_all_errors_at_once_give_the_harmonics_of_the_path(plane):
         shown = [q for q in found.quantities if q.symbol.startswith("spike")]
         assert len(shown) == 8
         for spike in shown:
-            quadrant = int(spike.symbol[-3:].strip("_"))
+            quadrant = int(spike.symbol.split("_")[2])
             letter = plane[quadrant // 90 % 2]
             height = DRIVES.spike[letter][quadrant // 180]
             assert spike.value == pytest.approx(height, abs=4e-4)  # a reversal that depends on the position is left
@@ -136,7 +136,7 @@ EC0Y = true
 
 
 def test_a_bar_on_a_cone_is_seen_in_the_plane():
-    """The ball 80 mm out of the plane: lengths of 170 mm on a circle of 150 mm; squareness as in the plane, no D unless placed."""
+    """The ball 80 mm out of the plane: lengths of 170 mm on a circle of 150 mm; squareness as in the plane, D not known."""
     exact = ExactMachine("w b X Y Z t", TRAVEL)
     truth = Truth(constants={"EC0Y": 4e-5})
     campaign = plan_with_readings(exact, truth, "", 3e-4)

@@ -83,7 +83,7 @@ def evaluate_circular(test: CircularReadings, spike_window: float = WINDOW, setu
         >>> test = circular_readings("XY", 150.0, angle, -75.0 * square * np.sin(np.deg2rad(2.0 * angle)))
         >>> found = evaluate_circular(test)
         >>> round(found["G_b_XY"].value, 6), round(1e6 * found["squareness_XY"].value, 3)
-        (0.00299, 20.0)
+        (0.003, 20.0)
     """
     if not 0.0 <= spike_window <= _WIDEST:
         raise InputError(f"`spike_window={spike_window:g}`: expected an angle from 0 to {_WIDEST:g} degrees")
@@ -230,7 +230,7 @@ def mean_path(details: CircularDetails, sense: int) -> MeanPath:
     """The mean path of a sense."""
     test = details.test
     rows = np.flatnonzero(test.sense == sense)
-    angle = np.round(relative_angle(test)[rows], 6)
+    angle = np.round(relative_angle(test)[rows], 4)
     angles, number, count = np.unique(angle, return_inverse=True, return_counts=True)
     number = number.ravel()
     mean = np.bincount(number, weights=details.deviation[rows]) / count

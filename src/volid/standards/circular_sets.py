@@ -25,6 +25,7 @@ from volid.observations.base import NuisanceTable
 from volid.standards.circular_readings import PLANES, CircularReadings, circular_readings, merged
 
 _FEED = re.compile(r"\s*(\d{1,9}(?:\.\d{1,9})?)\s*(mm|m)/min")
+_DIGITS = 4  # of angles in degrees: a quarter of a micrometre on a circle of 150 mm
 _ROUND = 0.01  # mm: commanded points are no farther from their circle
 _STILL = 1e-3  # mm, degrees: an axis that moves less stands still
 _ALIKE = 0.05  # mm: centres and radii that are nearer are the same
@@ -123,7 +124,7 @@ def _test(observations: ObservationSet, campaign: Campaign, station: str) -> tup
     columns = [campaign.machine.index(letter) for letter in plane]
     centre, radius, _ = _circle(observations.positions[:, columns])
     away = observations.positions[:, columns] - centre
-    angle = np.round(np.rad2deg(np.arctan2(away[:, 1], away[:, 0])), 6)
+    angle = np.round(np.rad2deg(np.arctan2(away[:, 1], away[:, 0])), _DIGITS)
     radius = round(radius, 4) if abs(radius - round(radius, 4)) < 1e-5 else radius
     read, u = observations.readings[:, 0], observations.u[:, 0]
     relative, height = bool(observations.options.get("relative", True)), _height(observations, campaign, station)

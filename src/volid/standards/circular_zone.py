@@ -43,10 +43,10 @@ def minimum_zone(direction: np.ndarray, deviation: np.ndarray, radius: float) ->
 
     Reference: minimum zone circles, ISO/TS 12181-1 and ISO 230-4; the programme is Chebyshev's approximation by a circle.
 
-    >>> phi = np.linspace(0.0, 2.0 * np.pi, 181)
+    >>> phi = np.linspace(0.0, 2.0 * np.pi, 361)
     >>> direction = np.stack([np.cos(phi), np.sin(phi)], axis=1)
     >>> zone = minimum_zone(direction, 0.005 * np.sin(2.0 * phi) + 0.02 * np.cos(phi), 100.0)
-    >>> round(zone.width, 6), round(zone.centre[0], 5)
+    >>> round(zone.width, 6), round(float(zone.centre[0]), 5)
     (0.01, 0.02)
     """
     from scipy.optimize import linprog  # slow to import
