@@ -91,7 +91,7 @@ def virtual() -> BallBar:
     truth = random_truth(machine, np.random.default_rng(SEED), reversal=True)
     for axis, value in REVERSAL.items():
         truth.reversal[f"E{axis}{axis}"] = truth.reversal[f"E{axis}{axis}"].times(0.2).plus(value)
-    return BallBar(machine, truth, TOOL, SOCKET, RADIUS, OFF, LENGTH)
+    return BallBar(machine, truth, TOOL, SOCKET, RADIUS, OFF, LENGTH, digits=5)
 
 
 def rows(bar: BallBar, plane: str, rng: np.random.Generator) -> list[str]:
@@ -136,7 +136,9 @@ def write(folder: Path) -> None:
     names = {plane: f"{'circle' if arc == 360.0 else 'arc'} {plane}" for plane, (arc, _) in PLANES.items()}
     sets = [SET.format(name=n, plane=p, length_u=LENGTH_U, tool=tool, u=U).rstrip("\n") for p, n in names.items()]
     synthetic = "# SYNTHETIC, computed by make.py; mm, rad, ms"
-    header = ",".join([*bar.machine.axes, *(f"{axis}_dir" for axis in bar.machine.axes), "station", "segment", "distance"])
+    header = ",".join(
+        [*bar.machine.axes, *(f"{axis}_dir" for axis in bar.machine.axes), "station", "segment", "distance"]
+    )
     texts = {
         "machine.toml": [MACHINE.rstrip("\n")],
         "campaign.toml": [MANIFEST.rstrip("\n"), *sets],

@@ -1,4 +1,5 @@
-"""A double ball bar on the exact machine: commanded circles, what the drives add, what the bar reads, and the true terms of it."""
+"""A double ball bar on the exact machine: commanded circles, what the drives add, what the bar reads, and the true terms of
+it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -14,7 +15,8 @@ MIDDLE = {"XY": 180.0, "YZ": 90.0, "ZX": 0.0}  # degrees: arcs lie above the soc
 
 @dataclass(frozen=True)
 class Drives:
-    """What drives add at a feed [mm/min]: lag by axis [s], spikes by axis at its + and - end [mm], which fall to 1/e in `decay` degrees."""
+    """What drives add at a feed [mm/min]: lag by axis [s], spikes by axis at its + and - end [mm], which fall to 1/e in
+    `decay` degrees."""
 
     feed: float = 1000.0
     lag: Mapping[str, float] = field(default_factory=dict)
@@ -37,7 +39,8 @@ class Drives:
 
 @dataclass(frozen=True)
 class BallBar:
-    """A bar whose socket stands `off` from where the program has it, and which is `length` longer than its calibration says [mm]."""
+    """A bar whose socket stands `off` from where the program has it, and which is `length` longer than its calibration says
+    [mm]."""
 
     machine: ExactMachine
     truth: Truth
@@ -46,6 +49,7 @@ class BallBar:
     radius: float = 150.0
     off: tuple[float, float, float] = (0.0, 0.0, 0.0)
     length: float = 0.0
+    digits: int = 9  # of commanded positions
 
     def command(self, plane: str, angle: np.ndarray, sense: int) -> tuple[np.ndarray, np.ndarray]:
         """Positions and approach directions (m, axes); at a change of quadrant an axis has the direction it came with."""
@@ -56,7 +60,7 @@ class BallBar:
         ways = {a: -sense * np.sign(np.sin(before)), b: sense * np.sign(np.cos(before))}
         still = dict.fromkeys(LINEAR, 0.0)
         q = self.machine.in_axis_order({**place, **moved})
-        return np.round(q, 5), self.machine.in_axis_order({**still, **ways})
+        return np.round(q, self.digits), self.machine.in_axis_order({**still, **ways})
 
     def read(self, plane: str, angle: np.ndarray, sense: int, drives: Drives | None = None) -> np.ndarray:
         """Lengths without noise, (m,) [mm]."""

@@ -1,9 +1,10 @@
 """Circular tests as tables (CSV), and as campaigns or evaluated files of other programs, whatever a file holds.
 
-A table has the columns `angle` (degrees, from the plane's first axis towards its second) and `radius` or `deviation` (mm); optional are `sense`
-(+, anticlockwise, ccw, 1; or -, clockwise, cw, -1; else as the angle grows or falls), `run`, `plane`, `u` (mm). Rows stand in the order in
-which they were read. What holds for all rows may stand in lines "# plane: XY", "# radius: 150", "# feed: 1000" (mm/min), "# u: 0.0005",
-"# length_u: 0.0005" (mm, of the bar's length; "unknown" where nothing is known of it).
+A table has the columns `angle` (degrees, from the plane's first axis towards its second) and `radius` or `deviation` (mm);
+optional are `sense` (+, anticlockwise, ccw, 1; or -, clockwise, cw, -1; else as the angle grows or falls), `run`, `plane`,
+`u` (mm). Rows stand in the order in which they were read. What holds for all rows may stand in lines "# plane: XY", "#
+radius: 150", "# feed: 1000" (mm/min), "# u: 0.0005", "# length_u: 0.0005" (mm, of the bar's length; "unknown" where nothing
+is known of it).
 """
 
 from __future__ import annotations
@@ -41,8 +42,8 @@ VENDORS = "the evaluation of the program that wrote the file, shown as it stands
 class Stated:
     """What holds for all rows of a table, before what its own lines say; None: not stated.
 
-    `plane`: two axes; `radius`: nominal [mm]; `feed` [mm/min]; `u` of a reading [mm]; `length_u`: of the bar's length [mm], infinite for
-    unknown.
+    `plane`: two axes; `radius`: nominal [mm]; `feed` [mm/min]; `u` of a reading [mm]; `length_u`: of the bar's length [mm],
+    infinite for unknown.
     """
 
     plane: str | None = None
@@ -108,7 +109,12 @@ def _vendors(found: Vendors, plane: str, source: str) -> Evaluation:
     ]
     record = [f"{key}: {value}" for key, value in found.header.items()]
     return Evaluation(
-        "ISO 230-4", plane, tuple(quantities), (VENDORS, *record), table=Table(found.columns, tuple(rows)), source=source
+        "ISO 230-4",
+        plane,
+        tuple(quantities),
+        (VENDORS, *record),
+        table=Table(found.columns, tuple(rows)),
+        source=source,
     )
 
 
@@ -121,7 +127,9 @@ def _read_table(path: Path, stated: Stated) -> list[CircularReadings]:
     found = []
     for plane in dict.fromkeys(planes.tolist()):
         if not plane:
-            raise InputError(f"{path}: the plane is missing; add a line '# plane: XY', a column plane, or state `plane`")
+            raise InputError(
+                f"{path}: the plane is missing; add a line '# plane: XY', a column plane, or state `plane`"
+            )
         found.append(_plane_of(table, np.flatnonzero(planes == plane), plane, known))
     return found
 
@@ -134,7 +142,7 @@ def _stated(path: Path, stated: Stated) -> Stated:
     given = {key: value for key, value in vars(stated).items() if value is not None}
     for key in ("radius", "feed", "u", "length_u"):
         value = given.get(key)
-        if value is not None and not (value > 0.0 or key == "length_u" and value >= 0.0):
+        if value is not None and not (value > 0.0 or (key == "length_u" and value >= 0.0)):
             raise InputError(f"`{key}={value:g}`: expected a positive number")
     return replace(found, **given)
 
@@ -157,7 +165,9 @@ def _plane_of(table: CsvTable, rows: np.ndarray, plane: str, known: Stated) -> C
     radius, deviation = _deviations(table, known)
     run = table.labels("run", "the run of a reading")[rows] if "run" in table else None
     sense = _senses(table)[rows] if "sense" in table else None
-    test = circular_readings(plane, radius, angle, deviation[rows], sense, None if run is None else list(run), table.source)
+    test = circular_readings(
+        plane, radius, angle, deviation[rows], sense, None if run is None else list(run), table.source
+    )
     u = table.numbers("u", "mm", "standard uncertainty of a reading")[rows] if "u" in table else None
     if u is None and known.u is not None:
         u = np.full(len(test), known.u)

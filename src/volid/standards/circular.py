@@ -2,9 +2,9 @@
 
 The definitions used, quoted from memory of ISO 230-4 and said in full, because no clause was at hand:
 
-- circular deviation `G_XY` (anticlockwise, from +X to +Y), `G_YX` (clockwise): the least radial separation of two concentric circles
-  that enclose the path of one run; of several runs of a sense, the largest. `G_XY_ls`: the range of the radii about the
-  least-squares circle's centre, the variant that the standard allows; it is never smaller.
+- circular deviation `G_XY` (anticlockwise, from +X to +Y), `G_YX` (clockwise): the least radial separation of two
+  concentric circles that enclose the path of one run; of several runs of a sense, the largest. `G_XY_ls`: the range of the
+  radii about the least-squares circle's centre, the variant that the standard allows; it is never smaller.
 - bidirectional circular deviation `G_b_XY`: the same of all paths of both senses together.
 - radial deviations `F_max`, `F_min`: the largest and the smallest deviation of the radius from the programmed one. They need a
   centre: that of the least-squares circle of all paths together, or the set-up's. They need a bar of known length.
@@ -12,8 +12,9 @@ The definitions used, quoted from memory of ISO 230-4 and said in full, because 
 - mean bidirectional radial deviation `D_XY`: mean radius of both senses less the programmed one, full circles only;
   `diameter_XY` is twice that.
 
-U (k = 2) follows from u of the readings and of the bar's length. A range of noisy radii is larger than that of the path alone; that is part
-of these definitions, and U does not take it away. Not modelled: expansion of bar and machine by temperature.
+U (k = 2) follows from u of the readings and of the bar's length. A range of noisy radii is larger than that of the path
+alone; that is part of these definitions, and U does not take it away. Not modelled: expansion of bar and machine by
+temperature.
 """
 
 from __future__ import annotations
@@ -26,22 +27,24 @@ import numpy as np
 from volid.exceptions import InputError
 from volid.standards.circular_geometry import Decomposition, decompose
 from volid.standards.circular_readings import CircularReadings
-from volid.standards.circular_zone import LeastSquaresCircle, Zone, least_squares_circle, minimum_zone
 from volid.standards.circular_words import geometry, table
+from volid.standards.circular_zone import LeastSquaresCircle, Zone, least_squares_circle, minimum_zone
 from volid.standards.results import Evaluation, Quantity
 
 STANDARD = "ISO 230-4"
 WINDOW = 15.0  # degrees behind a change of quadrant: pulses of friction last some hundredths of a second
 _WIDEST = 45.0  # degrees: half of a quadrant is left for the geometry
 _K = 2.0
-_LASTS = 0.3  # of a spike's height behind its window
+_WIDER = 15.0  # degrees: with so much more the geometry is tried again
+_LEAST_CHANGE = 5e-4  # mm: a reversal value that changes less is the same
 _SEEN = 3.0  # u: a spike that counts
 
 
 @dataclass(frozen=True)
 class CircularDetails:
-    """What an evaluation was made of: `test`, its least-squares `circle`, `deviation` (m,) of the radii [mm] about the centre that was
-    chosen (about the mean circle where the length is unknown), minimum `zones` by the quantity's symbol, `geometry`."""
+    """What an evaluation was made of: `test`, its least-squares `circle`, `deviation` (m,) of the radii [mm] about the
+    centre that was chosen (about the mean circle where the length is unknown), minimum `zones` by the quantity's symbol,
+    `geometry`."""
 
     test: CircularReadings
     circle: LeastSquaresCircle
@@ -54,9 +57,10 @@ def evaluate_circular(test: CircularReadings, spike_window: float = WINDOW, setu
     """A circular test in one plane by ISO 230-4, with its geometry told apart from dynamics.
 
     Symbols and definitions of the standard: see the module. With them stand the terms of
-    `volid.standards.circular_geometry`: `scale_XY` (of X less that of Y), `squareness_XY` (angle between +X and +Y less 90°; that is
-    EC0Y in XY, EA0Z in YZ, -EB0Z in ZX where X is the primary axis), reversal values `B_EXX`, `B_EYX` …, `lag_XY`, `bow_EYX`, and the
-    reversal spikes `spike_XY_90` (anticlockwise at 90°, outwards positive). What is not determined is left out, and named.
+    `volid.standards.circular_geometry`: `scale_XY` (of X less that of Y), `squareness_XY` (angle between +X and +Y less
+    90°; that is EC0Y in XY, EA0Z in YZ, -EB0Z in ZX where X is the primary axis), reversal values `B_EXX`, `B_EYX` …,
+    `lag_XY`, `bow_EYX`, and the reversal spikes `spike_XY_90` (anticlockwise at 90°, outwards positive). What is not
+    determined is left out, and named.
 
     Args:
         test: Readings of one plane (`volid.standards.circular_readings.circular_readings`).
@@ -79,11 +83,11 @@ def evaluate_circular(test: CircularReadings, spike_window: float = WINDOW, setu
         >>> test = circular_readings("XY", 150.0, angle, -75.0 * square * np.sin(np.deg2rad(2.0 * angle)))
         >>> found = evaluate_circular(test)
         >>> round(found["G_b_XY"].value, 6), round(1e6 * found["squareness_XY"].value, 3)
-        (0.00299, 20.0)
+        (0.003, 20.0)
     """
     if not 0.0 <= spike_window <= _WIDEST:
         raise InputError(f"`spike_window={spike_window:g}`: expected an angle from 0 to {_WIDEST:g} degrees")
-    circle = least_squares_circle(test.direction, test.deviation, test.radius, test.parts)
+    circle = least_squares_circle(test.direction, test.deviation, test.radius, test.parts, test.share)
     about = _about(test, circle, setup_centre)
     zones = _zones(test, circle)
     details = CircularDetails(test, circle, about, zones, decompose(test, circle, spike_window))
@@ -164,10 +168,10 @@ def _range(details: CircularDetails, symbol: str) -> tuple[float, np.ndarray]:
         groups = [np.arange(len(test))]
     else:
         groups = [rows for rows in test.runs if test.name(int(test.sense[rows[0]])) == symbol[2:]]
-    best, derivative = -1.0, np.zeros(len(test))
+    best, derivative, share = -1.0, np.zeros(len(test)), test.share
     for rows in groups:
         part = np.unique(test.parts[rows], return_inverse=True)[1]
-        circle = least_squares_circle(test.direction[rows], test.deviation[rows], test.radius, part)
+        circle = least_squares_circle(test.direction[rows], test.deviation[rows], test.radius, part, share[rows])
         level = circle.deviation - (0.0 if test.is_calibrated else circle.radius[part])
         high, low = int(np.argmax(level)), int(np.argmin(level))
         if level[high] - level[low] > best:
@@ -213,12 +217,12 @@ def _both(details: CircularDetails) -> list[Quantity]:
 
 
 class MeanPath(NamedTuple):
-    """Mean of all runs of a sense: `angle` (k,) [degrees], growing, from the middle of the arc; `deviation` (k,) [mm]; `count` (k,)
-    readings; `u` (k,) [mm] of their mean, NaN where none is known."""
+    """Mean of all runs of a sense: `angle` (k,) [degrees], growing, from the middle of the arc; `deviation` (k,) [mm];
+    `number` (k,) readings; `u` (k,) [mm] of their mean, NaN where none is known."""
 
     angle: np.ndarray
     deviation: np.ndarray
-    count: np.ndarray
+    number: np.ndarray
     u: np.ndarray
 
 
@@ -226,11 +230,15 @@ def mean_path(details: CircularDetails, sense: int) -> MeanPath:
     """The mean path of a sense."""
     test = details.test
     rows = np.flatnonzero(test.sense == sense)
-    angle = np.round(relative_angle(test)[rows], 6)
+    angle = np.round(relative_angle(test)[rows], 4)
     angles, number, count = np.unique(angle, return_inverse=True, return_counts=True)
     number = number.ravel()
     mean = np.bincount(number, weights=details.deviation[rows]) / count
-    u = np.full(len(angles), np.nan) if test.u is None else np.sqrt(np.bincount(number, weights=test.u[rows] ** 2)) / count
+    u = (
+        np.full(len(angles), np.nan)
+        if test.u is None
+        else np.sqrt(np.bincount(number, weights=test.u[rows] ** 2)) / count
+    )
     return MeanPath(angles, mean, count, u)
 
 
@@ -269,15 +277,17 @@ def _remarks(details: CircularDetails, blank: list[str], window: float, setup_ce
     found = [
         f"{len(test.runs)} runs of {test.arc:.0f}° with radius {test.radius:g} mm"
         f"{f', feed {test.feed:g} mm/min' if test.feed else ''}; anticlockwise is from +{test.plane[0]} to +{test.plane[1]}",
-        f"the least-squares circle of all readings, spikes with them, says that the socket stands {x:.1f} µm in {test.plane[0]} and "
-        f"{y:.1f} µm in {test.plane[1]} from the programmed centre"
+        f"the least-squares circle of all readings, spikes with them, says that the socket stands {x:.1f} µm in "
+        f"{test.plane[0]} and {y:.1f} µm in {test.plane[1]} from the programmed centre"
         f"{', which the radial deviations contain' if setup_centre else ', which is taken out of the radial deviations'}",
         f"geometry is taken from the readings outside {window:g}° behind changes of quadrant, spikes from those within",
     ]
     if not test.is_calibrated:
         found.append("the length of the bar is unknown: F_max, F_min and D are not determined")
     if len(test.senses) == 1:
-        found.append("one sense only: no bidirectional quantities, and squareness cannot be told from a lag of the axes")
+        found.append(
+            "one sense only: no bidirectional quantities, and squareness cannot be told from a lag of the axes"
+        )
     if not test.is_full:
         found.append(
             f"the arc of {test.arc:.0f}° is no full circle: D is not determined, and centre, radius and shape of the path can "
@@ -291,15 +301,18 @@ def _remarks(details: CircularDetails, blank: list[str], window: float, setup_ce
 
 
 def _attention(details: CircularDetails, window: float) -> tuple[str, ...]:
-    test = details.test
-    long = [
-        f"{test.name(s.sense)} at {s.quadrant}°"
-        for s in details.geometry.spikes
-        if abs(s.height) > _SEEN * s.u and s.lasting > _LASTS
-    ]
-    if not long:
+    """Reversal values that a wider window changes: pulses last longer than the window, and are taken for reversal."""
+    test, narrow = details.test, details.geometry.terms
+    wide = min(window + _WIDER, _WIDEST)
+    if wide <= window or not any(abs(s.height) > _SEEN * s.u for s in details.geometry.spikes):
         return ()
-    return (
-        f"{test.plane}: the spikes {', '.join(long)} last longer than {window:g}° and bend the geometry; "
-        "choose a wider `spike_window`",
-    )
+    other, found = decompose(test, details.circle, wide).terms, []
+    for term, letter in (("reversal aa", test.plane[0]), ("reversal bb", test.plane[1])):
+        before, after = narrow[term], other[term]
+        if abs(after.value - before.value) > _SEEN * max(after.u, _LEAST_CHANGE / _SEEN):
+            values = f"{1e3 * before.value:.1f} µm behind {window:g}°, {1e3 * after.value:.1f} µm behind {wide:g}°"
+            found.append(
+                f"{test.plane}: B_E{letter}{letter} depends on the window, {values}: reversal spikes last longer, "
+                "and bend scale and reversal; choose a wider `spike_window`"
+            )
+    return tuple(found)

@@ -1,7 +1,7 @@
 """What bends a circle: geometry told apart from dynamics, by least squares of the radius over the angle, both senses together.
 
-For axes a and b of the plane, φ the angle from +a to +b, s = ±1 the sense, R the radius, a small deviation e of the functional point
-reads as Δr = e·(cos φ, sin φ):
+For axes a and b of the plane, φ the angle from +a to +b, s = ±1 the sense, R the radius, a small deviation e of the
+functional point reads as Δr = e·(cos φ, sin φ):
 
     centre of the socket (x, y)         -x cos φ - y sin φ
     length of the bar, mean scale       one number for all
@@ -12,13 +12,13 @@ reads as Δr = e·(cos φ, sin φ):
     reversal B of E_ba, E_ab            (d_a/2) sin φ, (d_b/2) cos φ
     bow of E_ba, E_ab                   (1/4) sin 3φ, -(1/4) cos 3φ
 
-d_a = -s sgn(sin φ) and d_b = s sgn(cos φ) are the directions in which the axes move; at a change of quadrant itself, those before it. A
-bow k is a parabola k (q/R)² of the straightness: k cos²φ sin φ, of which the part in sin φ moves the centre. A parabola of the other
-axis's positioning looks alike. Bows are the first of the waves by which the path may differ from the named terms
-(`volid.standards.circular_waves`); u of every term contains what waves can do to it.
+d_a = -s sgn(sin φ) and d_b = s sgn(cos φ) are the directions in which the axes move; at a change of quadrant itself, those
+before it. A bow k is a parabola k (q/R)² of the straightness: k cos²φ sin φ, of which the part in sin φ moves the centre. A
+parabola of the other axis's positioning looks alike. Bows are the first of the waves by which the path may differ from the
+named terms (`volid.standards.circular_waves`); u of every term contains what waves can do to it.
 
-Within a window behind every change of quadrant nothing is fitted: there the pulses of friction stand, the reversal spikes. Each is the
-largest residual within its window, and nothing that the fit knows of.
+Within a window behind every change of quadrant nothing is fitted: there the pulses of friction stand, the reversal spikes.
+Each is the largest residual within its window, and nothing that the fit knows of.
 
 Not modelled: reversal that depends on the position, and pulses that last longer than the window.
 """
@@ -48,24 +48,22 @@ class Term(NamedTuple):
 
 
 class Spike(NamedTuple):
-    """A reversal spike: `sense`, at which `quadrant` [degrees], its mean height over the runs, outwards positive, and u [mm].
-
-    `lasting`: what remains of it behind the window, as a share.
-    """
+    """A reversal spike: `sense`, at which `quadrant` [degrees], its mean height over the runs, outwards positive, and u
+    [mm]."""
 
     sense: int
     quadrant: int
     height: float
     u: float
-    lasting: float
 
 
 @dataclass(frozen=True)
 class Decomposition:
     """The terms of a test by name, its spikes, and what is left.
 
-    `named` (m,) [mm]: what the named terms explain, about the least-squares centre; `fitted` (m,): with all waves; `residual` (m,): the
-    readings less that; `masked` (m,): behind changes of quadrant; `ratio`: scatter of the residual in u, NaN where no u is known.
+    `named` (m,) [mm]: what the named terms explain, about the least-squares centre; `fitted` (m,): with all waves;
+    `residual` (m,): the readings less that; `masked` (m,): behind changes of quadrant; `ratio`: scatter of the residual in
+    u, NaN where no u is known.
     """
 
     terms: Mapping[str, Term]
@@ -138,23 +136,19 @@ def _spikes(test: CircularReadings, residual: np.ndarray, u: np.ndarray, window:
     return tuple(spike for spike in found if spike is not None)
 
 
-def _spike(
-    test: CircularReadings, residual: np.ndarray, u: np.ndarray, place: tuple[int, int, float]
-) -> Spike | None:
+def _spike(test: CircularReadings, residual: np.ndarray, u: np.ndarray, place: tuple[int, int, float]) -> Spike | None:
     """The spike of one sense at one change of quadrant, mean over the runs; None where no run passes it."""
     sense, quadrant, window = place
     behind = (sense * (test.angle - quadrant) + 180.0) % 360.0 - 180.0
     near = max(5.0, 2.0 * test.step)  # degrees, on either side of the window
-    rows, left = [], []
+    rows = []
     for run in (r for r in test.runs if test.sense[r[0]] == sense):
         here = run[(behind[run] >= -_EDGE) & (behind[run] <= window + _EDGE)]
-        after = run[(behind[run] > window + _EDGE) & (behind[run] <= window + near)]
+        after = (behind[run] > window + _EDGE) & (behind[run] <= window + near)
         before = (behind[run] < -_EDGE) & (behind[run] >= -near)
-        if len(here) and len(after) and before.any():
+        if len(here) and after.any() and before.any():
             rows.append(here[np.argmax(np.abs(residual[here]))])
-            left.append(float(residual[after].mean()))
     if not rows:
         return None
     height = float(residual[rows].mean())
-    lasting = float(np.mean(left)) / height if height else 0.0
-    return Spike(sense, quadrant, height, float(np.sqrt(np.mean(u[rows] ** 2) / len(rows))), lasting)
+    return Spike(sense, quadrant, height, float(np.sqrt(np.mean(u[rows] ** 2) / len(rows))))

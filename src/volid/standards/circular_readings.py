@@ -98,6 +98,21 @@ class CircularReadings:
         return float(np.median(steps[steps > _SAME])) if (steps > _SAME).any() else 360.0
 
     @property
+    def share(self) -> np.ndarray:
+        """Part of its run that each reading stands for, (m,): half the angle to either neighbour, in usual steps.
+
+        A full circle whose last reading is at the angle of the first counts both by half.
+        """
+        found = np.ones(len(self))
+        for rows in self.runs:
+            turned = np.mod(self.angle[rows], 360.0)
+            order = np.argsort(turned, kind="stable")
+            gaps = np.diff(turned[order], append=turned[order[0]] + 360.0)
+            gaps = np.where(gaps < _FULL * self.step, gaps, self.step)
+            found[rows[order]] = 0.5 * (gaps + np.roll(gaps, 1)) / self.step
+        return found
+
+    @property
     def arc(self) -> float:
         """Angle that was run over [degrees]; 360 for full circles."""
         places = np.unique(np.round(self.angle % 360.0, 9))
@@ -128,8 +143,8 @@ def circular_readings(
     A run ends where the sense changes, the angle jumps, a label changes, or a turn is complete.
 
     Args:
-        plane: Two axes, such as "XY", from the first of which towards the second the angle counts. Of "YX", "ZY" and "XZ" angles
-            and senses are turned into those of XY, YZ and ZX.
+        plane: Two axes, such as "XY", from the first of which towards the second the angle counts. Of "YX", "ZY" and "XZ"
+            angles and senses are turned into those of XY, YZ and ZX.
         radius: Nominal radius [mm].
         angle: Commanded angle, shape (m,) [degrees].
         deviation: Radius that was read minus `radius`, shape (m,) [mm].
@@ -153,8 +168,8 @@ def circular_readings(
     largest = float(np.abs(deviation - np.median(deviation)).max(initial=0.0))
     if largest > _LARGEST * radius:
         raise InputError(
-            f"{where}deviations of the radius reach {largest:.4g} mm on a circle of {radius:g} mm; expected the readings of a ball "
-            "bar in mm, and the nominal radius of the circle that was run"
+            f"{where}deviations of the radius reach {largest:.4g} mm on a circle of {radius:g} mm; expected the "
+            "readings of a ball bar in mm, and the nominal radius of the circle that was run"
         )
     labels = np.zeros(len(angle), dtype=int) if run is None else np.unique(np.asarray(run), return_inverse=True)[1]
     senses, number = _runs(angle, np.asarray(labels).ravel(), None if sense is None else np.asarray(sense))

@@ -1,8 +1,8 @@
 """Circular tests out of a campaign: sets of distances from one ball, along commanded circles of two linear axes.
 
-The circle is the least-squares one through the commanded positions of the two axes that move; angle and nominal radius follow from it. Where
-the ball of the socket stands out of the plane on purpose (a bar on a cone), the radius in the plane is sqrt(L² - h²), with L the length
-that was read and h the nominal height.
+The circle is the least-squares one through the commanded positions of the two axes that move; angle and nominal radius
+follow from it. Where the ball of the socket stands out of the plane on purpose (a bar on a cone), the radius in the plane
+is sqrt(L² - h²), with L the length that was read and h the nominal height.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from volid.observations.base import NuisanceTable
 from volid.standards.circular_readings import PLANES, CircularReadings, circular_readings, merged
 
 _FEED = re.compile(r"\s*(\d{1,9}(?:\.\d{1,9})?)\s*(mm|m)/min")
+_DIGITS = 4  # of angles in degrees: a quarter of a micrometre on a circle of 150 mm
 _ROUND = 0.01  # mm: commanded points are no farther from their circle
 _STILL = 1e-3  # mm, degrees: an axis that moves less stands still
 _ALIKE = 0.05  # mm: centres and radii that are nearer are the same
@@ -82,7 +83,7 @@ def _no_circle(observations: ObservationSet, campaign: Campaign) -> str:
         return "tool vectors differ; expected one on the whole circle"
     if not np.isfinite(observations.readings).all():
         return "readings are missing, as in a plan"
-    a, b = _plane(moving)
+    a, b = tuple(_plane(moving))
     _, radius, off = _circle(observations.positions[:, [campaign.machine.index(a), campaign.machine.index(b)]])
     if not off <= _ROUND:
         return f"the commanded points lie up to {off:.3g} mm off a circle of {radius:.6g} mm"
@@ -123,7 +124,7 @@ def _test(observations: ObservationSet, campaign: Campaign, station: str) -> tup
     columns = [campaign.machine.index(letter) for letter in plane]
     centre, radius, _ = _circle(observations.positions[:, columns])
     away = observations.positions[:, columns] - centre
-    angle = np.round(np.rad2deg(np.arctan2(away[:, 1], away[:, 0])), 6)
+    angle = np.round(np.rad2deg(np.arctan2(away[:, 1], away[:, 0])), _DIGITS)
     radius = round(radius, 4) if abs(radius - round(radius, 4)) < 1e-5 else radius
     read, u = observations.readings[:, 0], observations.u[:, 0]
     relative, height = bool(observations.options.get("relative", True)), _height(observations, campaign, station)
@@ -131,8 +132,8 @@ def _test(observations: ObservationSet, campaign: Campaign, station: str) -> tup
     lengths = read - np.mean(read) + length if relative else read
     if abs(float(np.mean(lengths)) - length) > _OTHER * radius:
         raise InputError(
-            f"{observations.file_and_set}: the readings are {np.mean(read):.6g} mm in the mean, on a circle of {radius:.6g} mm; expected "
-            f"lengths from the ball of station '{station}'; say where it stands (position) if it is out of the plane"
+            f"{observations.file_and_set}: the readings are {np.mean(read):.6g} mm in the mean, on a circle of {radius:.6g} mm; "
+            f"expected lengths from the ball of station '{station}'; say where it stands (position) if it is out of the plane"
         )
     own, part = np.unique(observations.labels["segment"], return_inverse=True)
     labels = [str(own[k]) for k in np.ravel(part)]

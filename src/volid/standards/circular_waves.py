@@ -1,15 +1,16 @@
 """The shape of a path beyond its named terms, as waves around the circle whose size the readings tell.
 
-A machine's path errs alike in both senses and all runs, smoothly, by more than any few terms hold. On a full circle that is of no
-matter, because waves of other orders leave a term alone. On an arc, and next to windows that only one sense passes through, they lean on every
-term. So the path is
+A machine's path errs alike in both senses and all runs, smoothly, by more than any few terms hold. On a full circle that is
+of no matter, because waves of other orders leave a term alone. On an arc, and next to windows that only one sense passes
+through, they lean on every term. So the path is
 
-    y = A β + Σ_k (c_k cos kφ + s_k sin kφ) + ε,    c_k, s_k of variance τ² k^(-2p) beforehand, k = 3 … K
+    y = A β + Σ_k (c_k cos kφ + s_k sin kφ) + ε,    c_k, s_k of variance τ² d_k² beforehand, k = 3 … K
 
-β the named terms, of which nothing is known beforehand, ε of u times a common factor. Every τ and p of a grid counts by its restricted
-likelihood; values are the mean over them, and u contains their spread. So u of β has in it what waves can do to it that the readings
-do not see. Beforehand a τ at k = 3 is between 0.1 µm and 30 µm, and no size likelier than another: on full circles that is of no
-matter, on an arc of 100° it is nearly all there is. The factor never falls below 1 where u is known.
+β the named terms, of which nothing is known beforehand, ε of u times a common factor, d_k one of six spectra (`spectra`).
+Every τ of a grid with every spectrum counts by its restricted likelihood; values are the mean over them, and u contains their
+spread. So u of β has in it what waves can do to it that the readings do not see. Beforehand τ, the spread at k = 3, is between
+0.1 µm and 30 µm, and no size likelier than another: on full circles that is of no matter, on an arc of 100° it is nearly all
+there is. The factor never falls below 1 where u is known.
 
 Reference: restricted maximum likelihood, Patterson and Thompson, Biometrika 58 (1971) 545; the same model as universal kriging.
 Not modelled: waves that differ from sense to sense, such as a reversal that depends on the position.
@@ -39,8 +40,9 @@ _SHARE = 1e-6  # of a term in such a combination
 
 
 class Fitted(NamedTuple):
-    """`value` (p + w,): terms, then waves; `u` likewise; `unknown` (p,): terms that the readings do not determine; `scatter`: the factor
-    of u, or the scatter of the readings where none is known; `ratio`: the factor before it is held at 1 or above."""
+    """`value` (p + w,): terms, then waves; `u` likewise; `unknown` (p,): terms that the readings do not determine;
+    `scatter`: the factor of u, or the scatter of the readings where none is known; `ratio`: the factor before it is held at
+    1 or above."""
 
     value: np.ndarray
     u: np.ndarray
@@ -81,7 +83,7 @@ def fit_waves(A: np.ndarray, Z: np.ndarray, orders: np.ndarray, y: np.ndarray, u
     """
     weight = np.full(len(y), 1.0 / _UNIT) if u is None else 1.0 / u
     seen, unknown = _seen(weight[:, None] * A)
-    reduced = np.linalg.qr(weight[:, None] * np.column_stack([A @ seen, Z, y]), mode="r")
+    reduced = np.asarray(np.linalg.qr(weight[:, None] * np.column_stack([A @ seen, Z, y]), mode="r"))
     freedom = max(len(y) - seen.shape[1], 1)
     least = 0.0 if u is None else 1.0
     shapes = spectra(orders)
@@ -98,8 +100,8 @@ def fit_waves(A: np.ndarray, Z: np.ndarray, orders: np.ndarray, y: np.ndarray, u
 def spectra(orders: np.ndarray) -> list[np.ndarray]:
     """Spreads of waves by their order, (w,), 1 at the lowest one.
 
-    Powers of the order; and those of a function whose values are alike as exp(-d²/2ℓ²) at places of the circle a chord d apart: the
-    square is the modified Bessel function I_k(R²/ℓ²).
+    Powers of the order; and those of a function whose values are alike as exp(-d²/2ℓ²) at places of the circle a chord d
+    apart: the square is the modified Bessel function I_k(R²/ℓ²).
 
     >>> [s.round(3).tolist() for s in spectra(np.array([3, 6]))][:2]
     [[1.0, 0.5], [1.0, 0.25]]
@@ -110,8 +112,8 @@ def spectra(orders: np.ndarray) -> list[np.ndarray]:
 
 
 class _One(NamedTuple):
-    """With one spread of the waves: -2 log of the restricted likelihood but for a constant, its common factor `ratio` at the best, values,
-    and a root of their covariance."""
+    """With one spread of the waves: -2 log of the restricted likelihood but for a constant, its common factor `ratio` at
+    the best, values, and a root of their covariance."""
 
     likelihood: float
     ratio: float
@@ -134,7 +136,7 @@ def _one(reduced: np.ndarray, known: np.ndarray, freedom: int, least: float) -> 
     w = len(known)
     prior = np.zeros((w, reduced.shape[1]))
     prior[:, -1 - w : -1] = np.diag(known)
-    R = np.linalg.qr(np.vstack([reduced, prior]), mode="r")
+    R = np.asarray(np.linalg.qr(np.vstack([reduced, prior]), mode="r"))
     square = max(float(R[-1, -1]) ** 2, 1e-300)
     spread = 2.0 * np.sum(np.log(np.abs(np.diagonal(R)[:-1]))) - 2.0 * np.sum(np.log(known))
     inverse = solve_triangular(R[:-1, :-1], np.eye(len(R) - 1))

@@ -41,11 +41,15 @@ def geometry(test: CircularReadings, found: Decomposition) -> tuple[list[Quantit
 
 def _names(test: CircularReadings) -> dict[str, tuple[str, str, str]]:
     """Symbol, unit and words by the name of the term."""
-    a, b = test.plane
+    a, b = tuple(test.plane)
     primary = {"XY": "EC0Y", "YZ": "EA0Z", "ZX": "-EB0Z"}[test.plane]
     return {
         "scale": (f"scale_{test.plane}", "mm/mm", f"scale of {a} less that of {b}"),
-        "squareness": (f"squareness_{test.plane}", "rad", f"angle from +{a} to +{b} less 90°: {primary} with X as primary"),
+        "squareness": (
+            f"squareness_{test.plane}",
+            "rad",
+            f"angle from +{a} to +{b} less 90°: {primary} with X as primary",
+        ),
         "reversal aa": (f"B_E{a}{a}", "mm", f"reversal value of E{a}{a}, positioning of {a}"),
         "reversal bb": (f"B_E{b}{b}", "mm", f"reversal value of E{b}{b}, positioning of {b}"),
         "reversal ba": (f"B_E{b}{a}", "mm", f"reversal value of E{b}{a}, lateral play of {a}"),
@@ -63,7 +67,7 @@ def _mismatch(test: CircularReadings, lag: Term) -> Quantity | None:
     if not test.feed or not np.isfinite(lag.value):
         return None
     factor = 2.0 / (test.feed / 60.0) * 1e3  # ms/mm
-    a, b = test.plane
+    a, b = tuple(test.plane)
     text = f"time by which {a} lags behind the command, less that of {b}"
     return Quantity(f"mismatch_{test.plane}", factor * lag.value, "ms", _K * factor * lag.u, text=text)
 
@@ -72,7 +76,9 @@ def _spike(test: CircularReadings, spike: Spike) -> Quantity:
     sense = "anticlockwise" if spike.sense > 0 else "clockwise"
     end = _ENDS[spike.quadrant].format(*test.plane)
     symbol = f"spike_{test.name(spike.sense)}_{spike.quadrant}"
-    return Quantity(symbol, spike.height, "mm", _K * spike.u, text=f"reversal spike at {end}, {sense}, outwards positive")
+    return Quantity(
+        symbol, spike.height, "mm", _K * spike.u, text=f"reversal spike at {end}, {sense}, outwards positive"
+    )
 
 
 def _left(test: CircularReadings, found: Decomposition) -> Quantity:
@@ -83,7 +89,8 @@ def _left(test: CircularReadings, found: Decomposition) -> Quantity:
 
 
 def table(test: CircularReadings, deviation: np.ndarray, found: Decomposition) -> Table:
-    """Reading by reading: as read, about the centre that was chosen, what the geometry explains, and with waves, and what is left."""
+    """Reading by reading: as read, about the centre that was chosen, what the geometry explains, and with waves, and what
+    is left."""
     columns = (
         test.angle.tolist(),
         test.sense.tolist(),

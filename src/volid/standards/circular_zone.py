@@ -1,8 +1,9 @@
 """Circles through a path: the two concentric ones that enclose it most narrowly, and the least-squares one.
 
-A point of the path stands at p = c0 + L·d, with L the length that was read and d the direction from the centre c0. Its distance from
-a centre c0 + x is L - d·x to first order; what is left out, (d×x)²/(2R), is taken into account by beginning again at the new centre.
-The minimum zone is then a linear programme in x, the inner radius and the width: it has one optimum, and no start value.
+A point of the path stands at p = c0 + L·d, with L the length that was read and d the direction from the centre c0. Its
+distance from a centre c0 + x is L - d·x to first order; what is left out, (d×x)²/(2R), is taken into account by beginning
+again at the new centre. The minimum zone is then a linear programme in x, the inner radius and the width: it has one
+optimum, and no start value.
 """
 
 from __future__ import annotations
@@ -42,10 +43,10 @@ def minimum_zone(direction: np.ndarray, deviation: np.ndarray, radius: float) ->
 
     Reference: minimum zone circles, ISO/TS 12181-1 and ISO 230-4; the programme is Chebyshev's approximation by a circle.
 
-    >>> phi = np.linspace(0.0, 2.0 * np.pi, 181)
+    >>> phi = np.linspace(0.0, 2.0 * np.pi, 361)
     >>> direction = np.stack([np.cos(phi), np.sin(phi)], axis=1)
     >>> zone = minimum_zone(direction, 0.005 * np.sin(2.0 * phi) + 0.02 * np.cos(phi), 100.0)
-    >>> round(zone.width, 6), round(zone.centre[0], 5)
+    >>> round(zone.width, 6), round(float(zone.centre[0]), 5)
     (0.01, 0.02)
     """
     from scipy.optimize import linprog  # slow to import
@@ -69,9 +70,9 @@ def minimum_zone(direction: np.ndarray, deviation: np.ndarray, radius: float) ->
 
 
 class LeastSquaresCircle(NamedTuple):
-    """`centre` (2,): place of the bar's socket from the programmed centre; `radius`: mean radius less the nominal one, by part (k,);
-    `direction` (m, 2): from the socket to the commanded points; `deviation` (m,): radii about it, less the nominal one [mm].
-    `gain` (2 + k, m): ∂(centre, radius)/∂reading."""
+    """`centre` (2,): place of the bar's socket from the programmed centre; `radius`: mean radius less the nominal one, by
+    part (k,); `direction` (m, 2): from the socket to the commanded points; `deviation` (m,): radii about it, less the
+    nominal one [mm]. `gain` (2 + k, m): ∂(centre, radius)/∂reading."""
 
     centre: np.ndarray
     radius: np.ndarray
@@ -81,7 +82,7 @@ class LeastSquaresCircle(NamedTuple):
 
 
 def least_squares_circle(
-    direction: np.ndarray, deviation: np.ndarray, radius: float, part: np.ndarray
+    direction: np.ndarray, deviation: np.ndarray, radius: float, part: np.ndarray, share: np.ndarray
 ) -> LeastSquaresCircle:
     """Where the socket stands, such that the lengths that are read fit circles best.
 
@@ -93,21 +94,22 @@ def least_squares_circle(
         deviation: Lengths that were read less `radius`, shape (m,) [mm].
         radius: Nominal radius [mm].
         part: Number of the part, shape (m,), from 0.
+        share: Part of the path that each reading stands for, shape (m,).
 
     >>> phi = np.linspace(0.0, 2.0 * np.pi, 73)
     >>> n = np.stack([np.cos(phi), np.sin(phi)], axis=1)
     >>> read = np.linalg.norm(100.0 * n - [0.3, -0.1], axis=1) - 100.0 + 0.002
-    >>> circle = least_squares_circle(n, read, 100.0, np.zeros(73, dtype=int))
+    >>> circle = least_squares_circle(n, read, 100.0, np.zeros(73, dtype=int), np.ones(73))
     >>> circle.centre.round(6).tolist(), circle.radius.round(6).tolist()
     ([0.3, -0.1], [0.002])
     """
-    shares = (part[:, None] == np.arange(part.max() + 1)).astype(float)
-    centre = np.zeros(2)
+    parts = (part[:, None] == np.arange(part.max() + 1)).astype(float)
+    centre, weight = np.zeros(2), np.sqrt(share)
     for _ in range(_ROUNDS):
         away = radius * direction - centre
         distance = np.linalg.norm(away, axis=1)
         d, y = away / distance[:, None], deviation + radius - distance
-        gain = np.linalg.pinv(np.hstack([-d, shares]))
+        gain = np.linalg.pinv(weight[:, None] * np.hstack([-d, parts])) * weight
         found = gain @ y
         centre = centre + found[:2]
         if np.linalg.norm(found[:2]) < _DONE:

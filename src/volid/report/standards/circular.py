@@ -6,6 +6,7 @@ Needs matplotlib (`pip install 'volid[plots]'`).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import zip_longest
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,13 +22,18 @@ COLOURS = {1: "#0b5fa5", -1: "#d1495b"}
 _WORDS = {1: "anticlockwise", -1: "clockwise"}
 _NOMINAL = 6.0  # divisions: radius of the nominal circle
 _REACH = 3.6  # divisions: deviations are drawn no farther from it
+_GEOMETRY = ("scale_", "squareness_", "B_E")  # symbols that begin the terms of the geometry
 _STEPS = (1.0, 2.0, 5.0)
 _WIDE = 5.9  # inches of a panel with its text
+_TALL = 6.0  # inches of the polar plot
+_LINE = 0.125  # inches of a line of the text
+_COLUMN = 36  # characters of a column of it
 _ENDS = ((0.0, "+{0}"), (90.0, "+{1}"), (180.0, "-{0}"), (270.0, "-{1}"))
 
 
 def polar_plot(evaluations: Sequence[Evaluation]) -> Figure:
-    """One polar plot for each evaluated plane: paths of all runs, the nominal circle, circles of one division, the minimum zone of both.
+    """One polar plot for each evaluated plane: paths of all runs, the nominal circle, circles of one division, the minimum
+    zone of both.
 
     Deviations are those about the centre that was chosen. The magnification is that of a deviation against the circle as drawn.
     Raises `InputError` where nothing was evaluated from readings, as in a vendor's file.
@@ -38,12 +44,13 @@ def polar_plot(evaluations: Sequence[Evaluation]) -> Figure:
     if not drawn:
         raise InputError("there are no readings to draw: the file holds another program's evaluation alone")
     columns = min(len(drawn), 3)
-    rows = -(-len(drawn) // columns)
+    rows, texts = -(-len(drawn) // columns), [_text_lines(e) for e in drawn]
+    below = _LINE * (max(map(len, texts)) + 1)
     figure, panels = plt.subplots(
         2 * rows,
         columns,
-        figsize=(_WIDE * columns, 9.4 * rows),
-        height_ratios=[5.4, 4.0] * rows,
+        figsize=(_WIDE * columns, (_TALL + below) * rows),
+        height_ratios=[_TALL, below] * rows,
         squeeze=False,
         layout="constrained",
     )
@@ -52,7 +59,8 @@ def polar_plot(evaluations: Sequence[Evaluation]) -> Figure:
     for i, evaluation in enumerate(drawn):
         row, column = divmod(i, columns)
         _panel(panels[2 * row][column], evaluation)
-        _text(panels[2 * row + 1][column], evaluation)
+        where = {"va": "top", "transform": panels[2 * row + 1][column].transAxes}
+        panels[2 * row + 1][column].text(0.03, 1.0, "\n".join(texts[i]), family="monospace", fontsize=7, **where)
     return figure
 
 
@@ -71,7 +79,7 @@ def _panel(panel: Any, evaluation: Evaluation) -> None:
     details = evaluation.details
     test, deviation = details.test, details.deviation
     step = per_division(float(np.abs(deviation).max()))
-    _scale(panel, test.plane)
+    _scale(panel, test.plane, step)
     for sense in test.senses:
         for n, rows in enumerate(r for r in test.runs if test.sense[r[0]] == sense):
             label = f"{_WORDS[sense]} ({test.name(sense)})" if n == 0 else None
@@ -102,11 +110,16 @@ def _place(angle: np.ndarray, deviation: np.ndarray | float, step: float) -> tup
     return r * np.cos(phi), r * np.sin(phi)
 
 
-def _scale(panel: Any, plane: str) -> None:
-    """Circles of one division, the nominal one strong; rays of the axes with their names."""
+def _scale(panel: Any, plane: str, step: float) -> None:
+    """Circles of one division with their deviations, the nominal one strong; rays of the axes with their names."""
     turn = np.linspace(0.0, 360.0, 361)
     for k in range(-3, 4):
-        panel.plot(*_place(turn, k * 1e-3, 1.0), color="0.35" if k == 0 else "0.86", lw=1.0 if k == 0 else 0.6, zorder=0)
+        panel.plot(
+            *_place(turn, k * 1e-3, 1.0), color="0.35" if k == 0 else "0.86", lw=1.0 if k == 0 else 0.6, zorder=0
+        )
+        x, y = (float(c[0]) for c in _place(np.array([-37.0]), k * 1e-3, 1.0))
+        label = f"{k * step:+g}" if k else "0 µm"
+        panel.text(x, y, label, fontsize=6, color="0.45", ha="center", va="center", zorder=1)
     for angle, name in _ENDS:
         inner, outer = (_place(np.array([angle]), k * 1e-3, 1.0) for k in (-3, 3.3))
         panel.plot(*np.hstack([np.stack(inner), np.stack(outer)]), color="0.8", lw=0.6, zorder=0)
@@ -132,15 +145,14 @@ def _from_drawn_centre(details: CircularDetails, n: np.ndarray) -> np.ndarray:
     return -np.asarray(details.circle.centre) @ n if about_setup else np.zeros(n.shape[1])
 
 
-def _text(panel: Any, evaluation: Evaluation) -> None:
-    """Quantities in two columns: those of the standard, and the geometry; spikes in a table below."""
+def _text_lines(evaluation: Evaluation) -> list[str]:
+    """Quantities in two columns, those of the standard and the geometry; below them the spikes."""
     spikes = [q for q in evaluation.quantities if q.symbol.startswith("spike_")]
     rest = [q for q in evaluation.quantities if q not in spikes and not q.symbol.endswith("_ls")]
-    first = next((i for i, q in enumerate(rest) if q.symbol.startswith("scale_")), len(rest))
-    for x, chosen in ((0.0, rest[:first]), (0.5, rest[first:])):
-        lines = [_line(q) for q in chosen]
-        panel.text(x, 1.0, "\n".join(lines), va="top", family="monospace", fontsize=7, transform=panel.transAxes)
-    panel.text(0.0, 0.14, _spike_lines(evaluation, spikes), va="top", family="monospace", fontsize=7, transform=panel.transAxes)
+    first = next((i for i, q in enumerate(rest) if q.symbol.startswith(_GEOMETRY)), len(rest))
+    pairs = zip_longest(map(_line, rest[:first]), map(_line, rest[first:]), fillvalue="")
+    lines = [f"{left:<{_COLUMN}} {right}" for left, right in pairs]
+    return [*lines, "", *_spike_lines(evaluation, spikes)]
 
 
 def _line(q: Quantity) -> str:
@@ -151,15 +163,15 @@ def _line(q: Quantity) -> str:
     return f"{q.symbol:<14}{scale * q.value:8.{digits}f}{U:<7} {unit}{f' {q.verdict}' if q.verdict else ''}"
 
 
-def _spike_lines(evaluation: Evaluation, spikes: Sequence[Quantity]) -> str:
+def _spike_lines(evaluation: Evaluation, spikes: Sequence[Quantity]) -> list[str]:
     """Heights of the spikes, a line for each sense, a column for each end of an axis."""
     test = evaluation.details.test
     if not spikes:
-        return ""
+        return []
     heights = {q.symbol: 1e3 * q.value for q in spikes}
     ends = [name.format(*test.plane) for _, name in _ENDS]
     lines = [f"{'spikes / µm':<16}" + "".join(f"{end:>8}" for end in ends)]
     for sense in test.senses:
         cells = [heights.get(f"spike_{test.name(sense)}_{angle:.0f}") for angle, _ in _ENDS]
         lines.append(f"{_WORDS[sense]:<16}" + "".join(f"{'' if c is None else f'{c:.1f}':>8}" for c in cells))
-    return "\n".join(lines)
+    return lines
