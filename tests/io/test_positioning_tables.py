@@ -66,6 +66,22 @@ def test_a_display_of_angles_may_begin_anew(tmp_path):
     )
 
 
+@pytest.mark.parametrize(
+    ("axis", "unit", "name"),
+    [
+        ("C", "°", "C"),
+        ("c", "°", "C"),
+        ("B2", "°", "B2"),
+        ("x", "mm", "X"),
+        ("W", "mm", "W"),
+        ("Column", "mm", "Column"),
+    ],
+)
+def test_the_letter_of_an_axis_tells_its_unit(tmp_path, axis, unit, name):
+    [runs] = read(tmp_path, WIDE, axis=axis)
+    assert (runs.unit, runs.axis) == (unit, name)
+
+
 def test_cells_of_the_wide_form_may_be_empty(tmp_path):
     [runs] = read(tmp_path, "target,up_1,up_2,down_1\n0,0.001,,0.003\n100,0.002,0.005,\n")
     np.testing.assert_array_equal(np.isnan(runs.deviations), [[[0, 1], [0, 1]], [[0, 0], [1, 1]]])

@@ -55,6 +55,7 @@ def read_positioning(
     (11, 2, 5)
     """
     path = Path(path)
+    axis = axis.upper() if axis and len(axis) == 1 else axis
     if is_hdf5(path) or path.suffix.lower() in (".toml", ".h5", ".hdf5") or path.is_dir():
         return _of_axis(positioning_of(load_campaign(path, allow_outside=allow_outside), sets), axis, path)
     if sets:

@@ -184,7 +184,8 @@ def _unit(csv: CsvTable, axis: str) -> _Unit:
     """Degrees for a rotary axis, and where the header gives targets in an angle and nobody names the axis; else mm."""
     stated = csv.units.get(TARGET)
     angle = stated is not None and conversion(stated, "mm") is None
-    return _Unit("°", "degrees") if axis in ROTARY_AXES or (axis == AXIS and angle) else _Unit("mm", "mm")
+    rotary = axis[:1] in ROTARY_AXES and not axis[1:].strip("0123456789")  # C, and a second one C2
+    return _Unit("°", "degrees") if rotary or (axis == AXIS and angle) else _Unit("mm", "mm")
 
 
 def _difference(actual: np.ndarray, target: np.ndarray, unit: _Unit) -> np.ndarray:
