@@ -93,6 +93,16 @@ class ExactControl:
                 driven[:, i] = q[:, i] + self.increment[axis] * np.rint((driven[:, i] - q[:, i]) / self.increment[axis])
         return driven
 
+    def arrivals(self, q, driven, direction) -> np.ndarray:
+        """Direction (m, axes) in which each drive arrives, row after row: as programmed, or of the last correction at rest."""
+        out = np.array(direction, float)
+        for k in range(1, len(q)):
+            for i in range(q.shape[1]):
+                if q[k, i] == q[k - 1, i] and direction[k, i] == direction[k - 1, i]:
+                    moved = driven[k, i] - driven[k - 1, i]
+                    out[k, i] = np.sign(moved) if abs(moved) > 1e-9 else out[k - 1, i]
+        return out
+
     def _tables(self, q, tool, way) -> tuple[np.ndarray, np.ndarray]:
         """Deviation (m, 3) of the functional point by the tables of the kinematic model; no turn of rotary axes."""
         functions, reversal, constants = {}, {}, {}

@@ -324,4 +324,9 @@ def test_the_campaign_records_what_was_active_beside_what_the_plan_names(tmp_pat
         "clamped for compensations: Z",
     ]
     np.testing.assert_array_equal(campaign.sets[0].positions, plan.sets[0].positions)
+    bare, _ = simulate(campaign, both_truths(MACHINE, truth))  # as a plan: nothing is active any more
+    assert bare.conditions["active_compensations"] == []
+    assert (
+        "active_compensations" not in simulate(replace(plan, conditions={}), both_truths(MACHINE, truth))[0].conditions
+    )
     assert same.functions["EXX"] is truth.functions["EXX"]

@@ -109,10 +109,14 @@ def _ask(plan: Campaign) -> None:
 
 
 def _active(plan: Campaign, control: Drives | None) -> dict[str, Any]:
-    """What [conditions] say of compensations: those that the plan names, and those of the control."""
-    if control is None:
+    """What [conditions] say of compensations: those that the plan states, and those of the control.
+
+    What a simulated campaign, used as a plan, says of itself is over.
+    """
+    stated = [] if plan.conditions.get("simulated") else active_compensations(plan.conditions)
+    if control is None and ACTIVE not in plan.conditions:
         return {}
-    return {ACTIVE: [*active_compensations(plan.conditions), *control.active]}
+    return {ACTIVE: [*stated, *(() if control is None else control.active)]}
 
 
 class _At(NamedTuple):
