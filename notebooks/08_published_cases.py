@@ -74,7 +74,9 @@ positioning_figure(axes)
 # %%
 X = axes[0].details.statistics.mean  # targets x directions, mm
 mixed = max(np.ptp([X[:, 0].max(), X[:, 1].min()]), np.ptp([X[:, 1].max(), X[:, 0].min()]))
-print(f"E = {1e3 * (X.max() - X.min()):.2f} µm; one direction's largest with the other's smallest: {1e3 * mixed:.2f} µm")
+print(
+    f"E = {1e3 * (X.max() - X.min()):.2f} µm; one direction's largest with the other's smallest: {1e3 * mixed:.2f} µm"
+)
 
 # %% [markdown]
 # ## 3. Sequential step diagonals
@@ -106,7 +108,9 @@ for a, axis in enumerate(names):
         panel, x = panels[c, a], nine.nodes[a]
         panel.plot(x, 1e3 * nine.values[a][:, c], color="#0b5fa5", label="separated from the readings")
         panel.plot(x, 1e3 * middle[a][:, c], color="black", ls="--", lw=1, label="truth, middle of the box")
-        panel.plot(x, 1e3 * (middle[a] + leak.total[a])[:, c], color="#d1495b", ls=":", label="truth with the predicted leak")
+        panel.plot(
+            x, 1e3 * (middle[a] + leak.total[a])[:, c], color="#d1495b", ls=":", label="truth with the predicted leak"
+        )
         panel.set_title(f"D{component.lower()}({axis.lower()}) / µm", fontsize=9, loc="left")
     panels[2, a].set_xlabel(f"{axis} / mm")
 figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3, frameon=False)
@@ -119,7 +123,9 @@ figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside upper cent
 # %%
 apart = max(np.abs(v - m - t).max() for v, m, t in zip(nine.values, middle, leak.total, strict=True))
 largest = max(np.abs(t).max() for t in leak.total)
-print(f"largest leak {1e3 * largest:.1f} µm; what the prediction leaves, with noise and mirrors' tilts: {1e3 * apart:.1f} µm")
+print(
+    f"largest leak {1e3 * largest:.1f} µm; what the prediction leaves, with noise and mirrors' tilts: {1e3 * apart:.1f} µm"
+)
 
 # %% [markdown]
 # ### What remains after compensation?

@@ -36,20 +36,17 @@ from volid.io.functions_csv import read_deviations, read_functions, read_points
 from volid.io.grid_reader import read_grid
 from volid.io.machines import parse_machine, read_machine
 from volid.io.networks import network_from_csv
+from volid.io.positioning_conditions import read_conditions
+from volid.io.positioning_files import read_positioning
 from volid.io.step_diagonals import read_step_diagonals
 from volid.io.studies import read_study
 from volid.io.table_reader import read_table
 from volid.plausibility.checks import check_campaign
 from volid.standards.diagonals_result import evaluate_diagonals
-from volid.standards.step_diagonals import step_sets
-from volid.standards.step_diagonals_result import evaluate_step_diagonals
-from volid.io.positioning_conditions import read_conditions
-from volid.io.positioning_files import read_positioning
-from volid.io.studies import read_study
-from volid.io.table_reader import read_table
-from volid.plausibility.checks import check_campaign
 from volid.standards.positioning import evaluate_positioning
 from volid.standards.positioning_conditions import contributions_of
+from volid.standards.step_diagonals import step_sets
+from volid.standards.step_diagonals_result import evaluate_step_diagonals
 
 LONGEST, MOST_MEMORY = 10.0, 1 << 30  # s of the processor; bytes of the whole process
 ROWS = 12  # of each set: damage is done to few lines, and read in milliseconds
