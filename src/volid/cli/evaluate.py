@@ -36,7 +36,8 @@ STANDARDS: dict[str, str] = {
 }
 
 _EPILOG = """\
-'volid evaluate STANDARD --help' explains what each reads and gives.
+'volid evaluate STANDARD --help' explains what each reads and gives. All of them take --set, --limits LIMITS.toml,
+--figure FIGURE, --output OUT.csv, --json and --force.
 
 example:
   volid evaluate iso230-2 runs.csv --axis X --limits limits.toml --figure positioning.svg
