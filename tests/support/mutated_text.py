@@ -41,8 +41,8 @@ from volid.io.studies import read_study
 from volid.io.table_reader import read_table
 from volid.plausibility.checks import check_campaign
 from volid.standards.diagonals_result import evaluate_diagonals
-from volid.standards.step_diagonals import step_sets
 from volid.standards.step_diagonals_result import evaluate_step_diagonals
+from volid.standards.step_diagonals_steps import step_sets
 
 LONGEST, MOST_MEMORY = 10.0, 1 << 30  # s of the processor; bytes of the whole process
 ROWS = 12  # of each set: damage is done to few lines, and read in milliseconds

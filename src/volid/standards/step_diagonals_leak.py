@@ -31,7 +31,8 @@ from volid.model.kinematics import ROWS
 from volid.model.machine import Machine
 from volid.standards.results import Section
 from volid.standards.shared_errors import tilt_columns
-from volid.standards.step_diagonals import NAMES, NineFunctions, Steps, middle_lines, separate, steps_of
+from volid.standards.step_diagonals import NAMES, NineFunctions, separate
+from volid.standards.step_diagonals_steps import Steps, middle_lines, steps_of
 from volid.virtual.simulate import on_machine
 from volid.virtual.truth import Truth
 
