@@ -58,6 +58,14 @@ def test_angles_of_the_header_make_an_axis_rotary(tmp_path):
         read(tmp_path, text, axis="X")
 
 
+def test_a_display_of_angles_may_begin_anew(tmp_path):
+    text = "target,direction,actual\n0,+1,359.999\n180,+1,180.001\n360,+1,0.002\n360,-1,359.998\n180,-1,180\n0,-1,0\n"
+    [runs] = read(tmp_path, text, axis="C")
+    np.testing.assert_allclose(
+        runs.deviations[:, :, 0], [[-0.001, 0.0], [0.001, 0.0], [0.002, -0.002]], rtol=0, atol=1e-9
+    )
+
+
 def test_cells_of_the_wide_form_may_be_empty(tmp_path):
     [runs] = read(tmp_path, "target,up_1,up_2,down_1\n0,0.001,,0.003\n100,0.002,0.005,\n")
     np.testing.assert_array_equal(np.isnan(runs.deviations), [[[0, 1], [0, 1]], [[0, 0], [1, 1]]])

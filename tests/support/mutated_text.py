@@ -36,11 +36,15 @@ from volid.io.functions_csv import read_deviations, read_functions, read_points
 from volid.io.grid_reader import read_grid
 from volid.io.machines import parse_machine, read_machine
 from volid.io.networks import network_from_csv
+from volid.io.positioning_conditions import read_conditions
+from volid.io.positioning_files import read_positioning
 from volid.io.step_diagonals import read_step_diagonals
 from volid.io.studies import read_study
 from volid.io.table_reader import read_table
 from volid.plausibility.checks import check_campaign
 from volid.standards.diagonals_result import evaluate_diagonals
+from volid.standards.positioning import evaluate_positioning
+from volid.standards.positioning_conditions import contributions_of
 from volid.standards.step_diagonals_result import evaluate_step_diagonals
 from volid.standards.step_diagonals_steps import step_sets
 
@@ -170,9 +174,30 @@ def _others(machine: bytes) -> dict[str, Original]:
         "network": Original(
             {"n.csv": NETWORK, "p.csv": COORDINATES}, lambda f: network_from_csv(f / "n.csv", f / "p.csv").adjust()
         ),
+        "positioning": Original({"r.csv": RUNS, "c.toml": CONDITIONS}, _positioning),
+        "positioning, wide": Original({"r.csv": WIDE_RUNS, "c.toml": CONDITIONS}, _positioning),
     }
 
 
+def _positioning(folder: Path) -> Any:
+    """Every axis of a table of approaches, evaluated under the conditions beside it."""
+    found = []
+    for runs, _ in read_positioning(folder / "r.csv"):
+        conditions = read_conditions(folder / "c.toml", runs.length)
+        found.append(evaluate_positioning(runs, contributions_of(conditions, runs)))
+    return found
+
+
+RUNS = (
+    b"axis,target,direction,run,actual\nX,0,+1,1,0.001\nX,100,+1,1,100.002\nX,100,-1,1,100.004\nX,0,-1,1,0.003\n"
+    b"X,0,+1,2,0.002\nX,100,+1,2,100.001\nX,100,-1,2,100.003\nX,0,-1,2,0.004\n"
+)
+WIDE_RUNS = "target [mm],up_1 [µm],up_2 [µm],down_1 [µm],down_2 [µm]\n0,1,2,3,4\n100,2,1,4,3\n210,4,3,5,\n".encode()
+CONDITIONS = (
+    b"device = { U = 0.0002, U_per_length = 5e-7 }\nmisalignment = { offset = 0.5 }\n"
+    b'temperature = { u = 0.2, expansion = 11.5e-6, at = 22.0, u_expansion = 1e-6 }\ndrift = { range = 8e-4, form = "linear" }\n'
+    b"setup = { u = 0.0002 }\nnoise = { u = 0.0001 }\n"
+)
 POINTS = b"X,Y,Z,tool_x,tool_y,tool_z,X_dir\n0,0,-100,0,0,-150,1\n500,300,-250,0,0,-150,-1\n1000,600,0,80,0,-200,0\n"
 _E = "ex,ey,ez,ea,eb,ec"
 DEVIATIONS = (

@@ -97,8 +97,8 @@ def _runs_of(csv: CsvTable, axis: str, rows: np.ndarray) -> PositioningRuns:
         _check_deviations(csv, DEVIATION, target, deviation, unit)
     else:
         actual = csv.numbers(ACTUAL, unit.words, _PURPOSE)[rows]
-        _check_actual(csv, target, actual)
-        deviation = np.round(actual - target, DIGITS)
+        deviation = _difference(actual, target, unit)
+        _check_actual(csv, target, target + deviation)
         _ask_size(csv, deviation, unit)
     run = csv.labels(RUN, _PURPOSE)[rows].tolist() if RUN in csv else run_numbers(target, direction, unit.symbol)
     where = [csv.where(int(i)) for i in rows]
@@ -132,7 +132,7 @@ def _wide(csv: CsvTable, cells: Mapping[str, re.Match[str]], axis: str | None) -
     target = csv.numbers(TARGET, unit.words, "every row needs one")
     grid = np.stack([csv.numbers(name, unit.words, "or an empty cell", gaps=True) for name in cells], axis=1)
     actual, notes = _are_actual(csv, cells, target, grid)
-    deviation = np.round(grid - target[:, None], DIGITS) if actual else grid
+    deviation = _difference(grid, target[:, None], unit) if actual else grid
     _ask_size(csv, deviation, unit)
     rows, columns = np.nonzero(np.isfinite(deviation))
     ways = np.array([_WAYS[match[2]] for match in cells.values()])
@@ -185,6 +185,12 @@ def _unit(csv: CsvTable, axis: str) -> _Unit:
     stated = csv.units.get(TARGET)
     angle = stated is not None and conversion(stated, "mm") is None
     return _Unit("°", "degrees") if axis in ROTARY_AXES or (axis == AXIS and angle) else _Unit("mm", "mm")
+
+
+def _difference(actual: np.ndarray, target: np.ndarray, unit: _Unit) -> np.ndarray:
+    """actual - target; of angles within half a turn, as a display begins anew after a whole one."""
+    difference = np.round(actual - target, DIGITS)
+    return difference if unit.symbol == "mm" else (difference + 180.0) % 360.0 - 180.0
 
 
 def _slope(target: np.ndarray, values: np.ndarray) -> float:

@@ -7,11 +7,11 @@ in all runs (a scale) acts on E, A and M, and what changes from approach to appr
 that |Q(x^ + n) - Q(x^)| exceeds in 4.55 % of the draws, which is k = 2 of a normal distribution; it includes that noise only
 ever raises a range (JCGM 101, propagation of distributions).
 
-x^ are the measured deviations, shrunk where they are no larger than the contributions themselves explain: three parts (means
-of both directions about their mean, half reversals, scatter about the means) are each multiplied by 1 - variance of n /
-variance seen, the share of it that is the machine's, or by 0. Without it, a machine that repeats better than its instrument
-would have an R that looks certain. Every Q but B_mean is a seminorm of the deviations, so that |Q(x + n) - Q(x)| never
-exceeds Q(n), whatever x is: `largest` is U from n alone.
+x^ are the measured deviations, shrunk where they are no larger than the contributions themselves explain: four parts (means
+of both directions about their mean, half the mean reversal, half reversals about it, scatter about the means) are each
+multiplied by 1 - variance of n / variance seen, the share of it that is the machine's, or by 0. Without it, a machine that
+repeats better than its instrument would have an R that looks certain. Every Q but B_mean is a seminorm of the deviations, so
+that |Q(x + n) - Q(x)| never exceeds Q(n), whatever x is: `largest` is U from n alone.
 
 Source: JCGM 101:2008; the contributions are those that ISO/TR 230-9 and the annex of ISO 230-2 name (recalled), their
 propagation is not that of the annex.
@@ -24,13 +24,16 @@ from typing import NamedTuple
 
 import numpy as np
 
+from volid.backend.consent import ask_memory
 from volid.standards.positioning_runs import PositioningRuns, Statistics, statistics_of
 
-TRIALS = 4000
+TRIALS, FEWEST = 4000, 400  # of a test of many approaches fewer
+NUMBERS, COPIES = 4_000_000, 6  # drawn at once; arrays of that size that are in memory together
 PROBABILITY = 0.9545  # k = 2
 SURE = 0.99  # that the contributions explain no more variance than is taken out
 _LEAST = 0.05  # share of U² below which a contribution is not named
 
+_FEWER = "Evaluate fewer targets at once"
 Draw = Callable[[np.random.Generator, int], np.ndarray]
 Quantities = Callable[[Statistics], Mapping[str, np.ndarray]]
 
@@ -61,10 +64,14 @@ def expanded(
 ) -> Uncertainty:
     """U of all quantities by the contributions together, and by each alone. `seed`: of the random numbers."""
     rng = np.random.default_rng(seed)
-    shape = (TRIALS, *runs.deviations.shape)
+    trials = int(np.clip(NUMBERS // runs.deviations.size, FEWEST, TRIALS))
+    shape = (trials, *runs.deviations.shape)
+    ask_memory(
+        f"{runs.deviations.size} approaches in {trials} trials", COPIES * 8.0 * trials * runs.deviations.size, _FEWER
+    )
     alone, total = {}, np.zeros(shape)
     for contribution in contributions:
-        drawn = np.broadcast_to(contribution.draw(rng, TRIALS), shape)
+        drawn = np.broadcast_to(contribution.draw(rng, trials), shape)
         alone[contribution.name] = _changes(runs.deviations, drawn, quantities)
         total = total + drawn
     start = shrunk(runs.deviations, total)
@@ -74,7 +81,7 @@ def expanded(
 
 
 def shrunk(deviations: np.ndarray, drawn: np.ndarray) -> np.ndarray:
-    """Deviations (t, 2, n) with each of their three parts reduced to the share that `drawn`, (…, t, 2, n), does not explain."""
+    """Deviations (t, 2, n) with each of their parts reduced to the share that `drawn`, (…, t, 2, n), does not explain."""
     parts, added = _parts(deviations), _parts(np.where(np.isfinite(deviations), drawn, np.nan))
     result = np.zeros(deviations.shape)
     for part, noise in zip(parts, added, strict=True):
@@ -84,15 +91,18 @@ def shrunk(deviations: np.ndarray, drawn: np.ndarray) -> np.ndarray:
 
 
 def _parts(deviations: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Means of both directions about their mean, half reversals, scatter, each (…, t, 2, n) or spreading to it.
+    """Means of both directions about their mean, half the mean reversal, half reversals about it, scatter.
 
-    Their sum is the deviations but for a constant. Where a target was approached in one direction only it has no reversal.
+    Each spreads to (…, t, 2, n). Their sum is the deviations but for a constant. Where a target was approached in one direction
+    only it has no reversal.
     """
     mean = statistics_of(deviations).mean
     both = np.where(np.isnan(mean), mean[..., ::-1], mean)
     middle = both.mean(axis=-1, keepdims=True)
-    about = middle - middle.mean(axis=-2, keepdims=True)
-    return about[..., None], (mean - middle)[..., None], deviations - mean[..., None]
+    about, half = middle - middle.mean(axis=-2, keepdims=True), mean - middle
+    there = np.isfinite(half)
+    common = np.where(there, half, 0.0).sum(axis=-2, keepdims=True) / np.maximum(there.sum(axis=-2, keepdims=True), 1)
+    return about[..., None], common[..., None], (half - common)[..., None], deviations - mean[..., None]
 
 
 def _changes(start: np.ndarray, drawn: np.ndarray, quantities: Quantities) -> dict[str, float]:

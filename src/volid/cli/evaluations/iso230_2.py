@@ -22,7 +22,7 @@ interferometer that volid import knows (.rtl, .rta, .pos), or a table (CSV):
 mm, degrees for rotary axes; a header may say otherwise, such as up_1 [µm]. Rules of the standard that the test does not follow
 are named, and the quantities evaluated all the same.
 
-U: from a campaign's own u and effects, and from --uncertainty TOML with the test's conditions; each may be left out:
+U: from a campaign's own u and effects, and from --uncertainty TOML with the test's conditions (both add); each may be left out:
   device = { U = 0.0002, U_per_length = 5e-7 }                   of the certificate, k = 2, mm and mm/mm
   misalignment = { angle = 0.001 }                               rad at most; or { offset = 0.5 } mm at most over the targets
   temperature = { u = 0.2, expansion = 11.5e-6, at = 22.0, u_expansion = 1e-6 }
