@@ -69,6 +69,25 @@ def test_tables_on_top_of_existing_ones(files, run, tmp_path):
     assert new["EXX"].type == "L-POS on top of L-POS"
 
 
+def test_values_of_a_machine_that_was_measured_compensated_come_on_top(files, run, tmp_path):
+    """ISO/TR 16907 10.5, for the type that was active alone."""
+    _, solution = files["three-axis"]
+    conditions = {"active_compensations": ["L-POS: tables of EXX, EYY", "thermal"]}
+    path = tmp_path / "compensated.h5"
+    write_solution(replace(solution, campaign=replace(solution.campaign, conditions=conditions)), path)
+    said = "L-POS was active while the campaign was measured ([conditions] active_compensations)"
+    assert run("tables", files["three-axis"][0], "--type", "L-POS", "-o", tmp_path / "old")[0] == 0
+    for command in (("tables", "-o", tmp_path / "t"), ("grid", "--points", "3", "-o", tmp_path / "g.csv")):
+        _, text, _ = run(command[0], path, "--type", "L-POS", "--tool", ORIGIN, *command[1:])
+        assert said in text and "come on top of it; --add-to writes the sum" in text
+    _, text, _ = run("tables", path, "--type", "L-POS", "--add-to", tmp_path / "old", "-o", tmp_path / "sum")
+    assert said not in text
+    _, text, _ = run("grid", path, "--type", "L-STR", "--points", "3", "--tool", ORIGIN, "-o", tmp_path / "s.csv")
+    assert said not in text
+    _, text, _ = run("residual", path, "--type", "L-POS", "--points", "3", "--tool", ORIGIN)
+    assert f"{said}: the values are what remains, and come on top of it\n" in text
+
+
 @pytest.mark.parametrize(
     ("layout", "arguments", "message"),
     [

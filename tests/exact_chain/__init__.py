@@ -4,7 +4,7 @@ Written from the conventions alone, to judge the package. Units: mm, rad; rotary
 positions `q` have shape (m, number of axes), columns in the order of the structural code, workpiece to tool.
 """
 
-from exact_chain.control import ExactControl
+from exact_chain.control import CompensatedMachine, ExactControl
 from exact_chain.files import machine_toml, write_campaign
 from exact_chain.gauge import gauge_basis, gauge_free
 from exact_chain.machine import ExactMachine, machine_grid
@@ -27,6 +27,7 @@ __all__ = [
     "MICRO",
     "MICROMETRE",
     "ROTARY",
+    "CompensatedMachine",
     "ExactControl",
     "ExactMachine",
     "Product",

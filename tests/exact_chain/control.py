@@ -207,3 +207,22 @@ class ExactControl:
         jacobian = np.stack(columns, axis=2)
         driven[:, linear] += np.einsum("mij,mj->mi", np.linalg.pinv(jacobian), target - start)
         return driven
+
+
+class CompensatedMachine:
+    """The exact machine with an `ExactControl`: what is asked of it counts from the programmed positions."""
+
+    def __init__(self, control: ExactControl):
+        self.control = control
+
+    def __getattr__(self, name: str):
+        return getattr(self.control.machine, name)
+
+    def deviation(self, q, tool, truth: Truth, direction=None) -> np.ndarray:
+        """Deviation (m, 6) of the pose that the drives reach from the programmed one, machine frame; see `ExactMachine`."""
+        machine = self.control.machine
+        driven = self.control.command(q, tool, direction)
+        actual, nominal = machine.pose(driven, truth, direction), machine.nominal_pose(q)
+        turn = Rotation.from_matrix(actual[:, :3, :3] @ nominal[:, :3, :3].transpose(0, 2, 1)).as_rotvec()
+        both = np.stack([apply(actual, tool) - apply(nominal, tool), turn], axis=1)
+        return np.einsum("mji,mkj->mki", machine.table_rotation(q), both).reshape(-1, 6)

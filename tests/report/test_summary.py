@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -131,6 +132,21 @@ def test_text_fits_on_a_screen(name, request):
     assert max(len(line) for line in lines if ", row " not in line) <= WIDTH
     assert all(line == line.rstrip() for line in lines)
     assert "nan" not in " ".join(lines).lower().replace("nanometre", "")
+
+
+def test_active_compensations_are_named_and_what_the_errors_are_relative_to(solution):
+    """REQUIREMENTS A6, 10.4: the fit says which state its result is relative to."""
+    stated = {
+        "active_compensations": ["L-POS: tables of EXX, EYY", "thermal"],
+        "second.h5": {"active_compensations": "L-POS"},
+    }
+    compensated = replace(solution, campaign=replace(solution.campaign, conditions=stated))
+    data = summary_data(compensated)
+    assert data["active_compensations"] == ["L-POS: tables of EXX, EYY", "thermal", "L-POS"]
+    said = " ".join(format_summary(data).split())
+    assert "active L-POS: tables of EXX, EYY; thermal; L-POS. The errors below are those that remain with them" in said
+    plain = replace(solution, campaign=replace(solution.campaign, conditions={"active_compensations": []}))
+    assert not any(row.startswith("active") for row in format_summary(summary_data(plain)).splitlines())
 
 
 def test_verdict_comes_first(text, rejected_solution):

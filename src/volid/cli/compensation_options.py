@@ -205,7 +205,7 @@ def prepared(
     notes: list[str] = []
     known = len(solution.notes)
     solution = in_frame(solution, args)
-    notes += solution.notes[known:]
+    notes += [*solution.notes[known:], *_on_top(solution, args)]
     if args.rigid:
         import numpy as np
 
@@ -219,6 +219,21 @@ def prepared(
             "others 100 mm beside them"
         )
     return (solution.extrapolated() if args.extrapolate else solution), notes
+
+
+def _on_top(solution: Solution, args: argparse.Namespace) -> list[str]:
+    """A note where a type was active while the campaign was measured: the values do not replace it (ISO/TR 16907 10.5)."""
+    from volid.plausibility.conditions import active_compensations
+
+    active = {text.split(":")[0].strip() for text in active_compensations(solution.campaign.conditions)}
+    again = [n.strip() for text in args.type for n in text.split(",") if n.strip() in active]
+    if not again or getattr(args, "add_to", None):
+        return []
+    written = "; `add_to` writes the sum" if hasattr(args, "add_to") else ""
+    return [
+        f"{', '.join(dict.fromkeys(again))} was active while the campaign was measured ([conditions] active_compensations): the "
+        f"values are what remains, and come on top of it{written}"
+    ]
 
 
 def base_from(solution: Solution, args: argparse.Namespace, tool: Sequence[float]) -> Base:

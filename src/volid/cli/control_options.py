@@ -77,7 +77,12 @@ def control_from(args: argparse.Namespace, machine: Machine) -> Control | None:
     from volid.io.compensations import load_control
 
     if args.compensation:
-        return load_control(machine, args.compensation, tool=args.control_tool, **control_limits(args))
+        control = load_control(machine, args.compensation, tool=args.control_tool, **control_limits(args))
+        if not control.tables and not control.grids:
+            raise InputError(
+                f"{', '.join(args.compensation)}: holds no table or grid (*.csv, *.h5); expected at least one"
+            )
+        return control
     idle = [n for n in ("control_tool", "increment", "clamp", "smoothing") if getattr(args, n)]
     if idle:
         raise InputError(

@@ -53,12 +53,12 @@ def vector_words(values: Iterable[float]) -> str:
 def corrected_twice(machine: Machine, tables: Iterable[ErrorTable], grids: Sequence[AnyGrid]) -> list[str]:
     """What tables and grids together correct more than once, in words; a control applies their sum."""
     kinds = [(g.type, g.side) for g in grids]
-    found = [
-        f"two {name} grids of one side ({side})" for name, side in dict.fromkeys(kinds) if kinds.count((name, side)) > 1
-    ]
-    names = [n for t in tables for n in re.split(r" \+ | on top of ", t.type)] + [name for name, _ in kinds]
+    several = [k for k in dict.fromkeys(kinds) if kinds.count(k) > 1]
+    in_tables = [n for t in tables for n in re.split(r" \+ | on top of ", t.type)]
+    found = [f"two {name} grids of one side ({side})" for name, side in several]
+    found += [f"{name} stands in tables and in a grid" for name in dict.fromkeys(in_tables) if name in dict(kinds)]
     try:
-        select([n for n in names if n in TYPES], machine)
+        select([n for n in (*in_tables, *dict(kinds)) if n in TYPES], machine)
     except InputError as error:
         found.append(str(error).split("; ")[0])
     return [f"{text}: the control applies the sum of both" for text in found]

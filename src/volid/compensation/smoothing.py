@@ -9,9 +9,11 @@ after another. A filter in time, whose result depends on feed and direction, is 
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 
-CHUNK = 256  # places at a time: a grid's nodes count for each
+CHUNK = 16_384  # places at a time: every node of an axis has a share of each
 
 
 def weights(nodes: np.ndarray, x: np.ndarray, length: float, period: float = 0.0) -> np.ndarray:
@@ -43,20 +45,32 @@ def smoothed(
     blank, parts = np.isnan(table), []
     for start in range(0, len(positions), CHUNK):
         rows = positions[start : start + CHUNK].T
-        share = [weights(*given) for given in zip(nodes, rows, lengths, periods, strict=True)]
-        values = _contracted(np.where(blank, 0.0, table), share)
+        near = [_near(weights(*given)) for given in zip(nodes, rows, lengths, periods, strict=True)]
+        values = _summed(np.where(blank, 0.0, table), near)
         if blank.any():
-            values[_contracted(blank.astype(float), share) > 1e-12] = np.nan
+            values[_summed(blank.astype(float), near) > 1e-12] = np.nan
         parts.append(values)
     return np.concatenate(parts)
 
 
-def _contracted(table: np.ndarray, share: list[np.ndarray]) -> np.ndarray:
-    """Sum over all nodes of share by share times the value, (m, c)."""
-    found = np.tensordot(share[0], table, axes=1)
-    for other in share[1:]:
-        found = np.einsum("mn,mn...->m...", other, found)
-    return np.asarray(found)
+def _near(share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers (m, k) of the neighbouring nodes that count, and their shares (m, k), of shares (m, n)."""
+    counts = share > 0.0
+    first = np.argmax(counts, axis=1)
+    last = share.shape[1] - 1 - np.argmax(counts[:, ::-1], axis=1)
+    number = np.minimum(first[:, None] + np.arange(np.max(last - first) + 1), share.shape[1] - 1)
+    within = first[:, None] + np.arange(number.shape[1]) < share.shape[1]
+    return number, np.where(within, np.take_along_axis(share, number, axis=1), 0.0)
+
+
+def _summed(table: np.ndarray, near: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+    """Sum over the nodes near each place of share by share times the value, (m, c)."""
+    found = np.zeros((len(near[0][0]), table.shape[-1]))
+    for picked in product(*(range(number.shape[1]) for number, _ in near)):
+        at = tuple(number[:, k] for k, (number, _) in zip(picked, near, strict=True))
+        share = np.prod([w[:, k] for k, (_, w) in zip(picked, near, strict=True)], axis=0)
+        found += share[:, None] * table[at]
+    return found
 
 
 def _wrapped(nodes: np.ndarray, x: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:

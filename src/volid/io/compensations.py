@@ -83,7 +83,7 @@ def load_control(machine: Machine, paths: Iterable[str | Path], **options: Any) 
 
     Raises:
         InputError: a file is neither a table nor a grid of volid, the machine lacks an axis of one, a grid stands in another
-            frame than that of the machine, there are two tables of one function, or no files at all.
+            frame than that of the machine, or there are two tables of one function.
 
     >>> import volid
     >>> solution = volid.fit(volid.load_campaign("datasets/five_axis_rtest/campaign.toml"))
@@ -93,7 +93,7 @@ def load_control(machine: Machine, paths: Iterable[str | Path], **options: Any) 
     >>> [table.function for table in volid.load_control(solution.machine, [folder]).tables]
     ['EAA', 'ECC']
     """
-    paths, tables, grids = list(paths), [], []
+    tables, grids = [], []
     for path in _files(paths):
         kind = GRID_FORMAT if is_hdf5(path) else _format(path)
         if kind == TABLE_FORMAT:
@@ -104,8 +104,6 @@ def load_control(machine: Machine, paths: Iterable[str | Path], **options: Any) 
             raise InputError(
                 f"{path}: format is '{kind}'; expected '{TABLE_FORMAT}' or '{GRID_FORMAT}', written by volid"
             )
-    if not tables and not grids:
-        raise InputError(f"{', '.join(map(str, paths))}: holds no table or grid (*.csv, *.h5); expected at least one")
     names = [t.function for t in tables]
     twice = next((n for n in names if names.count(n) > 1), None)
     if twice:
@@ -139,7 +137,11 @@ def _require_axes(path: Path, machine: Machine, what: str, axes: Iterable[str]) 
 def _files(paths: Iterable[str | Path]) -> list[Path]:
     found: list[Path] = []
     for path in map(Path, paths):
-        found += sorted(p for p in path.iterdir() if p.suffix in (".csv", ".h5")) if path.is_dir() else [path]
+        found += (
+            sorted(p for p in path.iterdir() if p.suffix.lower() in (".csv", ".h5", ".hdf5"))
+            if path.is_dir()
+            else [path]
+        )
     return found
 
 

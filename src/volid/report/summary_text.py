@@ -110,7 +110,7 @@ def _head_lines(data: dict[str, Any]) -> list[str]:
     lines += paragraph(data["campaign"] or "(no title)", "campaign")
     if data["active_compensations"]:
         active = "; ".join(data["active_compensations"])
-        lines += paragraph(f"{active}. The errors below are those that remain with it", "active")
+        lines += paragraph(f"{active}. The errors below are those that remain with them", "active")
     return lines + paragraph(data["datum"], "datum")
 
 
