@@ -15,8 +15,9 @@ from volid.cli import main
 from volid.io.compensations import load_control
 from volid.io.step_diagonals import read_step_diagonals
 from volid.io.truths import write_truth
-from volid.standards.step_diagonals import NAMES, separate, step_sets, steps_of
+from volid.standards.step_diagonals import NAMES, separate
 from volid.standards.step_diagonals_model import by_model
+from volid.standards.step_diagonals_steps import step_sets, steps_of
 from volid.virtual.truth import Truth as VolidTruth
 
 FOLDER = DATASETS / "step_diagonals_800"
@@ -126,3 +127,24 @@ def test_the_full_model_knows_shapes_alone_and_knows_them_rightly(tmp_path, caps
     solution.save(tmp_path / "s.h5")
     _, said = run(capsys, FOLDER / "campaign.toml", "--model", tmp_path / "s.h5")
     assert "beside the full model, µm" in said.out and "0 of 41" in said.out
+
+
+def test_plan_simulate_evaluate_compensate_in_commands(tmp_path, capsys):
+    """The loop as people run it, on a machine without rotations and with mirrors square to their beams: nothing is left."""
+    model, plan, tables = "models/wXYbZt_vertical.toml", tmp_path / "plan.toml", tmp_path / "tables"
+    assert main(["plan", model, "step-diagonals", "--points", "8", "--u", "1e-6", "-o", str(plan)]) == 0
+    machine = volid.load_machine(model)
+    square = {f"mirror step diagonals line {n} angle {i}": 0.0 for n in ("PPP", "NPP", "PNP", "PPN") for i in (1, 2)}
+    functions = {"EXX": lambda x: 3e-5 * x, "EZY": lambda y: 2e-5 * y - 1e-8 * y**2}
+    truth = VolidTruth(machine, functions, constants={"EC0Y": 4e-5}, instruments=square)
+    write_truth(truth, tmp_path / "truth.h5")
+    simulated = ["simulate", model, "--plan", str(plan), "--truth", str(tmp_path / "truth.h5"), "-o"]
+    assert main([*simulated, str(tmp_path / "before.h5")]) == 0
+    assert main(["evaluate", "step-diagonal", str(tmp_path / "before.h5"), "--tables", str(tables)]) in (0, 1)
+    assert main([*simulated, str(tmp_path / "after.h5"), "--compensation", str(tables)]) == 0
+    found = []
+    for name in ("before.h5", "after.h5"):
+        capsys.readouterr()
+        assert main(["evaluate", "iso230-6", str(tmp_path / name), "--json"]) == 0
+        found.append(json.loads(capsys.readouterr().out)["E_d"]["value"])
+    assert found[0] > 0.015 and found[1] < 1e-4

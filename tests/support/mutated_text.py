@@ -45,8 +45,8 @@ from volid.plausibility.checks import check_campaign
 from volid.standards.diagonals_result import evaluate_diagonals
 from volid.standards.positioning import evaluate_positioning
 from volid.standards.positioning_conditions import contributions_of
-from volid.standards.step_diagonals import step_sets
 from volid.standards.step_diagonals_result import evaluate_step_diagonals
+from volid.standards.step_diagonals_steps import step_sets
 
 LONGEST, MOST_MEMORY = 10.0, 1 << 30  # s of the processor; bytes of the whole process
 ROWS = 12  # of each set: damage is done to few lines, and read in milliseconds

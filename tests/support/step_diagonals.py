@@ -13,7 +13,8 @@ from volid.compensation.control import Control
 from volid.io.compensations import load_control
 from volid.io.step_diagonal_tables import save_step_tables
 from volid.io.step_diagonals import read_step_diagonals
-from volid.standards.step_diagonals import NineFunctions, separate, steps_of
+from volid.standards.step_diagonals import NineFunctions, separate
+from volid.standards.step_diagonals_steps import steps_of
 
 
 def nine_of(folder: Path, case: Case, found: dict[str, np.ndarray]) -> NineFunctions:

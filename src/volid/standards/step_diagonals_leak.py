@@ -29,9 +29,12 @@ from volid.model.iso230 import DIRECTIONS, LINEAR_AXES, SPINDLE, parse
 from volid.model.jacobian import influence
 from volid.model.kinematics import ROWS
 from volid.model.machine import Machine
+from volid.observations.base import NuisanceTable
+from volid.observations.beam_unknowns import angle_slots
 from volid.standards.results import Section
 from volid.standards.shared_errors import tilt_columns
-from volid.standards.step_diagonals import NAMES, NineFunctions, Steps, middle_lines, separate, steps_of
+from volid.standards.step_diagonals import NAMES, NineFunctions, separate
+from volid.standards.step_diagonals_steps import Steps, middle_lines, steps_of
 from volid.virtual.simulate import on_machine
 from volid.virtual.truth import Truth
 
@@ -52,18 +55,27 @@ class Leak:
         tilt: What 1 rad of tilt of each diagonal's mirror about two directions adds, likewise with one more axis (n + 1, 3, 2 ·
             lines) [mm/rad].
         beam: What beams turned by 1 rad alone add, in second order, (n + 1, 3) each [mm/rad²].
+        mirrors: What the mirrors' tilts add that a simulation recorded, (n + 1, 3) each [mm]; None where they are not known.
     """
 
     nine: NineFunctions
     by_function: Mapping[str, tuple[np.ndarray, ...]]
     tilt: tuple[np.ndarray, ...]
     beam: tuple[np.ndarray, ...]
+    mirrors: tuple[np.ndarray, ...] | None = None
 
     @cached_property
-    def total(self) -> tuple[np.ndarray, ...]:
+    def rotations(self) -> tuple[np.ndarray, ...]:
         """The leak of all rotations together at the nodes of X, Y and Z, (n + 1, 3) each [mm]."""
         zero = [np.zeros_like(v) for v in self.nine.values]
         return tuple(sum((found[a] for found in self.by_function.values()), zero[a]) for a in range(3))
+
+    @cached_property
+    def total(self) -> tuple[np.ndarray, ...]:
+        """The leak of all rotations and, where they are known, the mirrors' tilts, (n + 1, 3) each [mm]."""
+        if self.mirrors is None:
+            return self.rotations
+        return tuple(r + m for r, m in zip(self.rotations, self.mirrors, strict=True))
 
     def section(self) -> Section:
         """Largest leak [mm] of each rotation, of all, of mirrors and beams, into each of the nine functions.
@@ -71,7 +83,9 @@ class Leak:
         A mirror's row is for 10 µrad of each mirror in both directions, independent of each other; a beam's for 1 mrad of all.
         """
         rows: list[tuple[str | float, ...]] = [(name, *_largest(found)) for name, found in self.by_function.items()]
-        rows.append(("all rotations", *_largest(self.total)))
+        rows.append(("all rotations", *_largest(self.rotations)))
+        if self.mirrors is not None:
+            rows += [("mirrors as simulated", *_largest(self.mirrors)), ("all together", *_largest(self.total))]
         rows.append(
             (f"{MIRROR} {1e6 * TILT:g} µrad", *_largest(tuple(TILT * np.linalg.norm(t, axis=2) for t in self.tilt)))
         )
@@ -88,7 +102,9 @@ def leak_of(nine: NineFunctions, truth: Truth) -> Leak:
 
     Args:
         nine: The nine functions, as `separate` makes them; their readings do not count.
-        truth: The errors of the machine: of a simulation, or of a solution by `volid.virtual.truth.truth_of_solution`.
+        truth: The errors of the machine: of a simulation, or of a solution by `volid.virtual.truth.truth_of_solution`. Tilts of
+            the mirrors among its `instruments` are against the nominal beam; where it has none, every mirror is square to its
+            beam at the first row, whatever the machine's rotations are there.
 
     Raises:
         InputError: the machine of `truth` has other axes.
@@ -96,7 +112,8 @@ def leak_of(nine: NineFunctions, truth: Truth) -> Leak:
     nine = _on_machine(nine, truth.machine)
     steps = nine.steps
     own = steps.observations
-    readings = _by_row(steps, truth.errors(own.positions, own.directions))
+    angles = _tilts(steps, truth)
+    readings = _by_row(steps, truth.errors(own.positions, own.directions), adjusted=angles is None)
     lines = [_along_middle(steps, truth, axis) for axis in range(len(LINEAR_AXES))]
     found = {}
     for row, name in enumerate(_names(steps.machine)):
@@ -109,7 +126,17 @@ def leak_of(nine: NineFunctions, truth: Truth) -> Leak:
     nominal = np.zeros(len(own))
     for line in steps.lines:
         nominal[line.rows] = line.nominal
-    return Leak(nine, found, tuple(m @ tilts for m in nine.maps), nine.from_readings(0.5 * nominal))
+    mirrors = None if angles is None else nine.from_readings(tilts @ angles)
+    return Leak(nine, found, tuple(m @ tilts for m in nine.maps), nine.from_readings(0.5 * nominal), mirrors)
+
+
+def _tilts(steps: Steps, truth: Truth) -> np.ndarray | None:
+    """The mirrors' two angles, line after line, (2 · lines,) [rad], by the names that a simulation gives them; None without."""
+    table, known = NuisanceTable(), truth.instruments
+    for line in steps.lines:
+        angle_slots(line, table)
+    names = [entry.name for entry in table.entries]
+    return np.array([known[n] for n in names]) if names and set(names) <= set(known) else None
 
 
 def not_known(solution: Solution) -> tuple[str, ...]:
@@ -133,8 +160,11 @@ def _names(machine: Machine) -> list[str]:
     return axes + [f"E{d}0{SPINDLE}" for d in DIRECTIONS]
 
 
-def _by_row(steps: Steps, errors: np.ndarray) -> np.ndarray:
-    """Share of every row of error values (E, m) in every reading beyond the nominal one, (m, E) [mm]."""
+def _by_row(steps: Steps, errors: np.ndarray, adjusted: bool) -> np.ndarray:
+    """Share of every row of error values (E, m) in every reading beyond the nominal one, (m, E) [mm].
+
+    `adjusted`: every mirror is square to its beam at the first row.
+    """
     own = steps.observations
     effect = influence(steps.machine, own.positions, own.tool) * errors.T[:, None, :]
     found = np.zeros((len(own), len(errors)))
@@ -144,7 +174,8 @@ def _by_row(steps: Steps, errors: np.ndarray) -> np.ndarray:
         if line.mirrored:
             away = line.places - line.point
             turned = np.cross(along, away - np.outer(away @ along, along))  # (ω × d) · Δ = ω · (d × Δ)
-            found[line.rows] += np.einsum("mi,mie->me", turned, rows[:, 3:] - rows[:1, 3:])
+            since = rows[:, 3:] - rows[:1, 3:] if adjusted else rows[:, 3:]
+            found[line.rows] += np.einsum("mi,mie->me", turned, since)
     return found
 
 

@@ -52,8 +52,8 @@ def evaluate(args: argparse.Namespace) -> list[Evaluation]:
     """One evaluation per set. Raises `InputError` where a file holds none, `OutputError` for tables that cannot be written."""
     from volid.exceptions import InputError
     from volid.io.machines import read_machine
-    from volid.standards.step_diagonals import step_sets
     from volid.standards.step_diagonals_result import evaluate_step_diagonals
+    from volid.standards.step_diagonals_steps import step_sets
 
     machine = read_machine(args.machine) if args.machine else None
     found = []
