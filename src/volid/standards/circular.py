@@ -14,7 +14,7 @@ The definitions used, quoted from memory of ISO 230-4 and said in full, because 
 
 U (k = 2) follows from u of the readings and of the bar's length. A range of noisy radii is larger than that of the path
 alone; that is part of these definitions, and U does not take it away. Not modelled: expansion of bar and machine by
-temperature.
+temperature, unless the environment of a campaign says it.
 """
 
 from __future__ import annotations
@@ -37,6 +37,8 @@ _WIDEST = 45.0  # degrees: half of a quadrant is left for the geometry
 _K = 2.0
 _WIDER = 15.0  # degrees: with so much more the geometry is tried again
 _LEAST_CHANGE = 5e-4  # mm: a reversal value that changes less is the same
+_POOR = (110.0, 200.0)  # degrees
+_SCATTERED = 2.0  # u: more is worth a remark
 _SEEN = 3.0  # u: a spike that counts
 
 
@@ -284,6 +286,15 @@ def _remarks(details: CircularDetails, blank: list[str], window: float, setup_ce
     ]
     if not test.is_calibrated:
         found.append("the length of the bar is unknown: F_max, F_min and D are not determined")
+    found.append(
+        "squareness and scale are those of this path: straightness and angular errors at its place are part of them, and only "
+        "a fit of more paths tells them apart"
+    )
+    if details.geometry.ratio > _SCATTERED:
+        found.append(
+            f"the residuals scatter by {details.geometry.ratio:.1f} times the stated u of the readings, and U of the geometry is "
+            "enlarged by that"
+        )
     if len(test.senses) == 1:
         found.append(
             "one sense only: no bidirectional quantities, and squareness cannot be told from a lag of the axes"
@@ -292,6 +303,10 @@ def _remarks(details: CircularDetails, blank: list[str], window: float, setup_ce
         found.append(
             f"the arc of {test.arc:.0f}° is no full circle: D is not determined, and centre, radius and shape of the path can "
             "exchange"
+        )
+    if _POOR[0] < test.arc < _POOR[1]:
+        found.append(
+            "in simulations U of squareness was too small by a quarter on such arcs, which hardly show waves of the path"
         )
     if test.u is None:
         found.append("no u of the readings is known: U of the geometry is from the residuals, ISO quantities have none")
