@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from support.places import DATASETS
 
 from volid.exceptions import InputError
 from volid.io.circular_tables import Stated, read_circular, vendors_evaluations
@@ -81,3 +82,8 @@ def test_a_table_has_no_sets(tmp_path):
     with pytest.raises(InputError, match="a table has no sets"):
         read_circular(path, sets=["circle"])
     assert vendors_evaluations(path) == []
+
+
+def test_a_campaign_says_itself_what_a_table_has_to_be_told():
+    with pytest.raises(InputError, match="a campaign says itself what `radius` is"):
+        read_circular(DATASETS / "ball_bar_circles/campaign.toml", Stated(radius=100.0))

@@ -260,3 +260,27 @@ def test_the_virtual_bar_reads_its_length_on_a_perfect_machine():
     machine = ExactMachine("w b X Y Z t", {"X": (0.0, 1000.0), "Y": (0.0, 600.0), "Z": (-500.0, 0.0)})
     perfect = BallBar(machine, Truth(), (0.0, 0.0, -150.0), (500.0, 300.0, -420.0))
     assert np.allclose(perfect.read("YZ", turn("YZ", 220.0, 1, 5.0), 1), R, atol=2e-5)
+
+
+def test_a_short_arc_leaves_blank_what_it_does_not_tell():
+    test = bar_test(bar(Truth(constants={"EA0Z": 3e-5})), "YZ", 40.0, step=1.0, noise=3e-4)
+    found = evaluate_circular(test)
+    symbols = {q.symbol for q in found.quantities}
+    assert {"G_YZ", "G_b_YZ", "H_YZ"} <= symbols and not {"squareness_YZ", "scale_YZ"} & symbols
+    assert any(text.startswith("not determined: scale_YZ, squareness_YZ") for text in found.remarks)
+
+
+def test_an_arc_within_the_windows_is_refused():
+    test = bar_test(bar(Truth()), "XY", 10.0, step=1.0)
+    with pytest.raises(InputError, match=r"6 readings stand outside the windows .* expected at least 14"):
+        evaluate_circular(test)
+
+
+def test_readings_that_scatter_by_more_than_their_u_enlarge_it_and_that_is_said():
+    good = bar_test(bar(Truth()), "XY", noise=1e-3)
+    boast = replace(good, u=np.full(len(good), 1e-4))
+    found = evaluate_circular(boast)
+    assert any("scatter by" in text and "times the stated u" in text for text in found.remarks)
+    assert pytest.approx(evaluate_circular(good)["squareness_XY"].U, rel=0.3) == found["squareness_XY"].U
+    unknown = evaluate_circular(replace(good, u=None))
+    assert pytest.approx(found["squareness_XY"].U, rel=0.1) == unknown["squareness_XY"].U and unknown["G_XY"].U is None

@@ -10,6 +10,8 @@ from scipy.stats import chi2
 from support.circles import TRAVEL, bar, bar_test
 from support.machines import volid_machine
 
+from volid.campaign import Environment, Expansion
+from volid.exceptions import InputError
 from volid.fitting.fit import fit
 from volid.planning import circles
 from volid.standards.circular import evaluate_circular
@@ -155,3 +157,32 @@ def test_a_bar_on_a_cone_is_seen_in_the_plane():
 
 def test_turn_runs_over_the_arc():
     assert turn("YZ", 220.0, -1, 20.0)[[0, -1]].tolist() == [200.0, -20.0]
+
+
+def test_a_warm_machine_is_reduced_to_20_degrees():
+    """At 22 °C scales of 11.5e-6/K make the circle larger by R α ΔT, and a bar of 1.2e-6/K reads less of it by its own growth."""
+    exact = ExactMachine("w b X Y Z t", TRAVEL)
+    campaign = plan_with_readings(exact, Truth(), "", 3e-4)
+    expands = {"machine": Expansion(11.5e-6, material="scale_C"), "artefact": Expansion(1.2e-6, material="scale_C")}
+    room = Environment("room", {"scale_C": np.array([22.0])}, sets=("circle XY",), **expands)
+    as_read, at_20 = (
+        evaluate_circular(circular_tests(c)[0])["D_XY"].value
+        for c in (campaign, replace(campaign, environments=(room,)))
+    )
+    assert as_read - at_20 == pytest.approx(150.0 * (11.5e-6 - 1.2e-6) * 2.0, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    "change, message",
+    [
+        (lambda s: replace(s, positions=s.positions + [[0.0, 0.0, 1.0]] * np.arange(len(s))[:, None]), "X, Y, Z moved"),
+        (lambda s: replace(s, positions=s.positions * [[1.0, 1.01, 1.0]]), "lie up to .* mm off a circle"),
+        (lambda s: replace(s, readings=s.readings * np.nan), "readings are missing, as in a plan"),
+        (lambda s: replace(s, readings=s.readings + 50.0), r"the readings are 200.* on a circle of 150 mm"),
+        (lambda s: replace(s, tool=s.tool * np.linspace(1.0, 1.1, len(s))[:, None]), "tool vectors differ"),
+    ],
+)
+def test_sets_that_are_no_circular_test_say_why(change, message):
+    campaign = plan_with_readings(ExactMachine("w b X Y Z t", TRAVEL), Truth(), "", 3e-4)
+    with pytest.raises(InputError, match=message):
+        circular_tests(replace(campaign, sets=(change(campaign.sets[0]),)), ["circle XY"])

@@ -74,10 +74,18 @@ def read_circular(
     [0.001, 0.001]
     """
     if is_campaign(path):
+        _only_of_tables(path, stated or Stated())
         return circular_tests(load_campaign(path, allow_outside=allow_outside), sets)
     if sets:
         raise InputError(f"{path}: a table has no sets; leave `set` out")
     return _read_table(Path(path), stated or Stated())
+
+
+def _only_of_tables(path: str | Path, stated: Stated) -> None:
+    """Raises `InputError` for what a campaign says itself."""
+    for key in ("plane", "radius", "u", "length_u"):
+        if getattr(stated, key) is not None:
+            raise InputError(f"{path}: a campaign says itself what `{key}` is; leave it out, or change its set")
 
 
 def is_campaign(path: str | Path) -> bool:

@@ -14,30 +14,27 @@ The definitions used, quoted from memory of ISO 230-4 and said in full, because 
 
 U (k = 2) follows from u of the readings and of the bar's length. A range of noisy radii is larger than that of the path
 alone; that is part of these definitions, and U does not take it away. Not modelled: expansion of bar and machine by
-temperature.
+temperature, unless the environment of a campaign says it.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from volid.exceptions import InputError
 from volid.standards.circular_geometry import Decomposition, decompose
+from volid.standards.circular_paths import hysteresis
 from volid.standards.circular_readings import CircularReadings
+from volid.standards.circular_remarks import WIDEST, attention, remarks
 from volid.standards.circular_words import geometry, table
 from volid.standards.circular_zone import LeastSquaresCircle, Zone, least_squares_circle, minimum_zone
 from volid.standards.results import Evaluation, Quantity
 
 STANDARD = "ISO 230-4"
 WINDOW = 15.0  # degrees behind a change of quadrant: pulses of friction last some hundredths of a second
-_WIDEST = 45.0  # degrees: half of a quadrant is left for the geometry
 _K = 2.0
-_WIDER = 15.0  # degrees: with so much more the geometry is tried again
-_LEAST_CHANGE = 5e-4  # mm: a reversal value that changes less is the same
-_SEEN = 3.0  # u: a spike that counts
 
 
 @dataclass(frozen=True)
@@ -85,8 +82,8 @@ def evaluate_circular(test: CircularReadings, spike_window: float = WINDOW, setu
         >>> round(found["G_b_XY"].value, 6), round(1e6 * found["squareness_XY"].value, 3)
         (0.003, 20.0)
     """
-    if not 0.0 <= spike_window <= _WIDEST:
-        raise InputError(f"`spike_window={spike_window:g}`: expected an angle from 0 to {_WIDEST:g} degrees")
+    if not 0.0 <= spike_window <= WIDEST:
+        raise InputError(f"`spike_window={spike_window:g}`: expected an angle from 0 to {WIDEST:g} degrees")
     circle = least_squares_circle(test.direction, test.deviation, test.radius, test.parts, test.share)
     about = _about(test, circle, setup_centre)
     zones = _zones(test, circle)
@@ -97,8 +94,8 @@ def evaluate_circular(test: CircularReadings, spike_window: float = WINDOW, setu
         STANDARD,
         test.plane,
         (*quantities, *own),
-        remarks=_remarks(details, blank, spike_window, setup_centre),
-        attention=_attention(details, spike_window),
+        remarks=remarks(details, blank, spike_window, setup_centre),
+        attention=attention(details, spike_window),
         table=table(test, about, details.geometry),
         source=test.source,
         details=details,
@@ -119,7 +116,7 @@ def _zones(test: CircularReadings, circle: LeastSquaresCircle) -> dict[str, Zone
         found = minimum_zone(circle.direction[rows], level[rows], test.radius)
         weights = np.zeros(len(test))
         weights[rows] = found.weights
-        return replace_weights(found, weights)
+        return found._replace(weights=weights)
 
     zones = {}
     for sense in test.senses:
@@ -128,11 +125,6 @@ def _zones(test: CircularReadings, circle: LeastSquaresCircle) -> dict[str, Zone
     if len(test.senses) == 2:
         zones[f"G_b_{test.plane}"] = zone(np.arange(len(test)))
     return zones
-
-
-def replace_weights(zone: Zone, weights: np.ndarray) -> Zone:
-    """The zone with weights for all readings of the test."""
-    return zone._replace(weights=weights)
 
 
 def _U(test: CircularReadings, row: np.ndarray, length: bool = False) -> float | None:
@@ -205,114 +197,12 @@ def _radial(details: CircularDetails, setup_centre: bool) -> list[Quantity]:
 def _both(details: CircularDetails) -> list[Quantity]:
     """Hysteresis of both senses, and their mean radius."""
     test, found = details.test, []
-    if len(test.senses) == 2 and (hysteresis := _hysteresis(details)) is not None:
+    if len(test.senses) == 2 and (found_h := hysteresis(test, details.deviation)) is not None:
         words = "largest difference of radius of the two senses"
-        found.append(Quantity(f"H_{test.plane}", *hysteresis, text=f"circular hysteresis, {words}"))
+        found.append(Quantity(f"H_{test.plane}", *found_h, text=f"circular hysteresis, {words}"))
     if test.is_calibrated and test.is_full and len(test.senses) == 2:
         value, U = float(details.circle.radius[0]), _U(test, details.circle.gain[2], length=True)
         found.append(Quantity(f"D_{test.plane}", value, "mm", U, text="mean bidirectional radial deviation"))
         text = "mean diameter of both senses less the programmed one"
         found.append(Quantity(f"diameter_{test.plane}", 2.0 * value, "mm", None if U is None else 2.0 * U, text=text))
     return found
-
-
-class MeanPath(NamedTuple):
-    """Mean of all runs of a sense: `angle` (k,) [degrees], growing, from the middle of the arc; `deviation` (k,) [mm];
-    `number` (k,) readings; `u` (k,) [mm] of their mean, NaN where none is known."""
-
-    angle: np.ndarray
-    deviation: np.ndarray
-    number: np.ndarray
-    u: np.ndarray
-
-
-def mean_path(details: CircularDetails, sense: int) -> MeanPath:
-    """The mean path of a sense."""
-    test = details.test
-    rows = np.flatnonzero(test.sense == sense)
-    angle = np.round(relative_angle(test)[rows], 4)
-    angles, number, count = np.unique(angle, return_inverse=True, return_counts=True)
-    number = number.ravel()
-    mean = np.bincount(number, weights=details.deviation[rows]) / count
-    u = (
-        np.full(len(angles), np.nan)
-        if test.u is None
-        else np.sqrt(np.bincount(number, weights=test.u[rows] ** 2)) / count
-    )
-    return MeanPath(angles, mean, count, u)
-
-
-def relative_angle(test: CircularReadings) -> np.ndarray:
-    """Angles from the middle of the arc, (m,), between -180 and 180 degrees."""
-    middle = 0.0
-    if not test.is_full:
-        places = np.unique(np.round(test.angle % 360.0, 9))
-        gaps = np.diff(places, append=places[0] + 360.0)
-        widest = int(np.argmax(gaps))
-        middle = places[widest] + 0.5 * gaps[widest] + 180.0
-    return np.asarray((test.angle - middle + 180.0) % 360.0 - 180.0)
-
-
-def _hysteresis(details: CircularDetails) -> tuple[float, str, float | None] | None:
-    """Value, unit and U of the largest difference; None where the senses have no angle in common."""
-    there, back = (mean_path(details, sense) for sense in (1, -1))
-    period = 360.0 if details.test.is_full else None
-    both = np.ones(len(there.angle), dtype=bool)
-    if period is None:
-        both = (there.angle >= back.angle[0]) & (there.angle <= back.angle[-1])
-    if not both.any():
-        return None
-    other = np.interp(there.angle, back.angle, back.deviation, period=period)
-    difference = np.where(both, np.abs(there.deviation - other), -1.0)
-    i = int(np.argmax(difference))
-    if details.test.u is None:
-        return float(difference[i]), "mm", None
-    u = np.hypot(there.u[i], np.interp(there.angle[i], back.angle, back.u, period=period))
-    return float(difference[i]), "mm", float(_K * u)
-
-
-def _remarks(details: CircularDetails, blank: list[str], window: float, setup_centre: bool) -> tuple[str, ...]:
-    test = details.test
-    x, y = 1e3 * details.circle.centre
-    found = [
-        f"{len(test.runs)} runs of {test.arc:.0f}° with radius {test.radius:g} mm"
-        f"{f', feed {test.feed:g} mm/min' if test.feed else ''}; anticlockwise is from +{test.plane[0]} to +{test.plane[1]}",
-        f"the least-squares circle of all readings, spikes with them, says that the socket stands {x:.1f} µm in "
-        f"{test.plane[0]} and {y:.1f} µm in {test.plane[1]} from the programmed centre"
-        f"{', which the radial deviations contain' if setup_centre else ', which is taken out of the radial deviations'}",
-        f"geometry is taken from the readings outside {window:g}° behind changes of quadrant, spikes from those within",
-    ]
-    if not test.is_calibrated:
-        found.append("the length of the bar is unknown: F_max, F_min and D are not determined")
-    if len(test.senses) == 1:
-        found.append(
-            "one sense only: no bidirectional quantities, and squareness cannot be told from a lag of the axes"
-        )
-    if not test.is_full:
-        found.append(
-            f"the arc of {test.arc:.0f}° is no full circle: D is not determined, and centre, radius and shape of the path can "
-            "exchange"
-        )
-    if test.u is None:
-        found.append("no u of the readings is known: U of the geometry is from the residuals, ISO quantities have none")
-    if blank:
-        found.append(f"not determined: {', '.join(blank)}")
-    return tuple(found)
-
-
-def _attention(details: CircularDetails, window: float) -> tuple[str, ...]:
-    """Reversal values that a wider window changes: pulses last longer than the window, and are taken for reversal."""
-    test, narrow = details.test, details.geometry.terms
-    wide = min(window + _WIDER, _WIDEST)
-    if wide <= window or not any(abs(s.height) > _SEEN * s.u for s in details.geometry.spikes):
-        return ()
-    other, found = decompose(test, details.circle, wide).terms, []
-    for term, letter in (("reversal aa", test.plane[0]), ("reversal bb", test.plane[1])):
-        before, after = narrow[term], other[term]
-        if abs(after.value - before.value) > _SEEN * max(after.u, _LEAST_CHANGE / _SEEN):
-            values = f"{1e3 * before.value:.1f} µm behind {window:g}°, {1e3 * after.value:.1f} µm behind {wide:g}°"
-            found.append(
-                f"{test.plane}: B_E{letter}{letter} depends on the window, {values}: reversal spikes last longer, "
-                "and bend scale and reversal; choose a wider `spike_window`"
-            )
-    return tuple(found)

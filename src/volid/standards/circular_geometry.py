@@ -31,17 +31,21 @@ from typing import NamedTuple
 
 import numpy as np
 
+from volid.exceptions import InputError
 from volid.standards.circular_readings import CircularReadings
 from volid.standards.circular_waves import fit_waves, waves
 from volid.standards.circular_zone import LeastSquaresCircle
 
 BEFORE = 2.0  # degrees: readings are taken somewhat before the angle they are given to
 _EDGE = 1e-6  # degrees: rounding
+_SPARE = 4  # readings more than terms
+_VAGUE = 0.02  # mm: u of what a term does to the radius; above, the readings say nothing of it
 QUADRANTS = (0, 90, 180, 270)
 
 
 class Term(NamedTuple):
-    """One term: `value` and standard uncertainty `u`, mm but for scale (1) and squareness (rad); NaN where not determined."""
+    """One term: `value` and standard uncertainty `u`, mm but for scale (1) and squareness (rad); NaN where the readings do
+    not tell."""
 
     value: float
     u: float
@@ -82,18 +86,30 @@ def decompose(test: CircularReadings, circle: LeastSquaresCircle, window: float)
     Z, orders = waves(test.angle, test.step)
     masked = in_windows(test, -BEFORE, window)
     used = ~masked
+    _check_left(test, used, p)
     found = fit_waves(A[used], Z[used], orders, circle.deviation[used], None if test.u is None else test.u[used])
     named = A @ found.value[:p] + Z[:, :2] @ found.value[p : p + 2]
     fitted = named + Z[:, 2:] @ found.value[p + 2 :]
     residual = circle.deviation - fitted
     scatter = np.full(len(test), found.scatter) if test.u is None else found.scatter * test.u
     value, u = (np.where(found.unknown, np.nan, of_all[:p]) for of_all in (found.value, found.u))
+    vague = u * np.abs(A).max(axis=0) > _VAGUE
+    value = np.where(vague, np.nan, value)
     terms = {name: Term(float(v), float(w)) for name, v, w in zip(columns, value, u, strict=True)}
     terms["bow ba"] = Term(4.0 * float(found.value[p + 1]), 4.0 * float(found.u[p + 1]))
     terms["bow ab"] = Term(-4.0 * float(found.value[p]), 4.0 * float(found.u[p]))
     spikes = _spikes(test, residual, scatter, window)
     ratio = np.nan if test.u is None else found.ratio
     return Decomposition(_with_centre(terms, circle), spikes, named, fitted, residual, masked, ratio)
+
+
+def _check_left(test: CircularReadings, used: np.ndarray, terms: int) -> None:
+    """Raises `InputError` where the windows leave fewer readings than it takes to find the terms and to judge them."""
+    if int(used.sum()) < terms + _SPARE:
+        raise InputError(
+            f"{f'{test.source}: ' if test.source else ''}{int(used.sum())} readings stand outside the windows behind changes of "
+            f"quadrant; expected at least {terms + _SPARE}: a longer arc, smaller steps, or a smaller `spike_window`"
+        )
 
 
 def _columns(test: CircularReadings, direction: np.ndarray) -> dict[str, np.ndarray]:

@@ -17,6 +17,7 @@ import numpy as np
 from volid.campaign import Campaign, ObservationSet
 from volid.effects import TYPES
 from volid.effects.prediction import is_random
+from volid.environment.reduction import reduced
 from volid.exceptions import InputError
 from volid.model.iso230 import LINEAR_AXES
 from volid.model.kinematics import nominal_point
@@ -36,6 +37,8 @@ _OTHER = 0.02  # of the radius: lengths that differ more are of another bar, or 
 def circular_tests(campaign: Campaign, names: Sequence[str] | None = None) -> list[CircularReadings]:
     """The circular tests of a campaign; sets of one plane, centre, radius and station are one test.
 
+    Readings are reduced to 20 °C, and divided by the refractive index, where the campaign has an environment that says so.
+
     Args:
         campaign: A campaign with sets of kind `distance`, such as `volid.planning.circles` plans them.
         names: Names of sets; None: all in which two linear axes run a circle.
@@ -48,6 +51,7 @@ def circular_tests(campaign: Campaign, names: Sequence[str] | None = None) -> li
     >>> [(t.plane, t.radius, round(t.arc)) for t in circular_tests(campaign)]
     [('XY', 150.0, 360), ('YZ', 150.0, 220), ('ZX', 150.0, 220)]
     """
+    campaign = reduced(campaign)
     unknown = set(names or ()) - {s.name for s in campaign.sets}
     if unknown:
         listed = ", ".join(s.name for s in campaign.sets)
