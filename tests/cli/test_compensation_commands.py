@@ -69,6 +69,17 @@ def test_tables_on_top_of_existing_ones(files, run, tmp_path):
     assert new["EXX"].type == "L-POS on top of L-POS"
 
 
+def test_a_control_that_smooths_moves_its_axes_less(files, run):
+    """L-POS over 5 nodes of 200 mm: averaging over 100 mm takes off the peaks (`test_smoothing` says how much)."""
+    found = {}
+    for smoothing in ((), ("--smoothing", "X=100,Y=90")):
+        arguments = ("--type", "L-POS", "--points", "5", "--tool", ORIGIN, "--json", *smoothing)
+        _, text, _ = run("residual", files["three-axis"][0], *arguments)
+        found[bool(smoothing)] = json.loads(text)["columns"][1]["largest_correction"]
+    assert all(found[True][a] < found[False][a] for a in "XY")
+    assert found[True]["Z"] == found[False]["Z"]
+
+
 def test_values_of_a_machine_that_was_measured_compensated_come_on_top(files, run, tmp_path):
     """ISO/TR 16907 10.5, for the type that was active alone."""
     _, solution = files["three-axis"]

@@ -15,7 +15,7 @@ from support.machines import VERTICAL, volid_machine
 from support.made_up import truth_of
 from support.rtests import displacement, following
 
-from volid.campaign import Campaign
+from volid.campaign import Campaign, End
 from volid.compensation.control import Control
 from volid.exceptions import InputError
 from volid.io.compensations import load_control
@@ -273,6 +273,20 @@ def test_rows_count_in_the_order_of_their_times(tmp_path):
     np.testing.assert_allclose(
         found[:, 0] - found[first, 0], (expected - expected[0])[shuffled], rtol=0, atol=NANOMETRE
     )
+
+
+def test_the_two_ends_of_a_length_are_driven_to_one_after_the_other(tmp_path):
+    """Along the same path, 0 to 100 and 200 to 300 mm: Y arrives at the two ends of each from either side."""
+    truth, q, way, expected, control = resting(tmp_path)
+    other = TOOL + np.array([0.0, 100.0, 0.0])  # the second point lies at (100, 100, 0) from the first
+    first, second = ([0, 2], [1, 3])
+    labels = {"artefact": "bar"}
+    rows = a_set("length", q[first], TOOL, way[first], labels=labels, options={"calibrated_u": 0.0}, name="bar")
+    rows = replace(rows, to=End(q[second], way[second], np.tile(other, (2, 1))))
+    (found,) = read(MACHINE, [rows], both_truths(MACHINE, truth), control)
+    apart = np.array([100.0, 100.0, 0.0])[None] + (expected[second] - expected[first])[:, None] * [0.0, 1.0, 0.0]
+    np.testing.assert_allclose(found[:, 0], np.linalg.norm(apart, axis=1), rtol=0, atol=NANOMETRE)
+    assert np.abs(expected[second] - expected[first]).tolist() == [0.0035, 0.0035]
 
 
 def test_an_axis_that_was_approached_anew_has_the_direction_that_is_recorded(tmp_path):
