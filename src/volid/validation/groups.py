@@ -43,8 +43,8 @@ class Compared:
 @dataclass(frozen=True)
 class Group:
     """A group of readings: `sort` ("set", "station", "region", …), `what` it is, number of readings `n`, root mean square of the
-    residual and what it should be, `rms` and `expected` [unit of the readings], `e_n_above_1`: share of readings with E_n > 1,
-    about 5 % of which are to be expected, and `ratio`: root mean square of residual over u, about 1."""
+    residual and what it should be, `rms` and `expected` [`unit`; NaN where units differ], `e_n_above_1`: share of readings with
+    E_n > 1, about 5 % of which are to be expected, and `ratio`: root mean square of residual over u, about 1."""
 
     sort: str
     what: str
@@ -84,13 +84,16 @@ def groups(whitened: Whitened, sets: tuple[Compared, ...]) -> tuple[Group, ...]:
 
 def _group(sort: str, what: str, one: Compared, inside: np.ndarray) -> Group:
     residual, u, e_n = one.residual[inside], one.u[inside], one.e_n[inside]
+    kind = KINDS[one.kind]
+    units = {kind.unit_of(int(k)) for k in np.flatnonzero(inside.any(axis=0))}
+    one_unit = 1.0 if len(units) == 1 else np.nan
     return Group(
         sort,
         what,
         int(inside.sum()),
-        float(np.sqrt(np.mean(residual**2))),
-        float(np.sqrt(np.mean(u**2))),
+        float(np.sqrt(np.mean(residual**2))) * one_unit,
+        float(np.sqrt(np.mean(u**2))) * one_unit,
         float(np.mean(e_n > 1.0)),
         float(np.sqrt(np.mean((residual / u) ** 2))),
-        KINDS[one.kind].unit_of(0),
+        ", ".join(sorted(units)),
     )
