@@ -11,6 +11,7 @@ from volid.report.text import bullets, micro, paragraph, table, unit_of
 from volid.validation.chi_squares import Smallest
 from volid.validation.groups import Compared, Group
 from volid.validation.validation import Validation
+from volid.validation.verdict import MEMBERS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -57,7 +58,7 @@ def _test(t: Any) -> tuple[str, ...]:
 def _listed(found: Validation) -> list[Group]:
     """All sets, and of the other groups those that fit worst."""
     sets = [g for g in found.groups if g.sort == "set"]
-    others = [g for g in found.groups if g.sort != "set"]
+    others = [g for g in found.groups if g.sort != "set" and g.n >= MEMBERS]
     return [*sets, *others[:REGIONS]]
 
 
@@ -162,7 +163,7 @@ def _distribution(panel: Any, found: Validation) -> None:
 
 
 def _worst(panel: Any, found: Validation) -> None:
-    shown = [g for g in found.groups if g.sort != "set"][:SHOWN][::-1] or list(found.groups)[::-1]
+    shown = [g for g in found.groups if g.sort != "set" and g.n >= MEMBERS][:SHOWN][::-1] or list(found.groups)[::-1]
     place = np.arange(len(shown))
     panel.barh(place, [g.ratio for g in shown], color=[WORST if g.ratio > 1.5 else EN for g in shown], height=0.7)
     panel.axvline(1.0, color="black", lw=0.9, ls="--")

@@ -74,18 +74,22 @@ def groups(whitened: Whitened, sets: tuple[Compared, ...]) -> tuple[Group, ...]:
     campaign, found = whitened.linear.campaign, []
     for s, one in zip(campaign.sets, sets, strict=True):
         for sort, what, rows in groupings(campaign, s, s):
-            inside = np.broadcast_to(rows if rows.ndim == 2 else rows[:, None], one.residual.shape)
+            inside = np.broadcast_to(_wide(rows), one.residual.shape)
             inside = inside & np.isfinite(one.u)
             if inside.any():
                 named = what if sort == "set" or len(campaign.sets) == 1 else f"{what} (set '{one.set}')"
-                found.append(_group(sort, named, one, inside))
+                units = {p.unit for p in KINDS[s.kind].parts(s) if np.any(inside & _wide(p.rows))}
+                found.append(_group(sort, named, one, inside, units))
     return tuple(sorted(found, key=lambda g: -g.ratio))
 
 
-def _group(sort: str, what: str, one: Compared, inside: np.ndarray) -> Group:
+def _wide(rows: np.ndarray) -> np.ndarray:
+    """Rows (m,) or rows and columns (m, k) as the latter."""
+    return rows if rows.ndim == 2 else rows[:, None]
+
+
+def _group(sort: str, what: str, one: Compared, inside: np.ndarray, units: set[str]) -> Group:
     residual, u, e_n = one.residual[inside], one.u[inside], one.e_n[inside]
-    kind = KINDS[one.kind]
-    units = {kind.unit_of(int(k)) for k in np.flatnonzero(inside.any(axis=0))}
     one_unit = 1.0 if len(units) == 1 else np.nan
     return Group(
         sort,
