@@ -18,6 +18,7 @@ from volid.compensation.base import base_of
 from volid.compensation.control import Control
 from volid.compensation.package import compensate
 from volid.exceptions import InputError
+from volid.fitting.datum import parse_datum
 from volid.fitting.fit import fit
 from volid.validation.causes import ALL, SIGN, TABLE
 from volid.validation.validation import validate
@@ -199,6 +200,25 @@ def test_common_effects_of_an_instrument_are_one_unknown(known):
     assert validate(solution, with_scale(second, "other laser")).confirmed
     assert not validate(solution, with_scale(second, "laser")).confirmed
     assert validate(solution, with_scale(second_campaign(truth), "laser")).confirmed
+
+
+def test_the_verdict_depends_neither_on_the_datum_nor_on_the_order_of_rows(known):
+    campaign = second_campaign(changed(EXACT, known.truth, "squareness", 3e-6))
+    whole = [sum(t.chi_square for t in validate(s, campaign).tests) for s in _in_other_datums(known.solution)]
+    np.testing.assert_allclose(whole, whole[0], rtol=1e-3)  # of second order: errors of 30 µrad times their changes
+    mixed = np.random.default_rng(2).permutation(120)
+    found = validate(known.solution, replace(campaign, sets=(campaign.sets[0].rows_of(mixed),)))
+    assert sum(t.chi_square for t in found.tests) == pytest.approx(whole[0], rel=1e-6)
+    np.testing.assert_allclose(
+        found.sets[0].e_n, validate(known.solution, campaign).sets[0].e_n[mixed], rtol=1e-5, atol=1e-6
+    )
+
+
+def _in_other_datums(solution):
+    return [
+        solution,
+        *(solution.in_datum(parse_datum(solution.campaign.machine, t)) for t in ("primary=Z,secondary=Y",)),
+    ]
 
 
 def test_u_that_the_fit_found_too_small_counts_for_new_readings_too(known):

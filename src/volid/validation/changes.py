@@ -34,7 +34,7 @@ class Change:
 
 def simple_changes(linear: Linear) -> list[Change]:
     """Scale of every linear axis, every location error (squareness, rotary axes, spindle), length of every tool."""
-    return [*_scales(linear), *_locations(linear), *_tools(linear)]
+    return [*sorted(_scales(linear), key=lambda c: c.name), *_locations(linear), *_tools(linear)]
 
 
 def _scales(linear: Linear) -> Iterator[Change]:
@@ -93,7 +93,8 @@ def shapes(linear: Linear) -> np.ndarray:
 
 def bumps(linear: Linear) -> Iterator[tuple[str, np.ndarray]]:
     """For every linear axis, what a bump of 1 mm in its positioning does to the readings at several places, (n, places)."""
-    for i, axis in enumerate(linear.model.machine.axes):
+    axes = sorted(enumerate(linear.model.machine.axes), key=lambda pair: pair[1].letter)
+    for i, axis in axes:
         if axis.is_linear and axis.length > 0.0:
             own = DIRECTIONS.index(axis.letter)
             yield (

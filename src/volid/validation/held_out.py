@@ -10,9 +10,11 @@ import numpy as np
 from volid.campaign import Campaign, ObservationSet
 from volid.environment.reduction import reduced
 from volid.exceptions import InputError
+from volid.fitting.nominal import check_nominal
 from volid.fitting.solution import Solution
 from volid.model.machine import Machine
 from volid.observations import sets_by_kind
+from volid.observations.base import takes_large_errors
 from volid.plausibility.checks import check_campaign
 
 MOST = 40_000_000  # numbers of the readings' sensitivities, 320 MB: above, readings are thinned out
@@ -46,7 +48,9 @@ def held_out(solution: Solution, campaign: Campaign, extrapolate: bool = False) 
     """
     _ask(solution, campaign)
     campaign = reduced(campaign)
-    notes = check_campaign(campaign)
+    notes = (*_doubts(solution), *check_campaign(campaign))
+    if not all(map(takes_large_errors, campaign.sets)):
+        check_nominal(campaign)
     if extrapolate:
         solution = solution.extrapolated(_reach(solution, campaign))
     inside = [_inside(solution, s) for s in campaign.sets]
@@ -70,6 +74,16 @@ def held_out(solution: Solution, campaign: Campaign, extrapolate: bool = False) 
     pairs = [(s.rows_of(k), k) for s, k in zip(campaign.sets, kept, strict=True) if len(k)]
     chosen = replace(campaign, machine=solution.campaign.machine, sets=tuple(s for s, _ in pairs))
     return HeldOut(chosen, solution, tuple(k for _, k in pairs), left_out, notes)
+
+
+def _doubts(solution: Solution) -> list[str]:
+    """What the solution's own readings say against it."""
+    found = []
+    if solution.adequacy.rejected:
+        found.append(f"the solution was rejected by its own readings: {solution.adequacy.verdict}")
+    if not solution.statistics.converged:
+        found.append("the solution's own fit had not converged")
+    return found
 
 
 def with_factor(held: HeldOut) -> HeldOut:

@@ -46,7 +46,7 @@ def dependences(solution: Solution, campaign: Campaign, places: dict[tuple[Key, 
         found.append(
             f"all stations or spheres stand within {limit:.0f} mm of where those of the fit stood: take other places"
         )
-    levels = ", ".join(_levels(solution, campaign))
+    levels = ", ".join(sorted(_levels(solution, campaign)))
     found += [f"all positions of {levels} are those of the fit: between them nothing is tested"] if levels else []
     return tuple(found)
 
