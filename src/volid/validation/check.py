@@ -35,7 +35,7 @@ from volid.fitting.stages import breakdown_named
 from volid.validation.equations import linear
 from volid.validation.function_changes import noncentrality
 from volid.validation.held_out import held_out, with_factor
-from volid.validation.suspects import Suspect, suspects_of
+from volid.validation.suspects import VISIBLE, Suspect, suspects_of
 from volid.validation.whitened import Whitened
 
 LEVEL = 0.05
@@ -175,14 +175,19 @@ class _Search:
 
     def __init__(self, whitened: Whitened, suspects: tuple[Suspect, ...]) -> None:
         self.whitened = whitened
-        nothing = np.zeros((len(whitened.v), 0))
-        self.seen = tuple(s for s in suspects if whitened.span(s.columns, nothing).shape[1])
+        self.seen = tuple(s for s in suspects if s.columns.shape[1])
         self.suspects = suspects
 
     @property
     def level(self) -> float:
         """Of one suspect."""
         return 0.5 * LEVEL / max(len(self.seen), 1)
+
+    def span(self, columns: np.ndarray, beside: np.ndarray) -> np.ndarray:
+        """Orthonormal basis of what columns (n, k) do to v and the readings see, across `beside` (n, l)."""
+        left = self.whitened.free(columns)
+        vectors, sizes, _ = np.linalg.svd(left - beside @ (beside.T @ left), full_matrices=False)
+        return np.asarray(vectors[:, sizes >= VISIBLE])
 
     def picked(self, everything: float) -> list[_Picked]:
         """Suspects that explain the disagreement, the best first; `everything`: probability of the test of all readings.
@@ -203,7 +208,7 @@ class _Search:
             near = [t.suspect.name for t in tried if t.score > best.score - RIVAL]
             rivals = tuple(dict.fromkeys(n for n in near if n != best.suspect.name))
             found.append(_Picked(best.suspect, best.probability, rivals))
-            beside = np.hstack([beside, self.whitened.span(best.suspect.columns, beside)])
+            beside = np.hstack([beside, self.span(best.suspect.columns, beside)])
             if everything > 0.5 * LEVEL:  # one suspect was seen among readings that agree as a whole
                 break
         return found
@@ -212,7 +217,7 @@ class _Search:
         picked = {p.suspect.name for p in found}
         result, log_n = [], float(np.log(max(len(self.whitened.v), 2)))
         for suspect in self.seen:
-            basis = self.whitened.span(suspect.columns, beside)
+            basis = self.span(suspect.columns, beside)
             k = basis.shape[1]
             if not k or suspect.name in picked:
                 continue
@@ -225,7 +230,7 @@ class _Search:
         """Probability of what is left of chi-square."""
         beside = np.zeros((len(self.whitened.v), 0))
         for p in picked:
-            beside = np.hstack([beside, self.whitened.span(p.suspect.columns, beside)])
+            beside = np.hstack([beside, self.span(p.suspect.columns, beside)])
         v, freedom = self.whitened.v - beside @ (beside.T @ self.whitened.v), self.whitened.freedom - beside.shape[1]
         return float(chdtrc(freedom, float(v @ v))) if freedom > 0 else np.nan
 
@@ -246,8 +251,10 @@ def _finding(search: _Search, own: _Picked, picked: Sequence[_Picked]) -> Findin
     """Size and u of one of several changes that are estimated together."""
     whitened = search.whitened
     columns = np.hstack([p.suspect.columns for p in picked])
-    left = whitened.free(columns)
-    values, covariance = np.linalg.pinv(left) @ whitened.v, np.linalg.pinv(left.T @ left)
+    vectors, sizes, vt = np.linalg.svd(whitened.free(columns), full_matrices=False)
+    kept = sizes >= VISIBLE
+    turn = vt[kept].T / sizes[kept]
+    values, covariance = turn @ (vectors[:, kept].T @ whitened.v), turn @ turn.T
     first = sum(p.suspect.columns.shape[1] for p in picked[: list(picked).index(own)])
     part = slice(first, first + own.suspect.columns.shape[1])
     suspect = own.suspect
