@@ -23,7 +23,7 @@ from exact_chain import ExactMachine, random_truth
 from exact_chain.ball_bar import BallBar, Drives
 from support.circles import TRAVEL, bar, bar_test
 
-from volid.standards.circular import evaluate_circular
+from volid.standards.circular.evaluation import evaluate_circular
 
 DRIVES = Drives(
     lag={"X": 0.008, "Y": 0.0082, "Z": 0.0079}, spike={"X": (0.02, 0.012), "Y": (-0.006, 0.02), "Z": (0.02, -0.02)}

@@ -12,9 +12,9 @@ import sys
 import numpy as np
 
 from volid.standards import positioning_uncertainty
-from volid.standards.positioning import quantities_of
-from volid.standards.positioning_conditions import Conditions, contributions_of
-from volid.standards.positioning_runs import PositioningRuns, statistics_of
+from volid.standards.positioning.conditions import Conditions, contributions_of
+from volid.standards.positioning.evaluation import quantities_of
+from volid.standards.positioning.runs import PositioningRuns, statistics_of
 
 TARGETS = np.array([0.0, 103.0, 198.0, 305.0, 401.0, 496.0, 603.0, 699.0, 802.0, 897.0, 1000.0])  # mm
 SHAPE = (len(TARGETS), 2, 5)

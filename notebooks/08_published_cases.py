@@ -14,16 +14,16 @@
 # %% [markdown]
 # # Published cases reproduced
 #
-# A program that evaluates tests should be tried on what others have published. This notebook takes three published cases and puts
-# volid's figures beside the printed ones:
+# A program that evaluates tests should be tried on what others have published. This notebook takes three published cases and
+# puts volid's figures beside the printed ones:
 #
 # 1. positioning of a real machine by ISO 230-2 (Harja and Candra): E from their compensation tables, and their verdicts;
 # 2. an E that a published program got wrong, and how that happens;
 # 3. two machines that were compensated by sequential step diagonals, from 60 to 6.8 µm and from 58 to 8.7 µm.
 #
-# **The first case is real, as far as it was printed. The machines of the others are synthetic**, because nobody published their
-# readings: random machines of the published size, with the published largest error, made by code that shares nothing with volid
-# (`tests/exact_chain`).
+# **The first case is real, as far as it was printed. The machines of the others are synthetic**, because nobody published
+# their readings: random machines of the published size, with the published largest error, made by code that shares nothing
+# with volid (`tests/exact_chain`).
 
 # %%
 import sys
@@ -41,15 +41,15 @@ import volid
 from volid.report.standards.positioning import positioning_figure
 from volid.report.standards.step_diagonals import nine_figure
 from volid.report.standards.text import evaluation_lines
-from volid.standards.step_diagonals_leak import leak_of
+from volid.standards.step_diagonals.leak import leak_of
 
 DATA = Path("../datasets")
 
 # %% [markdown]
 # ## 1. Positioning of a real machine
-# The paper prints incremental compensation tables of X and Z. Their running sums with the sign reversed are the mean deviations, and
-# the range of the means over both directions is E. Printed are 31.8 µm for X and 33.3 µm for Z. R and A do not follow from means
-# alone, and volid does not show them.
+# The paper prints incremental compensation tables of X and Z. Their running sums with the sign reversed are the mean
+# deviations, and the range of the means over both directions is E. Printed are 31.8 µm for X and 33.3 µm for Z. R and A do not
+# follow from means alone, and volid does not show them.
 
 # %%
 published = {"X": 31.8, "Z": 33.3}
@@ -66,10 +66,10 @@ positioning_figure(axes)
 
 # %% [markdown]
 # ## 2. An E that is too small
-# E spans both directions together: the largest of all means less the smallest of all means. A published report of another axis states
-# 65.1 µm where its own readings give 74.8 µm: it takes the largest mean of one direction and the smallest of the other. Where
-# both extremes belong to one direction, that range is smaller than E. Whoever reads such a report cannot see it, so volid
-# names the wrong figure beside the right one. For X above, the same mistake would show 31.46 instead of 31.82 µm.
+# E spans both directions together: the largest of all means less the smallest of all means. A published report of another axis
+# states 65.1 µm where its own readings give 74.8 µm: it takes the largest mean of one direction and the smallest of the other.
+# Where both extremes belong to one direction, that range is smaller than E. Whoever reads such a report cannot see it, so
+# volid names the wrong figure beside the right one. For X above, the same mistake would show 31.46 instead of 31.82 µm.
 
 # %%
 X = axes[0].details.statistics.mean  # targets x directions, mm
@@ -80,10 +80,10 @@ print(
 
 # %% [markdown]
 # ## 3. Sequential step diagonals
-# A laser looks along each of the four body diagonals at a flat mirror on the spindle, while the machine moves X, then Y, then Z by one
-# step each and stops after each. Every step is the motion of one axis, so that the readings separate into nine functions: three
-# directions of motion along each axis. Compensation tables follow from the nine. The published success: 60 µm on the largest
-# diagonal became 6.8 µm (800 × 600 × 600 mm, 40 steps), 58 µm became 8.7 µm (900 × 720 × 720 mm, 30 steps).
+# A laser looks along each of the four body diagonals at a flat mirror on the spindle, while the machine moves X, then Y, then
+# Z by one step each and stops after each. Every step is the motion of one axis, so that the readings separate into nine
+# functions: three directions of motion along each axis. Compensation tables follow from the nine. The published success: 60 µm
+# on the largest diagonal became 6.8 µm (800 × 600 × 600 mm, 40 steps), 58 µm became 8.7 µm (900 × 720 × 720 mm, 30 steps).
 
 # %%
 (steps,) = volid.evaluate("step-diagonal", DATA / "step_diagonals_800" / "steps.csv")
@@ -92,8 +92,9 @@ nine_figure([steps])
 
 # %% [markdown]
 # ### How much of it is true?
-# The truth of this synthetic machine is known, rotations included. What the axes' rotations leak into the nine functions can be
-# predicted from them. The dashed line is the truth in the middle of the box, the dotted one the truth with the predicted leak.
+# The truth of this synthetic machine is known, rotations included. What the axes' rotations leak into the nine functions can
+# be predicted from them. The dashed line is the truth in the middle of the box, the dotted one the truth with the predicted
+# leak.
 
 # %%
 case, seed = CASES["800"], 1
@@ -105,7 +106,7 @@ figure, panels = plt.subplots(3, 3, figsize=(11, 7), layout="constrained", share
 middle, names = along_middle(case, truth), "XYZ"
 for a, axis in enumerate(names):
     for c, component in enumerate(names):
-        panel, x = panels[c, a], nine.nodes[a]
+        panel, x = panels[c, a], nine.steps.nodes[a]
         panel.plot(x, 1e3 * nine.values[a][:, c], color="#0b5fa5", label="separated from the readings")
         panel.plot(x, 1e3 * middle[a][:, c], color="black", ls="--", lw=1, label="truth, middle of the box")
         panel.plot(
@@ -116,9 +117,9 @@ for a, axis in enumerate(names):
 figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3, frameon=False)
 
 # %% [markdown]
-# The separation follows the dotted lines: it is exact, but what it finds holds rotations, by up to some 30 µm on this machine. The same
-# diagonals hardly show it, because four equations for three unknowns leave one contradiction per step, and rotations stay below
-# the noise there.
+# The separation follows the dotted lines: it is exact, but what it finds holds rotations, by up to some 30 µm on this machine.
+# The same diagonals hardly show it, because four equations for three unknowns leave one contradiction per step, and rotations
+# stay below the noise there.
 
 # %%
 apart = max(np.abs(v - m - t).max() for v, m, t in zip(nine.values, middle, leak.total, strict=True))
@@ -128,10 +129,29 @@ print(
 )
 
 # %% [markdown]
+# ### The same readings through the full model
+# A fit of all 18 error functions to the same readings does not pretend: the mirrors' tilts are unknown, and with them the nine
+# functions themselves stay open. What the readings do determine is said, and has its u.
+
+# %%
+campaign = volid.load_campaign(DATA / "step_diagonals_800" / "campaign.toml")
+solution = volid.fit(campaign)
+print(solution.adequacy.verdict)
+print(f"{solution.null_space.shape[1]} combinations of {len(solution.null_space)} parameters are not determined")
+for name in ("EC0Y", "EXX", "EYX", "EAX"):
+    location = solution.location(name) if name == "EC0Y" else None
+    known = (
+        np.isfinite(location.value)
+        if location
+        else all(np.isfinite(r.value) for r in solution.motion(name, nine.steps.nodes[0]))
+    )
+    print(f"{name}: {'determined' if known else 'not determined by step diagonals alone'}")
+
+# %% [markdown]
 # ### What remains after compensation?
 # Tables of the nine functions go into volid's simulated control, and the diagonals of the machine are measured once more. Ten
-# machines of each kind; the published figure beside the range of what remains. `benchmarks/README.md` has fifty of each, and more
-# kinds.
+# machines of each kind; the published figure beside the range of what remains. `benchmarks/README.md` has fifty of each, and
+# more kinds.
 
 
 # %%
@@ -154,7 +174,8 @@ for case in CASES.values():
         )
 
 # %% [markdown]
-# On machines without rotations, noise and the mirrors' tilts leave about what was published. On machines whose axes rotate as usual
-# ones do, the diagonals keep a fifth of their error and the volume keeps half: **the published figures are reached by a machine
-# with small rotations, and they do not say what the volume looks like.** Since the four diagonals are also what the tables
-# were made of, they are no test of them. For that, other positions and another tool are needed: `volid plan --validate`, `volid validate`.
+# On machines without rotations, noise and the mirrors' tilts leave about what was published. On machines whose axes rotate as
+# usual ones do, the diagonals keep a fifth of their error and the volume keeps half: **the published figures are reached by a
+# machine with small rotations, and they do not say what the volume looks like.** Since the four diagonals are also what the
+# tables were made of, they are no test of them. For that, other positions and another tool are needed: `volid plan
+# --validate`, `volid validate`.

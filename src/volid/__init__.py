@@ -60,6 +60,9 @@ _PUBLIC = {  # public name: where it comes from, in the order of the work
     "who_determines": "volid.fitting.mixed.who:who_determines",
     "WhoDetermines": "volid.fitting.mixed.who:WhoDetermines",
     "monte_carlo": "volid.uncertainty.trials.monte_carlo:monte_carlo",
+    # by a standard alone
+    "evaluate": "volid.io.evaluations.evaluate:evaluate",
+    "Evaluation": "volid.standards.results:Evaluation",
     # the solution under test
     "validate": "volid.validation.validation:validate",
     "Validation": "volid.validation.validation:Validation",

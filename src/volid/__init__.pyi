@@ -29,6 +29,7 @@ from volid.io import read_machine as load_machine
 from volid.io import write_campaign as save_campaign
 from volid.io.campaign.stream import CampaignStream
 from volid.io.compensations import load_control, save_compensation
+from volid.io.evaluations.evaluate import evaluate
 from volid.io.fields import save_field
 from volid.io.grid_reader import read_grid as load_grid
 from volid.io.grids import save_grid
@@ -39,6 +40,7 @@ from volid.model.machine import Datum, Machine
 from volid.planning.standard import standard_plan
 from volid.plausibility.checks import check_campaign, closures
 from volid.report.summary import summary
+from volid.standards.results import Evaluation
 from volid.uncertainty.trials.monte_carlo import monte_carlo
 from volid.validation.check import Check
 from volid.validation.check import check as quick_check
@@ -84,6 +86,8 @@ __all__ = [  # noqa: RUF022
     "who_determines",
     "WhoDetermines",
     "monte_carlo",
+    "evaluate",
+    "Evaluation",
     "validate",
     "Validation",
     "linear_grid",

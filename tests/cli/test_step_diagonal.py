@@ -13,11 +13,11 @@ from support.step_diagonals import along_middle
 import volid
 from volid.cli import main
 from volid.io.compensations import load_control
-from volid.io.step_diagonals import read_step_diagonals
+from volid.io.evaluations.step_diagonals import read_step_diagonals
 from volid.io.truths import write_truth
-from volid.standards.step_diagonals import NAMES, separate
-from volid.standards.step_diagonals_model import by_model
-from volid.standards.step_diagonals_steps import step_sets, steps_of
+from volid.standards.step_diagonals.model import by_model
+from volid.standards.step_diagonals.separation import NAMES, separate
+from volid.standards.step_diagonals.steps import step_sets, steps_of
 from volid.virtual.truth import Truth as VolidTruth
 
 FOLDER = DATASETS / "step_diagonals_800"

@@ -5,7 +5,7 @@ import pytest
 from support.places import DATASETS
 
 from volid.exceptions import InputError
-from volid.io.circular_tables import Stated, read_circular, vendors_evaluations
+from volid.io.evaluations.circular import Stated, read_circular, vendors_evaluations
 
 UP = np.arange(0.0, 361.0, 10.0)
 

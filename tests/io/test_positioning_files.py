@@ -5,9 +5,9 @@ import pytest
 from support.instrument_files import TARGETS, averages_file, run_file
 
 from volid.exceptions import InputError
-from volid.io.positioning_conditions import read_conditions
-from volid.io.positioning_files import read_positioning
-from volid.standards.positioning import evaluate_positioning
+from volid.io.evaluations.positioning import read_positioning
+from volid.io.evaluations.positioning_conditions import read_conditions
+from volid.standards.positioning.evaluation import evaluate_positioning
 
 UP = [0.1 * i * i for i in range(len(TARGETS))]  # µm
 DOWN = [v + 2.0 for v in UP]

@@ -5,7 +5,7 @@ import pytest
 
 import volid
 from volid.exceptions import InputError
-from volid.io.positioning_files import read_positioning
+from volid.io.evaluations.positioning import read_positioning
 
 LONG = "target,direction,run,actual\n0,+1,1,0.001\n100,+1,1,100.002\n100,-1,1,100.004\n0,-1,1,0.003\n"
 WIDE = "target,up_1,down_1\n0,0.001,0.003\n100,0.002,0.004\n"

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from support.places import DATASETS
 
-from volid.io.positioning_files import read_positioning
-from volid.standards.positioning import evaluate_positioning
+from volid.io.evaluations.positioning import read_positioning
+from volid.standards.positioning.evaluation import evaluate_positioning
 from volid.standards.results import Evaluation, Quantity, judged
 
 MAKE = runpy.run_path(str(DATASETS / "published_positioning" / "make.py"))

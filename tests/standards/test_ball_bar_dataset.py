@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from support.places import DATASETS
 
-from volid.io.circular_tables import read_circular
-from volid.standards.circular import evaluate_circular
+from volid.io.evaluations.circular import read_circular
+from volid.standards.circular.evaluation import evaluate_circular
 
 FOLDER = DATASETS / "ball_bar_circles"
 

@@ -9,9 +9,9 @@ from exact_chain.ball_bar import BallBar, Drives, turn
 from support.circles import bar, bar_test
 
 from volid.exceptions import InputError
-from volid.standards.circular import evaluate_circular
-from volid.standards.circular_readings import circular_readings
-from volid.standards.circular_zone import minimum_zone
+from volid.standards.circular.evaluation import evaluate_circular
+from volid.standards.circular.readings import circular_readings
+from volid.standards.circular.zone import minimum_zone
 
 R = 150.0  # mm
 TINY = 2e-6  # mm: second-order terms of errors of some µm, and positions rounded to 10 nm

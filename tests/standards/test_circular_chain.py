@@ -14,8 +14,8 @@ from volid.campaign import Environment, Expansion
 from volid.exceptions import InputError
 from volid.fitting.fit import fit
 from volid.planning import circles
-from volid.standards.circular import evaluate_circular
-from volid.standards.circular_sets import circular_tests
+from volid.standards.circular.evaluation import evaluate_circular
+from volid.standards.circular.sets import circular_tests
 
 DRIVES = Drives(
     lag={"X": 0.008, "Y": 0.0082, "Z": 0.0079}, spike={"X": (0.02, 0.012), "Y": (-0.006, 0.02), "Z": (0.02, -0.02)}

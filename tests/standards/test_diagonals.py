@@ -14,10 +14,10 @@ from support.machines import volid_machine
 from volid.campaign import Campaign
 from volid.cli import main
 from volid.exceptions import InputError
-from volid.io.diagonals import read_diagonals
+from volid.io.evaluations.diagonals import read_diagonals
 from volid.planning.diagonals import diagonals
-from volid.standards.diagonals import diagonals_of, standard_name
-from volid.standards.diagonals_result import evaluate_diagonals
+from volid.standards.diagonals.evaluation import evaluate_diagonals
+from volid.standards.diagonals.lines import diagonals_of, standard_name
 from volid.virtual.simulate import simulate
 from volid.virtual.truth import Truth as VolidTruth
 

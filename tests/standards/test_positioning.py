@@ -10,9 +10,9 @@ import pytest
 from support.places import DATASETS, reference_file
 
 from volid.exceptions import InputError
-from volid.io.positioning_files import read_positioning
-from volid.standards.positioning import evaluate_positioning, mixed_ranges, quantities_of
-from volid.standards.positioning_runs import Approaches, PositioningRuns, arranged, from_means, statistics_of
+from volid.io.evaluations.positioning import read_positioning
+from volid.standards.positioning.evaluation import evaluate_positioning, mixed_ranges, quantities_of
+from volid.standards.positioning.runs import Approaches, PositioningRuns, arranged, from_means, statistics_of
 
 SYNTHETIC = DATASETS / "iso230_2_synthetic"
 S = sqrt(2.5)  # standard deviation of -2, -1, 0, 1, 2

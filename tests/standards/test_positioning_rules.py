@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from volid.standards.positioning_rules import attention, rules, wanted_targets
-from volid.standards.positioning_runs import PositioningRuns
+from volid.standards.positioning.rules import attention, rules, wanted_targets
+from volid.standards.positioning.runs import PositioningRuns
 
 
 def runs(targets, n=5, unit="mm", **known):

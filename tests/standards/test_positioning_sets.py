@@ -9,8 +9,8 @@ from support.places import DATASETS, MODELS
 import volid
 from volid.campaign import Campaign, Effect, ObservationSet
 from volid.exceptions import InputError
-from volid.standards.positioning import evaluate_positioning
-from volid.standards.positioning_sets import positioning_of
+from volid.standards.positioning.evaluation import evaluate_positioning
+from volid.standards.positioning.sets import positioning_of
 
 TARGETS = np.array([10.0, 105.0, 210.0, 290.0])
 RNG = np.random.default_rng(3)

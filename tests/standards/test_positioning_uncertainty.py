@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from volid.exceptions import InputError
-from volid.standards.positioning import evaluate_positioning, quantities_of
-from volid.standards.positioning_conditions import Conditions, contributions_of, passed
-from volid.standards.positioning_runs import PositioningRuns, statistics_of
-from volid.standards.positioning_uncertainty import expanded
+from volid.standards.positioning.conditions import Conditions, contributions_of, passed
+from volid.standards.positioning.evaluation import evaluate_positioning, quantities_of
+from volid.standards.positioning.runs import PositioningRuns, statistics_of
+from volid.standards.positioning.uncertainty import expanded
 
 TARGETS = np.array([0.0, 103.0, 198.0, 305.0, 401.0, 496.0, 603.0, 699.0, 802.0, 897.0, 1000.0])
 SHAPE = (len(TARGETS), 2, 5)
@@ -121,7 +121,7 @@ def test_u_covers_what_an_exact_instrument_would_have_shown(scatter, which, monk
 
     At least 91 % is 3.7 standard deviations below; `benchmarks/positioning_coverage.py` measures it more exactly.
     """
-    monkeypatch.setattr("volid.standards.positioning_uncertainty.TRIALS", 600)
+    monkeypatch.setattr("volid.standards.positioning.uncertainty.TRIALS", 600)
     rng = np.random.default_rng(17)
     conditions, tests, inside = COVERAGE[which], 300, {}
     there = np.arange(len(TARGETS))

@@ -3,7 +3,7 @@
 import pytest
 
 from volid.exceptions import InputError
-from volid.io.limits import judge_all
+from volid.io.evaluations.limits import judge_all
 from volid.standards.results import Evaluation, Quantity
 
 

@@ -29,12 +29,12 @@ from support.step_diagonals import along_middle, compensated, largest_in_volume,
 import volid
 from volid.campaign import Effect
 from volid.exceptions import InputError, NotDeterminedError
-from volid.io.step_diagonals import read_step_diagonals
+from volid.io.evaluations.step_diagonals import read_step_diagonals
 from volid.planning.diagonals import diagonals, parallel_lines, step_diagonals
-from volid.standards.step_diagonals import NAMES, separate
-from volid.standards.step_diagonals_leak import leak_of, not_known
-from volid.standards.step_diagonals_result import contradiction, evaluate_step_diagonals
-from volid.standards.step_diagonals_steps import step_sets, steps_of
+from volid.standards.step_diagonals.evaluation import contradiction, evaluate_step_diagonals
+from volid.standards.step_diagonals.leak import leak_of, not_known
+from volid.standards.step_diagonals.separation import NAMES, separate
+from volid.standards.step_diagonals.steps import step_sets, steps_of
 from volid.virtual.truth import Truth as VolidTruth
 
 STRUCTURES = ("w X' Y' b Z t", "w b X Y Z t", "w Y' b X Z t", "w Z' Y' X' b t")

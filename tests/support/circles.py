@@ -6,7 +6,7 @@ import numpy as np
 from exact_chain import ExactMachine, Truth
 from exact_chain.ball_bar import BallBar, Drives, turn
 
-from volid.standards.circular_readings import CircularReadings, circular_readings
+from volid.standards.circular.readings import CircularReadings, circular_readings
 
 TRAVEL = {"X": (0.0, 1000.0), "Y": (0.0, 600.0), "Z": (-500.0, 0.0)}
 

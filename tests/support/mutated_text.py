@@ -31,22 +31,22 @@ from volid.fitting.fit import fit
 from volid.io import load_campaign, write_manifest
 from volid.io.basics.toml_table import format_lines
 from volid.io.campaign.imported import evaluation_of
-from volid.io.diagonals import read_diagonals
+from volid.io.evaluations.diagonals import read_diagonals
+from volid.io.evaluations.positioning import read_positioning
+from volid.io.evaluations.positioning_conditions import read_conditions
+from volid.io.evaluations.step_diagonals import read_step_diagonals
 from volid.io.functions_csv import read_deviations, read_functions, read_points
 from volid.io.grid_reader import read_grid
 from volid.io.machines import parse_machine, read_machine
 from volid.io.networks import network_from_csv
-from volid.io.positioning_conditions import read_conditions
-from volid.io.positioning_files import read_positioning
-from volid.io.step_diagonals import read_step_diagonals
 from volid.io.studies import read_study
 from volid.io.table_reader import read_table
 from volid.plausibility.checks import check_campaign
-from volid.standards.diagonals_result import evaluate_diagonals
-from volid.standards.positioning import evaluate_positioning
-from volid.standards.positioning_conditions import contributions_of
-from volid.standards.step_diagonals_result import evaluate_step_diagonals
-from volid.standards.step_diagonals_steps import step_sets
+from volid.standards.diagonals.evaluation import evaluate_diagonals
+from volid.standards.positioning.conditions import contributions_of
+from volid.standards.positioning.evaluation import evaluate_positioning
+from volid.standards.step_diagonals.evaluation import evaluate_step_diagonals
+from volid.standards.step_diagonals.steps import step_sets
 
 LONGEST, MOST_MEMORY = 10.0, 1 << 30  # s of the processor; bytes of the whole process
 ROWS = 12  # of each set: damage is done to few lines, and read in milliseconds

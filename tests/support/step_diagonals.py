@@ -11,10 +11,10 @@ from exact_chain.step_cases import TILT, TOOL, Case, read, table
 from support.machines import volid_machine
 from volid.compensation.control import Control
 from volid.io.compensations import load_control
-from volid.io.step_diagonal_tables import save_step_tables
-from volid.io.step_diagonals import read_step_diagonals
-from volid.standards.step_diagonals import NineFunctions, separate
-from volid.standards.step_diagonals_steps import steps_of
+from volid.io.evaluations.step_diagonal_tables import save_step_tables
+from volid.io.evaluations.step_diagonals import read_step_diagonals
+from volid.standards.step_diagonals.separation import NineFunctions, separate
+from volid.standards.step_diagonals.steps import steps_of
 
 
 def nine_of(folder: Path, case: Case, found: dict[str, np.ndarray]) -> NineFunctions:

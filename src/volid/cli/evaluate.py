@@ -29,10 +29,10 @@ HELP = "a test evaluated by its standard: positioning, ball bar, diagonals, step
 
 # standard as it is asked for: module in volid.cli.evaluations
 STANDARDS: dict[str, str] = {
-    "iso230-2": "iso230_2",
+    "iso230-2": "positioning",
     "iso230-4": "circular",
     "iso230-6": "diagonals",
-    "step-diagonal": "step_diagonal",
+    "step-diagonal": "step_diagonals",
 }
 
 _EPILOG = """\
@@ -80,9 +80,10 @@ def run(args: argparse.Namespace) -> int:
     standard = importlib.import_module(f"volid.cli.evaluations.{STANDARDS[args.standard]}")
     with Progress() as progress:
         progress("evaluating")
-        from volid.io.limits import judge_all
+        from volid.io.evaluations.evaluate import evaluate
 
-        evaluations = judge_all(standard.evaluate(args), args.limits)
+        common = {"limits": args.limits, "allow_outside": args.allow_outside, "sets": args.set}
+        evaluations = evaluate(args.standard, *args.files, **common, **standard.options(args))
         _write(evaluations, standard, args)
     return _say(evaluations, args)
 
@@ -91,6 +92,8 @@ def _write(evaluations: Sequence[Evaluation], standard: Any, args: argparse.Name
     from volid.io.functions_csv import Sheet, text_output, write_csv
     from volid.report.standards.text import evaluation_rows
 
+    if hasattr(standard, "write"):
+        standard.write(evaluations, args)
     if args.figure:
         write_figure(standard.draw(evaluations), args.figure, args.force)
     if args.output:

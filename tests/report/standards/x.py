@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from volid.report.standards.positioning import _bars, positioning_figure
-from volid.standards.positioning import evaluate_positioning
-from volid.standards.positioning_runs import PositioningRuns
+from volid.standards.positioning.evaluation import evaluate_positioning
+from volid.standards.positioning.runs import PositioningRuns
 from volid.standards.results import judged
 
 

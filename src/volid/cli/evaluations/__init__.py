@@ -1,4 +1,5 @@
-"""The standards of `volid evaluate`, one module each: HELP, EPILOG, add_arguments(parser), evaluate(args), draw(evaluations).
+"""The standards of `volid evaluate`, one module each: HELP, EPILOG, add_arguments(parser), options(args), draw(evaluations).
 
-`evaluate(args)` gives evaluations without limits; `draw` gives the figure of matplotlib that people know from the standard.
+`options(args)` gives what `volid.evaluate` takes beside the files; `draw` gives the figure of matplotlib that people know from
+the standard; `write(evaluations, args)`, where there is one, writes more files.
 """

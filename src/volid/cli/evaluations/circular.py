@@ -48,23 +48,12 @@ def _length(text: str) -> float:
     return float("inf") if text == "unknown" else float(text)
 
 
-def evaluate(args: argparse.Namespace) -> list[Evaluation]:
-    """Evaluations of all files. Raises `InputError`."""
-    from dataclasses import replace
-
-    from volid.io.circular_tables import Stated, read_circular, vendors_evaluations
-    from volid.standards.circular import WINDOW, evaluate_circular
+def options(args: argparse.Namespace) -> dict[str, Any]:
+    """Those of the standard, for the library."""
+    from volid.io.evaluations.circular import Stated
 
     stated = Stated(args.plane, args.radius, args.feed, args.u, args.length_u)
-    window = WINDOW if args.spike_window is None else args.spike_window
-    found: list[Evaluation] = []
-    for path in args.files:
-        vendors = vendors_evaluations(path)
-        found += vendors
-        for test in [] if vendors else read_circular(path, stated, args.set, args.allow_outside):
-            known = replace(test, feed=args.feed) if args.feed else test
-            found.append(evaluate_circular(known, window, args.setup_centre))
-    return found
+    return {"stated": stated, "window": args.spike_window, "setup_centre": args.setup_centre}
 
 
 def draw(evaluations: Sequence[Evaluation]) -> Any:

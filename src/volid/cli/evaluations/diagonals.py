@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -34,29 +33,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """No options of its own."""
 
 
-def evaluate(args: argparse.Namespace) -> list[Evaluation]:
-    """Body and face diagonals of every set and file. Raises `InputError` where a file holds none."""
-    from volid.standards.diagonals_result import evaluate_diagonals
-
-    found = []
-    for file in args.files:
-        for name, diagonals in _read(file, args).items():
-            found += evaluate_diagonals(diagonals, f"{file}, set {name}" if name else file)
-    return found
-
-
-def _read(file: str, args: argparse.Namespace) -> dict:
-    from volid.io import load_campaign
-    from volid.io.basics.hdf5_values import is_hdf5
-    from volid.io.diagonals import is_diagonals, read_diagonals
-    from volid.io.step_diagonals import read_step_diagonals
-    from volid.standards.diagonals import diagonals_of
-
-    if is_hdf5(file) or Path(file).suffix.lower() == ".toml":
-        return diagonals_of(load_campaign(file, allow_outside=args.allow_outside), args.set)
-    if is_diagonals(file):
-        return {"": read_diagonals(file)}
-    return {"": diagonals_of(read_step_diagonals(file))["step diagonals"]}
+def options(args: argparse.Namespace) -> dict[str, Any]:
+    """None of its own."""
+    return {}
 
 
 def draw(evaluations: Sequence[Evaluation]) -> Figure:

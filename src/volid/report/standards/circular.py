@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from volid.exceptions import InputError
-from volid.standards.circular import CircularDetails
+from volid.standards.circular.evaluation import CircularDetails
 from volid.standards.results import Evaluation, Quantity
 
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from volid.report.figures import COLUMNS
-from volid.standards.diagonals import Diagonal
-from volid.standards.positioning_runs import WAY_NAMES, statistics_of
+from volid.standards.diagonals.lines import Diagonal
+from volid.standards.positioning.runs import WAY_NAMES, statistics_of
 from volid.standards.results import Evaluation
 
 if TYPE_CHECKING:

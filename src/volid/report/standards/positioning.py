@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from volid.report.figures import COLUMNS
-from volid.standards.positioning import PositioningResult
-from volid.standards.positioning_runs import WAY_NAMES
+from volid.standards.positioning.evaluation import PositioningResult
+from volid.standards.positioning.runs import WAY_NAMES
 from volid.standards.results import FAIL, Evaluation, Quantity
 
 if TYPE_CHECKING:

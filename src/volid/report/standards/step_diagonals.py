@@ -11,7 +11,7 @@ import numpy as np
 from volid.model.iso230 import LINEAR_AXES
 from volid.report.figures import COLUMNS, K
 from volid.standards.results import Evaluation
-from volid.standards.step_diagonals import NAMES, NineFunctions
+from volid.standards.step_diagonals.separation import NAMES, NineFunctions
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -12,7 +12,7 @@ by M. Four equations for three unknowns leave one contradiction per interval,
     (PPP + NPP) - (PNP + PPN),
 
 which errors of position and squareness do not touch: what it holds beyond noise comes from rotations of the axes or from a
-mirror that is not square to its beam, and these leak into the nine functions too (`volid.standards.step_diagonals_leak`).
+mirror that is not square to its beam, and these leak into the nine functions too (`volid.standards.step_diagonals.leak`).
 
 Dx(x) is positioning; Dy(x) and its like hold straightness, squareness and whatever rotations the readings saw. Reversal changes
 readings where axes turn back, between the steps: the nine functions are those of the mean of both senses, and reversal values
@@ -31,7 +31,7 @@ import numpy as np
 from volid.exceptions import NotDeterminedError
 from volid.model.iso230 import LINEAR_AXES
 from volid.standards.shared_errors import own_variance, shared_columns
-from volid.standards.step_diagonals_steps import Steps
+from volid.standards.step_diagonals.steps import Steps
 
 if TYPE_CHECKING:
     from jaxtyping import Float

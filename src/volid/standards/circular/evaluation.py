@@ -24,12 +24,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from volid.exceptions import InputError
-from volid.standards.circular_geometry import Decomposition, decompose
-from volid.standards.circular_paths import hysteresis
-from volid.standards.circular_readings import CircularReadings
-from volid.standards.circular_remarks import WIDEST, attention, remarks
-from volid.standards.circular_words import geometry, table
-from volid.standards.circular_zone import LeastSquaresCircle, Zone, least_squares_circle, minimum_zone
+from volid.standards.circular.geometry import Decomposition, decompose
+from volid.standards.circular.paths import hysteresis
+from volid.standards.circular.readings import CircularReadings
+from volid.standards.circular.remarks import WIDEST, attention, remarks
+from volid.standards.circular.words import geometry, table
+from volid.standards.circular.zone import LeastSquaresCircle, Zone, least_squares_circle, minimum_zone
 from volid.standards.results import Evaluation, Quantity
 
 STANDARD = "ISO 230-4"
@@ -54,13 +54,13 @@ def evaluate_circular(test: CircularReadings, spike_window: float = WINDOW, setu
     """A circular test in one plane by ISO 230-4, with its geometry told apart from dynamics.
 
     Symbols and definitions of the standard: see the module. With them stand the terms of
-    `volid.standards.circular_geometry`: `scale_XY` (of X less that of Y), `squareness_XY` (angle between +X and +Y less
+    `volid.standards.circular.geometry`: `scale_XY` (of X less that of Y), `squareness_XY` (angle between +X and +Y less
     90°; that is EC0Y in XY, EA0Z in YZ, -EB0Z in ZX where X is the primary axis), reversal values `B_EXX`, `B_EYX` …,
     `lag_XY`, `bow_EYX`, and the reversal spikes `spike_XY_90` (anticlockwise at 90°, outwards positive). What is not
     determined is left out, and named.
 
     Args:
-        test: Readings of one plane (`volid.standards.circular_readings.circular_readings`).
+        test: Readings of one plane (`volid.standards.circular.readings.circular_readings`).
         spike_window: Angle behind every change of quadrant that the geometry is not taken from [degrees].
         setup_centre: Radial deviations from the centre as it was set up, instead of that of the least-squares circle.
 
@@ -74,7 +74,7 @@ def evaluate_circular(test: CircularReadings, spike_window: float = WINDOW, setu
         ISO 230-4, circular tests for numerically controlled machine tools; ISO 230-1 for the symbols of the errors.
 
     Example:
-        >>> from volid.standards.circular_readings import circular_readings
+        >>> from volid.standards.circular.readings import circular_readings
         >>> angle = np.concatenate([np.arange(0.0, 361.0, 5.0), np.arange(360.0, -1.0, -5.0)])
         >>> square = 20e-6  # rad
         >>> test = circular_readings("XY", 150.0, angle, -75.0 * square * np.sin(np.deg2rad(2.0 * angle)))

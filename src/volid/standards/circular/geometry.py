@@ -15,7 +15,7 @@ functional point reads as Δr = e·(cos φ, sin φ):
 d_a = -s sgn(sin φ) and d_b = s sgn(cos φ) are the directions in which the axes move; at a change of quadrant itself, those
 before it. A bow k is a parabola k (q/R)² of the straightness: k cos²φ sin φ, of which the part in sin φ moves the centre. A
 parabola of the other axis's positioning looks alike. Bows are the first of the waves by which the path may differ from the
-named terms (`volid.standards.circular_waves`); u of every term contains what waves can do to it.
+named terms (`volid.standards.circular.waves`); u of every term contains what waves can do to it.
 
 Within a window behind every change of quadrant nothing is fitted: there the pulses of friction stand, the reversal spikes.
 Each is the largest residual within its window, and nothing that the fit knows of.
@@ -32,9 +32,9 @@ from typing import NamedTuple
 import numpy as np
 
 from volid.exceptions import InputError
-from volid.standards.circular_readings import CircularReadings
-from volid.standards.circular_waves import fit_waves, waves
-from volid.standards.circular_zone import LeastSquaresCircle
+from volid.standards.circular.readings import CircularReadings
+from volid.standards.circular.waves import fit_waves, waves
+from volid.standards.circular.zone import LeastSquaresCircle
 
 BEFORE = 2.0  # degrees: readings are taken somewhat before the angle they are given to
 _EDGE = 1e-6  # degrees: rounding

@@ -24,9 +24,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from volid.standards.positioning_rules import attention, rules
-from volid.standards.positioning_runs import DOWN, UP, WAY_NAMES, PositioningRuns, Statistics, statistics_of
-from volid.standards.positioning_uncertainty import Contribution, Uncertainty, expanded
+from volid.standards.positioning.rules import attention, rules
+from volid.standards.positioning.runs import DOWN, UP, WAY_NAMES, PositioningRuns, Statistics, statistics_of
+from volid.standards.positioning.uncertainty import Contribution, Uncertainty, expanded
 from volid.standards.results import Evaluation, Quantity, Table
 
 STANDARD = "ISO 230-2"

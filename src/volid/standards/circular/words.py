@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from volid.standards.circular_geometry import Decomposition, Spike, Term
-from volid.standards.circular_readings import CircularReadings
+from volid.standards.circular.geometry import Decomposition, Spike, Term
+from volid.standards.circular.readings import CircularReadings
 from volid.standards.results import Quantity, Table
 
 _K = 2.0

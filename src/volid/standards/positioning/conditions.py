@@ -22,8 +22,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from volid.exceptions import InputError
-from volid.standards.positioning_runs import DOWN, PositioningRuns
-from volid.standards.positioning_uncertainty import Contribution
+from volid.standards.positioning.runs import DOWN, PositioningRuns
+from volid.standards.positioning.uncertainty import Contribution
 
 INDEPENDENT, LINEAR = "independent", "linear"
 FORMS = (INDEPENDENT, LINEAR)

@@ -6,11 +6,11 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from volid.standards.diagonals import BODY_NAMES, FACE_NAMES, Diagonal
-from volid.standards.positioning import quantities_of
-from volid.standards.positioning_rules import APPROACHES
-from volid.standards.positioning_runs import statistics_of
-from volid.standards.positioning_uncertainty import Contribution, expanded
+from volid.standards.diagonals.lines import BODY_NAMES, FACE_NAMES, Diagonal
+from volid.standards.positioning.evaluation import quantities_of
+from volid.standards.positioning.rules import APPROACHES
+from volid.standards.positioning.runs import statistics_of
+from volid.standards.positioning.uncertainty import Contribution, expanded
 from volid.standards.results import Evaluation, Quantity, Table
 
 STANDARD = "ISO 230-6"
@@ -30,7 +30,7 @@ def evaluate_diagonals(diagonals: Sequence[Diagonal], source: str = "") -> list[
         diagonals: Diagonals of one set or file.
         source: Where they come from, for the reader.
 
-    >>> from volid.standards.positioning_runs import from_means
+    >>> from volid.standards.positioning.runs import from_means
     >>> ways = {1: np.array([0.0, 0.004]), -1: np.array([-0.001, 0.002])}
     >>> runs = from_means("PPP", np.array([0.0, 700.0]), ways)
     >>> (found,) = evaluate_diagonals([Diagonal("PPP", True, runs)])

@@ -24,9 +24,9 @@ from volid.model.iso230 import LINEAR_AXES
 from volid.observations.base import Positioning
 from volid.observations.beam_lines import BeamLine, beams_of
 from volid.observations.beam_unknowns import uninterrupted
-from volid.standards.positioning_runs import Approaches, PositioningRuns, arranged, run_numbers
-from volid.standards.positioning_sets import contributions_of_line
-from volid.standards.positioning_uncertainty import Contribution
+from volid.standards.positioning.runs import Approaches, PositioningRuns, arranged, run_numbers
+from volid.standards.positioning.sets import contributions_of_line
+from volid.standards.positioning.uncertainty import Contribution
 
 BODY_NAMES = ("PPP", "NPP", "PNP", "PPN")
 FACE_NAMES = tuple(f"{plane}_{senses}" for plane in ("XY", "XZ", "YZ") for senses in ("PP", "NP"))

@@ -10,8 +10,8 @@ from scipy.stats import chi2
 from volid.campaign import Campaign, ObservationSet
 from volid.model.iso230 import LINEAR_AXES
 from volid.standards.results import Evaluation, Quantity, Table
-from volid.standards.step_diagonals import NAMES, NineFunctions, separate
-from volid.standards.step_diagonals_steps import steps_of
+from volid.standards.step_diagonals.separation import NAMES, NineFunctions, separate
+from volid.standards.step_diagonals.steps import steps_of
 
 STANDARD = "sequential step diagonals"
 K = 2.0

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from volid.standards.circular_geometry import decompose
+from volid.standards.circular.geometry import decompose
 
 if TYPE_CHECKING:
-    from volid.standards.circular import CircularDetails
+    from volid.standards.circular.evaluation import CircularDetails
 
 _POOR = (110.0, 200.0)  # degrees
 _SCATTERED = 2.0  # u: more is worth a remark

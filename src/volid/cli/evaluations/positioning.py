@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from volid.standards.positioning_sets import Found
     from volid.standards.results import Evaluation
 
 HELP = "ISO 230-2: accuracy and repeatability of positioning, linear and rotary axes"
@@ -54,27 +53,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def evaluate(args: argparse.Namespace) -> list[Evaluation]:
-    """One evaluation for every axis, or line, of every file. Raises `InputError`."""
+def options(args: argparse.Namespace) -> dict[str, Any]:
+    """Those of the standard, for the library."""
     from volid.cli.import_options import key_of
-    from volid.io.positioning_files import read_positioning
 
     keys: dict[str, Any] = {}
     for text in args.key:
         keys |= key_of(text)
-    found = [
-        f for path in args.files for f in read_positioning(path, args.axis, args.set or (), keys, args.allow_outside)
-    ]
-    return [_evaluated(f, args.uncertainty) for f in found]
-
-
-def _evaluated(found: Found, conditions: str | None) -> Evaluation:
-    from volid.io.positioning_conditions import read_conditions
-    from volid.standards.positioning import evaluate_positioning
-    from volid.standards.positioning_conditions import contributions_of
-
-    stated = contributions_of(read_conditions(conditions, found.runs.length), found.runs) if conditions else ()
-    return evaluate_positioning(found.runs, (*found.contributions, *stated))
+    return {"axis": args.axis, "keys": keys, "uncertainty": args.uncertainty}
 
 
 def draw(evaluations: Sequence[Evaluation]) -> Any:

@@ -15,14 +15,14 @@ from volid.io.basics.hdf5_values import is_hdf5
 from volid.io.basics.toml_table import Table
 from volid.io.campaign.files import load_campaign
 from volid.io.campaign.foreign import AS, RECOGNISE, read_foreign
+from volid.io.evaluations.positioning_tables import is_runs_table, runs_of_table
 from volid.io.instruments.recognition import known_as
 from volid.io.layouts import function_of
-from volid.io.positioning_tables import is_runs_table, runs_of_table
 from volid.io.table_reader import read_table
 from volid.model.iso230 import LINEAR_AXES, ROTARY_AXES, parse
 from volid.model.machine import Axis, Machine
-from volid.standards.positioning_runs import Approaches, PositioningRuns, arranged, from_means
-from volid.standards.positioning_sets import Found, positioning_of
+from volid.standards.positioning.runs import Approaches, PositioningRuns, arranged, from_means
+from volid.standards.positioning.sets import Found, positioning_of
 
 FAR = 1e6  # mm or degrees: travel of an axis of which nothing else is known
 _EXPECTED = (

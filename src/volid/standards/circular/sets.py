@@ -23,7 +23,7 @@ from volid.model.iso230 import LINEAR_AXES
 from volid.model.kinematics import nominal_point
 from volid.observations import KINDS
 from volid.observations.base import NuisanceTable
-from volid.standards.circular_readings import PLANES, CircularReadings, circular_readings, merged
+from volid.standards.circular.readings import PLANES, CircularReadings, circular_readings, merged
 
 _FEED = re.compile(r"\s*(\d{1,9}(?:\.\d{1,9})?)\s*(mm|m)/min")
 _DIGITS = 4  # of angles in degrees: a quarter of a micrometre on a circle of 150 mm

@@ -17,8 +17,8 @@ from volid.environment.reduction import reduced
 from volid.exceptions import InputError
 from volid.observations import KINDS
 from volid.observations.base import NuisanceTable, Positioning
-from volid.standards.positioning_runs import Approaches, PositioningRuns, arranged, run_numbers
-from volid.standards.positioning_uncertainty import Contribution, Draw
+from volid.standards.positioning.runs import Approaches, PositioningRuns, arranged, run_numbers
+from volid.standards.positioning.uncertainty import Contribution, Draw
 
 
 class Found(NamedTuple):

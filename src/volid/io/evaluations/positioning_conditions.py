@@ -27,7 +27,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from volid.io.basics.toml_table import Table, read_toml
-from volid.standards.positioning_conditions import FORMS, INDEPENDENT, REFERENCE, Conditions
+from volid.standards.positioning.conditions import FORMS, INDEPENDENT, REFERENCE, Conditions
 
 _KEYS = {
     "device": ("U", "U_per_length", "k"),

@@ -24,8 +24,8 @@ from volid.io.instruments.base import EvaluatedFormat
 from volid.io.instruments.base import Evaluation as Vendors
 from volid.io.instruments.recognition import known_as, open_foreign
 from volid.io.record import read_header
-from volid.standards.circular_readings import CircularReadings, circular_readings
-from volid.standards.circular_sets import circular_tests
+from volid.standards.circular.readings import CircularReadings, circular_readings
+from volid.standards.circular.sets import circular_tests
 from volid.standards.results import Evaluation, Quantity, Table
 
 COLUMNS = ("angle", "radius", "deviation", "sense", "run", "plane", "u")

@@ -24,7 +24,7 @@ from volid.io.basics.csv_rows import names_shown
 from volid.io.basics.csv_table import CsvTable
 from volid.io.basics.units import conversion, split_unit
 from volid.model.iso230 import ROTARY_AXES
-from volid.standards.positioning_runs import Approaches, PositioningRuns, arranged, run_numbers
+from volid.standards.positioning.runs import Approaches, PositioningRuns, arranged, run_numbers
 
 TARGET, DIRECTION, RUN, ACTUAL, DEVIATION, AXIS = "target", "direction", "run", "actual", "deviation", "axis"
 FORMS = (

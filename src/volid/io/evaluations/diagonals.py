@@ -14,9 +14,9 @@ import numpy as np
 from volid.exceptions import InputError
 from volid.io.basics.csv_table import CsvTable, read_csv
 from volid.io.record import read_header
-from volid.standards.diagonals import BODY_NAMES, FACE_NAMES, Diagonal
-from volid.standards.diagonals_result import contributions_from
-from volid.standards.positioning_runs import Approaches, arranged, run_numbers
+from volid.standards.diagonals.evaluation import contributions_from
+from volid.standards.diagonals.lines import BODY_NAMES, FACE_NAMES, Diagonal
+from volid.standards.positioning.runs import Approaches, arranged, run_numbers
 
 COLUMNS = ("diagonal", "target", "direction")
 READINGS = ("deviation", "displacement")

@@ -10,8 +10,8 @@ from volid.io.basics.atomic import atomic_folder
 from volid.io.basics.provenance import sha256
 from volid.io.functions_csv import write_csv
 from volid.io.tables import TableForm, table_lines, table_sheet
-from volid.standards.step_diagonals import NineFunctions
-from volid.standards.step_diagonals_tables import tables_of
+from volid.standards.step_diagonals.separation import NineFunctions
+from volid.standards.step_diagonals.tables import tables_of
 
 
 def save_step_tables(

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from volid.standards.circular_readings import CircularReadings
+from volid.standards.circular.readings import CircularReadings
 
 _K = 2.0
 

@@ -18,8 +18,8 @@ from volid.fitting.prediction.spread import linear_uncertainty
 from volid.fitting.solution import Solution
 from volid.model.iso230 import LINEAR_AXES
 from volid.standards.results import Section
-from volid.standards.step_diagonals import NAMES, NineFunctions
-from volid.standards.step_diagonals_steps import middle_lines
+from volid.standards.step_diagonals.separation import NAMES, NineFunctions
+from volid.standards.step_diagonals.steps import middle_lines
 
 COLUMNS = (
     "function",

@@ -11,7 +11,7 @@ import numpy as np
 
 from volid.compensation.tables.error_table import MODEL, ErrorTable
 from volid.model.iso230 import LINEAR_AXES
-from volid.standards.step_diagonals import NineFunctions
+from volid.standards.step_diagonals.separation import NineFunctions
 
 TYPES = ("L-POS", "L-STR", "L-SQU")
 NOTE = (
@@ -25,8 +25,8 @@ def tables_of(nine: NineFunctions) -> tuple[ErrorTable, ...]:
 
     >>> import volid
     >>> from volid.planning.diagonals import step_diagonals
-    >>> from volid.standards.step_diagonals import separate
-    >>> from volid.standards.step_diagonals_steps import steps_of
+    >>> from volid.standards.step_diagonals.separation import separate
+    >>> from volid.standards.step_diagonals.steps import steps_of
     >>> plan = step_diagonals(volid.load_machine("models/wYXbZt_vertical.toml"), 10)
     >>> tables = tables_of(separate(steps_of(plan.sets[0], plan)))
     >>> [table.function for table in tables][:4], tables[0].positions[:2].tolist()

@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from volid.backend.consent import ask_memory
-from volid.standards.positioning_runs import PositioningRuns, Statistics, statistics_of
+from volid.standards.positioning.runs import PositioningRuns, Statistics, statistics_of
 
 TRIALS, FEWEST = 4000, 400  # of a test of many approaches fewer
 NUMBERS, COPIES = 4_000_000, 6  # drawn at once; arrays of that size that are in memory together

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from volid.standards.positioning_runs import WAY_NAMES, PositioningRuns, statistics_of
+from volid.standards.positioning.runs import WAY_NAMES, PositioningRuns, statistics_of
 
 APPROACHES = 5  # of each target in each direction
 PER_METRE, LEAST, LONG = 5, 5, 2000.0  # targets, targets, mm

@@ -33,8 +33,8 @@ from volid.observations.base import NuisanceTable
 from volid.observations.beam_unknowns import angle_slots
 from volid.standards.results import Section
 from volid.standards.shared_errors import tilt_columns
-from volid.standards.step_diagonals import NAMES, NineFunctions, separate
-from volid.standards.step_diagonals_steps import Steps, middle_lines, steps_of
+from volid.standards.step_diagonals.separation import NAMES, NineFunctions, separate
+from volid.standards.step_diagonals.steps import Steps, middle_lines, steps_of
 from volid.virtual.simulate import on_machine
 from volid.virtual.truth import Truth
 

@@ -1,0 +1,1 @@
+"""Displacements along body and face diagonals by ISO 230-6."""

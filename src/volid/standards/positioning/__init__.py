@@ -1,0 +1,1 @@
+"""Accuracy and repeatability of positioning by ISO 230-2, linear and rotary axes."""

@@ -1,0 +1,1 @@
+"""Sequential step diagonals: nine displacement functions, and what leaks into them."""
