@@ -124,6 +124,7 @@ def test_what_does_not_fit_is_named_with_its_file(run, bench):
         ([bench / "absent.csv"], "absent.csv"),
         ([tables, bench / "more"], "two tables of EXX"),
         ([tables, "--clamp", "C"], "has no axis C"),
+        ([tables, "--control-tool", "0,0,-0.15"], "--control-tool 0,0,-0.15 is a tool vector of 0.15 mm"),
         ([tables, "--smoothing", "X=0"], "expected a number > 0"),
         ([bench / "truth.h5"], "truth.h5"),
     ]

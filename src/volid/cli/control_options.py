@@ -75,8 +75,11 @@ def control_from(args: argparse.Namespace, machine: Machine) -> Control | None:
     """The control with the files of --compensation; None without. Raises `InputError`, also for options that need files."""
     from volid.exceptions import InputError
     from volid.io.compensations import load_control
+    from volid.model.requests import ask_tools
 
     if args.compensation:
+        if args.control_tool:
+            ask_tools(machine, [args.control_tool], name="`control_tool`")
         control = load_control(machine, args.compensation, tool=args.control_tool, **control_limits(args))
         if not control.tables and not control.grids:
             raise InputError(

@@ -37,7 +37,7 @@ CSV files.
 
 example:
   volid simulate models/wYXbZt_vertical.toml --plan plan.toml --seed 7 -o campaign.h5
-  volid simulate models/wYXbZt_vertical.toml --plan plan.toml --truth campaign.truth.h5 \
+  volid simulate models/wYXbZt_vertical.toml --plan plan.toml --truth campaign.truth.h5 \\
       --compensation grid.csv --increment X=0.001,Y=0.001,Z=0.001 -o after.h5
 
 exit status: 0 good; 1 written, but the plan needs attention (positions outside the travel …);
