@@ -11,6 +11,7 @@ from support.circles import bar, bar_test
 from volid.exceptions import InputError
 from volid.standards.circular.evaluation import evaluate_circular
 from volid.standards.circular.readings import circular_readings
+from volid.standards.circular.remarks import by_noise
 from volid.standards.circular.zone import minimum_zone
 
 R = 150.0  # mm
@@ -284,3 +285,23 @@ def test_readings_that_scatter_by_more_than_their_u_enlarge_it_and_that_is_said(
     assert pytest.approx(evaluate_circular(good)["squareness_XY"].U, rel=0.3) == found["squareness_XY"].U
     unknown = evaluate_circular(replace(good, u=None))
     assert pytest.approx(found["squareness_XY"].U, rel=0.1) == unknown["squareness_XY"].U and unknown["G_XY"].U is None
+
+
+def test_many_noisy_readings_make_a_range_larger_and_that_is_said():
+    """R α = 4.5 µm; 3602 readings with u = 0.3 µm reach farther than 3 u on either side."""
+    test = bar_test(bar(Truth(constants={"EC0Y": 3e-5})), "XY", step=0.2, noise=3e-4)
+    found = evaluate_circular(test)
+    symbol, larger, U = by_noise(found.details)
+    assert symbol == "G_b_XY" and pytest.approx(found["G_b_XY"].U) == U
+    assert found["G_b_XY"].value - R * 3e-5 > 2.0 * U  # beyond its U
+    assert found["G_b_XY"].value - larger == pytest.approx(R * 3e-5, abs=3e-4)
+    assert any("noise of the readings makes G_b_XY about" in text for text in found.remarks)
+    quiet = evaluate_circular(bar_test(bar(Truth(constants={"EC0Y": 3e-4})), "XY", noise=1e-4))
+    assert not any("noise of the readings" in text for text in quiet.remarks)
+
+
+def test_a_short_arc_has_no_wider_window_to_be_tried_with():
+    """A spike, and an arc of which 30° leave too little: evaluated, and nothing is said of the window."""
+    drives = Drives(spike={"Z": (0.02, 0.02)})
+    found = evaluate_circular(bar_test(bar(Truth()), "YZ", 50.0, step=5.0, drives=drives, noise=3e-4), spike_window=8.0)
+    assert found["spike_YZ_90"].value == pytest.approx(0.02, abs=2e-3) and not found.attention

@@ -117,7 +117,7 @@ def _vendors(found: Vendors, plane: str, source: str) -> Evaluation:
     ]
     record = [f"{key}: {value}" for key, value in found.header.items()]
     return Evaluation(
-        "ISO 230-4",
+        "as evaluated elsewhere",
         plane,
         tuple(quantities),
         (VENDORS, *record),

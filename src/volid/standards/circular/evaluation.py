@@ -7,7 +7,8 @@ The definitions used, quoted from memory of ISO 230-4 and said in full, because 
   radii about the least-squares circle's centre, the variant that the standard allows; it is never smaller.
 - bidirectional circular deviation `G_b_XY`: the same of all paths of both senses together.
 - radial deviations `F_max`, `F_min`: the largest and the smallest deviation of the radius from the programmed one. They need a
-  centre: that of the least-squares circle of all paths together, or the set-up's. They need a bar of known length.
+  centre: that of the least-squares circle of all paths together, or the set-up's (`setup_centre=True`), which the standard, as
+  remembered, asks for on arcs. They need a bar of known length.
 - circular hysteresis `H_XY`: the largest difference of the radii of both senses at one angle, each the mean of its runs.
 - mean bidirectional radial deviation `D_XY`: mean radius of both senses less the programmed one, full circles only;
   `diameter_XY` is twice that.

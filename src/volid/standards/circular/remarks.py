@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from volid.exceptions import InputError
 from volid.standards.circular.geometry import decompose
 
 if TYPE_CHECKING:
@@ -15,9 +18,21 @@ _WIDER = 15.0  # degrees: with so much more the geometry is tried again
 WIDEST = 45.0  # degrees: half of a quadrant is left for the geometry
 _LEAST_CHANGE = 5e-4  # mm: a reversal value that changes less is the same
 _SEEN = 3.0  # u: a spike that counts
+_MUCH = 1.5  # U by which noise makes a range larger: less is usual, and U tells of its size
+_NUMBERS = 1_000_000  # that are drawn to see what noise does
+_OF_THIS_PATH = (
+    "squareness and scale are those of this path: straightness and angular errors at its place are part of them, and only a fit "
+    "of more paths tells them apart"
+)
+_NO_U = "no u of the readings is known: U of the geometry is from the residuals, ISO quantities have none"
+_ONE_SENSE = "one sense only: no bidirectional quantities, and squareness cannot be told from a lag of the axes"
+_WAVES_HARDLY_SEEN = (
+    "in simulations U of squareness was too small by a quarter on such arcs, which hardly show waves of the path"
+)
 
 
 def remarks(details: CircularDetails, blank: list[str], window: float, setup_centre: bool) -> tuple[str, ...]:
+    """Remarks; `blank`: symbols of what is not determined."""
     test = details.test
     x, y = 1e3 * details.circle.centre
     found = [
@@ -28,35 +43,58 @@ def remarks(details: CircularDetails, blank: list[str], window: float, setup_cen
         f"{', which the radial deviations contain' if setup_centre else ', which is taken out of the radial deviations'}",
         f"geometry is taken from the readings outside {window:g}° behind changes of quadrant, spikes from those within",
     ]
-    if not test.is_calibrated:
-        found.append("the length of the bar is unknown: F_max, F_min and D are not determined")
-    found.append(
-        "squareness and scale are those of this path: straightness and angular errors at its place are part of them, and only "
-        "a fit of more paths tells them apart"
-    )
-    if details.geometry.ratio > _SCATTERED:
-        found.append(
-            f"the residuals scatter by {details.geometry.ratio:.1f} times the stated u of the readings, and U of the geometry is "
-            "enlarged by that"
-        )
-    if len(test.senses) == 1:
-        found.append(
-            "one sense only: no bidirectional quantities, and squareness cannot be told from a lag of the axes"
-        )
-    if not test.is_full:
-        found.append(
-            f"the arc of {test.arc:.0f}° is no full circle: D is not determined, and centre, radius and shape of the path can "
-            "exchange"
-        )
-    if _POOR[0] < test.arc < _POOR[1]:
-        found.append(
-            "in simulations U of squareness was too small by a quarter on such arcs, which hardly show waves of the path"
-        )
+    return (*found, *(text for holds, text in _cases(details, blank) if holds))
+
+
+def _cases(details: CircularDetails, blank: list[str]) -> list[tuple[bool, str]]:
+    """What holds in some tests only, each with whether it does."""
+    test, ratio, arc = details.test, details.geometry.ratio, details.test.arc
+    symbol, larger, U = by_noise(details)
+    return [
+        (not test.is_calibrated, "the length of the bar is unknown: F_max, F_min and D are not determined"),
+        (True, _OF_THIS_PATH),
+        (
+            ratio > _SCATTERED,
+            f"residuals scatter by {ratio:.1f} times the stated u of the readings; U of the geometry has it",
+        ),
+        (
+            larger > _MUCH * U,
+            f"noise of the readings makes {symbol} about {1e3 * larger:.1f} µm larger than that of the path: the definition "
+            "takes the extremes of what was read, and U does not contain it",
+        ),
+        (len(test.senses) == 1, _ONE_SENSE),
+        (
+            not test.is_full,
+            f"the arc of {arc:.0f}° is no full circle: D is not determined, and centre, radius and shape of the path can "
+            "exchange",
+        ),
+        (_POOR[0] < arc < _POOR[1], _WAVES_HARDLY_SEEN),
+        (test.u is None, _NO_U),
+        (bool(blank), f"not determined: {', '.join(blank)}"),
+    ]
+
+
+def by_noise(details: CircularDetails) -> tuple[str, float, float]:
+    """Symbol of the last circular deviation, by how much noise makes it larger than that of the path, and its U [mm].
+
+    The path outside the windows is taken as fitted; noise of the readings' u is drawn upon it anew, and the mean range
+    about the centre of the minimum zone compared. Spikes stand as they were read. U is infinite where no u is known.
+    """
+    test, geometry = details.test, details.geometry
+    symbol, zone = list(details.zones.items())[-1]
     if test.u is None:
-        found.append("no u of the readings is known: U of the geometry is from the residuals, ISO quantities have none")
-    if blank:
-        found.append(f"not determined: {', '.join(blank)}")
-    return tuple(found)
+        return symbol, 0.0, np.inf
+    smooth = np.where(geometry.masked, details.circle.deviation, geometry.fitted)
+    level = (
+        smooth
+        - details.circle.direction @ zone.centre
+        - (0.0 if test.is_calibrated else details.circle.radius[test.parts])
+    )
+    u = np.where(geometry.masked, 0.0, test.u)
+    rng = np.random.default_rng(0)
+    draws = int(np.clip(_NUMBERS // len(test), 20, 200))
+    ranges = [np.ptp(level + u * rng.standard_normal(len(test))) for _ in range(draws)]
+    return symbol, float(np.mean(ranges) - np.ptp(level)), float(2.0 * np.sqrt(np.sum((zone.weights * test.u) ** 2)))
 
 
 def attention(details: CircularDetails, window: float) -> tuple[str, ...]:
@@ -65,7 +103,11 @@ def attention(details: CircularDetails, window: float) -> tuple[str, ...]:
     wide = min(window + _WIDER, WIDEST)
     if wide <= window or not any(abs(s.height) > _SEEN * s.u for s in details.geometry.spikes):
         return ()
-    other, found = decompose(test, details.circle, wide).terms, []
+    try:
+        other = decompose(test, details.circle, wide).terms
+    except InputError:  # a wider window leaves too little
+        return ()
+    found = []
     for term, letter in (("reversal aa", test.plane[0]), ("reversal bb", test.plane[1])):
         before, after = narrow[term], other[term]
         if abs(after.value - before.value) > _SEEN * max(after.u, _LEAST_CHANGE / _SEEN):
