@@ -80,10 +80,10 @@ class Evaluation:
         table: What stands behind the quantities.
         source: The file or set that was evaluated.
         details: The standard's own result, for figures.
+        sections: Further tables below the quantities.
 
     >>> Evaluation("ISO 230-2", "X", (Quantity("E", 0.0318, "mm", U=0.0013),))["E"].value
     0.0318
-        sections: Further tables below the quantities.
     """
 
     standard: str
