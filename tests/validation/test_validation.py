@@ -221,6 +221,19 @@ def _in_other_datums(solution):
     ]
 
 
+def test_what_the_solution_does_not_determine_is_not_tested_and_the_rest_is():
+    """One tool vector leaves rotations open; other tools see them, and neither confirm nor contradict what is not known."""
+    rng = np.random.default_rng(501)
+    truth = random_truth(EXACT, rng)
+    tracker = tracker_campaign(EXACT, truth, rng, tools=[BASE_TOOL], n_per_station=80)
+    solution = fit(distance_campaign(MACHINE, tracker, 5.0, 1))
+    assert not solution.fully_determined
+    found = validate(solution, second_campaign(truth))
+    assert found.confirmed and any("not determine everything" in note for note in found.notes)
+    found = validate(solution, second_campaign(changed(EXACT, truth, "squareness", 20e-6)))
+    assert not found.confirmed and "EC0Y" in found.causes[0].what
+
+
 def test_u_that_the_fit_found_too_small_counts_for_new_readings_too(known):
     rng = np.random.default_rng(12)
     truth = random_truth(EXACT, rng)

@@ -45,8 +45,8 @@ residual, u, E_n.
 example:
   volid validate solution.h5 check.toml -o residuals.csv --figure validation.svg
 
-exit status: 0 confirmed; 1 not confirmed, or the campaign is no test because the fit has seen its
-readings; 2 bad input
+exit status: 0 confirmed; 1 not confirmed, or no fair test: the fit has seen the readings, or
+compensations were active that are not stated; 2 bad input
 """
 
 

@@ -83,6 +83,8 @@ def _doubts(solution: Solution) -> list[str]:
         found.append(f"the solution was rejected by its own readings: {solution.adequacy.verdict}")
     if not solution.statistics.converged:
         found.append("the solution's own fit had not converged")
+    if not solution.fully_determined or solution.held_tool_rotation:
+        found.append("the solution does not determine everything: what the readings see of the rest is not tested")
     return found
 
 

@@ -43,6 +43,12 @@ class Validation:
         dependences: What it has in common with the fit, in words; empty where it is another set-up.
         left_out: Rows outside the measured range, by set.
         notes: What else should be known.
+
+    >>> import volid
+    >>> solution = volid.fit(volid.load_campaign("datasets/vertical_multilateration/campaign.toml"))
+    >>> found = volid.validate(solution, volid.load_campaign("datasets/validation/after_knock.toml"))  # after a collision
+    >>> found.confirmed, found.causes[0].what.split(" (")[0]
+    (False, 'EC0Y')
     """
 
     confirmed: bool
