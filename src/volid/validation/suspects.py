@@ -31,7 +31,7 @@ from volid.validation.whitened import Whitened
 SCALE = "scale of"
 RATIO = 1e-4  # of an instrument's scale: as UNIT and ROTATION_UNIT of lengths and angles
 ORDERS = (3, 8)  # degrees up to which an error motion may have changed: most changes are simple, a few are not
-VISIBLE = 3.0  # standard deviations that a change of 0.1 mm or 0.1 mrad must make, else the readings do not see it
+VISIBLE = 10.0  # standard deviations that a change of 0.1 mm or 0.1 mrad must make, else the readings do not see it
 LEFT = 1e-3  # of a shape: less is nothing that the function itself may do, as the datum has it
 NOWHERE = np.array([np.nan])
 
