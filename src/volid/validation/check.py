@@ -68,11 +68,23 @@ class Finding:
 class Check:
     """What new readings say of an old solution.
 
-    `changed`: whether they disagree (5 % false alarms). `chi_square`, `degrees_of_freedom`, `probability`: of all readings
-    against their prediction. `findings`: what changed, the surest first; empty where nothing that was tried explains it.
-    `rest`: probability of what the findings leave. `smallest_found`: by name of constants and scales, the size of a change that
-    nine of ten such checks find [mm, rad; of a scale mm over its range]; inf: none. `updated`: the solution of the new readings
-    with the old one as prior, what changed released. `left_out`: rows outside the measured range, by set.
+    Args:
+        changed: Whether they disagree (5 % false alarms).
+        chi_square: Of all readings against their prediction.
+        degrees_of_freedom: Of `chi_square`.
+        probability: Of a `chi_square` at least as large where nothing has changed.
+        findings: What changed, the surest first, as `Finding`; empty where nothing that was tried explains it.
+        rest: Probability of what the findings leave.
+        smallest_found: By name of constants and scales, the size of a change that nine of ten such checks find [mm, rad; of a
+            scale mm over its range]; inf: none.
+        updated: The solution of the new readings with the old one as prior, what changed released.
+        left_out: Rows outside the measured range, by set.
+        notes: What else should be known.
+
+    >>> import volid
+    >>> campaign = volid.load_campaign("datasets/published_positioning/campaign.toml")
+    >>> volid.quick_check(volid.fit(campaign), campaign).left_out
+    {}
     """
 
     changed: bool

@@ -24,8 +24,18 @@ from volid.validation.volume_change import VolumeChange, change_in, volume_of
 class Comparison:
     """What changed from one solution to another.
 
-    `functions`: every function and constant, in the order of the model. `volume`: the change of the deviation field. `datum`: in
-    words, what functions refer to. `notes`: what was assumed; `attention`: why u may be too small.
+    Args:
+        names: What messages call the two.
+        functions: Every function and constant, in the order of the model, as `FunctionChange`.
+        volume: The change of the deviation field.
+        datum: What functions refer to, in words.
+        notes: What was assumed.
+        attention: Why u may be too small.
+
+    >>> import volid
+    >>> solution = volid.fit(volid.load_campaign("datasets/published_positioning/campaign.toml"))
+    >>> [f.name for f in volid.compare(solution, solution).functions]
+    ['EXX', 'EZZ']
     """
 
     names: tuple[str, str]

@@ -18,7 +18,7 @@ Everything else is independent.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -147,6 +147,7 @@ def what_is_shared(states: States, said: Said) -> Shared:
         _effect_errors(state, [k for k, own in everywhere.items() if own[1] in chosen]) for state in states.states
     )
     found = Shared(states, effects, _notes(everywhere, alike, chosen | set(said.independent)))
+    found = replace(found, notes=(*found.notes, *_unknown_priors(found)))
     if not chosen or all(both is None for both in found.by_prior.values()):
         return found
     if said.common:
@@ -223,6 +224,19 @@ def _notes(everywhere: dict[object, tuple[int, str, float]], alike: set[str], de
             f"`common={others[0]}`, and it does not hide a change"
         )
     return tuple(notes)
+
+
+def _unknown_priors(shared: Shared) -> list[str]:
+    """Solutions whose prior is not known to be shared with another."""
+    notes = []
+    for i, state in enumerate(shared.of.states):
+        known = any(both is not None for pair, both in shared.by_prior.items() if i in pair)
+        if state.solution.prior_root is not None and not known:
+            notes.append(
+                f"{state.name} was fitted with an earlier solution as prior, which is none of these, or of which a part was "
+                "released; where it stands on the same readings, u of the change is too large"
+            )
+    return notes
 
 
 def _held_by_both(first: State, second: State) -> np.ndarray | None:

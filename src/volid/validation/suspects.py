@@ -21,6 +21,7 @@ from volid.fitting.diagnosis.alternatives.readings import scales
 from volid.fitting.diagnosis.alternatives.shapes import low_order
 from volid.fitting.diagnosis.identifiability import ROTATION_UNIT, UNIT
 from volid.fitting.prediction.spread import linear_uncertainty
+from volid.model.axis_lines import line_row
 from volid.model.error_model import LOCATION, MEAN, ErrorModel
 from volid.model.iso230 import describe, motion, parse
 from volid.validation.causes import around_of
@@ -106,7 +107,8 @@ def _constants(model: ErrorModel) -> Iterator[Suspect]:
             row = np.zeros((1, model.n_parameters))
             row[0, model.by_name[name, part].parameters] = 1.0
             step = _unit(name) * row.T
-            yield _of_the_machine(Outputs(name, NOWHERE, np.zeros(1), row), describe(name), step)
+            line = line_row(model, name)[None]  # under its symbol a location error is that of the axis average line
+            yield _of_the_machine(Outputs(name, NOWHERE, np.zeros(1), line), describe(name), step)
 
 
 def _motions(model: ErrorModel) -> Iterator[Suspect]:
