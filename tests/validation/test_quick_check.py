@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from exact_chain import default_stations
+from scipy.special import chdtrc
+from scipy.stats import binom
 from support.surveys import (
     EXACT,
     changed,
@@ -20,7 +22,11 @@ from support.surveys import (
 from volid.exceptions import InputError
 from volid.fitting.fit import fit
 from volid.report.check import check_attention, check_data, check_lines
-from volid.validation.check import check
+from volid.validation.check import LEVEL, Search, check
+from volid.validation.equations import linear
+from volid.validation.held_out import held_out
+from volid.validation.suspects import suspects_of
+from volid.validation.whitened import Whitened
 
 CRASH = 0.010  # mm over the travel
 SQUARENESS = {"EC0Y": CRASH / 430.0, "EA0Z": CRASH / 460.0, "EB0Z": -CRASH / 460.0}
@@ -113,3 +119,28 @@ def test_a_campaign_of_another_machine_is_refused():
     other = replace(campaign.machine, axes=tuple(replace(a, primed=not a.primed) for a in campaign.machine.axes))
     with pytest.raises(InputError):
         check(surveyed(1), replace(campaign, machine=other))
+
+
+def test_false_alarms_are_5_percent_at_most_and_powers_as_stated():
+    """Draws of readings around the prediction, and with each squareness changed by the size that is stated to be found.
+
+    Half of the level belongs to chi-square of everything, which is exact; suspects resemble each other, and take less than theirs.
+    """
+    held = held_out(surveyed(1), few_distances(truth_of_tests(), 5))
+    whitened = Whitened.of(linear(held.solution, held.campaign))
+    search = Search(whitened, tuple(suspects_of(whitened)))
+    rng, count = np.random.default_rng(3), 1000
+    noise = rng.standard_normal((count, len(whitened.v)))
+    noise -= (noise @ whitened.basis) @ whitened.basis.T
+
+    def changes(v):
+        now = Search(replace(whitened, v=v), search.suspects)
+        everything = float(chdtrc(whitened.freedom, float(v @ v)))
+        return everything <= 0.5 * LEVEL or bool(now.picked(everything))
+
+    alarms = sum(changes(v) for v in noise)
+    assert binom.ppf(1e-3, count, 0.5 * LEVEL) <= alarms <= binom.ppf(1 - 1e-3, count, LEVEL)
+    for suspect in (s for s in search.suspects if s.name in SQUARENESS):
+        size = search.smallest()[suspect.name] / suspect.size(np.ones(1), np.zeros((1, 1)))[0]
+        moved = noise[:100] + size * whitened.free(suspect.columns)[:, 0]
+        assert sum(changes(v) for v in moved) >= binom.ppf(1e-3, 100, 0.9)

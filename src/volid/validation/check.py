@@ -134,7 +134,7 @@ def check(solution: Solution, campaign: Campaign, *, progress: Callable[[str], N
             "and offsets, so nothing is left to check; take more readings per set-up"
         )
     suspects = suspects_of(whitened)
-    search = _Search(whitened, tuple(suspects))
+    search = Search(whitened, tuple(suspects))
     chi_square = float(whitened.v @ whitened.v)
     probability = float(chdtrc(whitened.freedom, chi_square))
     picked = search.picked(everything=probability)
@@ -182,7 +182,7 @@ class _Tried(NamedTuple):
     score: float
 
 
-class _Search:
+class Search:
     """The search for what explains |v|²."""
 
     def __init__(self, whitened: Whitened, suspects: tuple[Suspect, ...]) -> None:
@@ -259,7 +259,7 @@ class _Search:
         return found
 
 
-def _finding(search: _Search, own: _Picked, picked: Sequence[_Picked]) -> Finding:
+def _finding(search: Search, own: _Picked, picked: Sequence[_Picked]) -> Finding:
     """Size and u of one of several changes that are estimated together."""
     whitened = search.whitened
     columns = np.hstack([p.suspect.columns for p in picked])
