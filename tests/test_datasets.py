@@ -17,6 +17,7 @@ from volid.fitting.fit import fit
 from volid.fitting.prediction.deviations import gradient_matrix
 from volid.io import load_campaign
 from volid.plausibility.checks import check_campaign, closures
+from volid.validation.validation import validate
 
 NAMES = sorted(path.parent.name for path in DATASETS.glob("*/campaign.toml"))
 MULTILATERATION = DATASETS / "vertical_multilateration"
@@ -143,6 +144,16 @@ def test_deviations_agree_with_the_truth_within_their_uncertainty(solution, poin
     assert low < np.sqrt(np.mean(normalised**2)) < high
     assert np.sqrt(np.mean(np.sum(free**2, axis=1))) < 5e-4  # mm, about the u of one reading
     assert np.sqrt(np.mean(np.sum(true[:, :3] ** 2, axis=1))) > 0.02  # what there was to find
+
+
+def test_the_second_campaign_confirms_the_solution_and_finds_the_knock(solution):
+    """datasets/validation: the same truth from other stations, and after a squareness error of 12 µrad came to it."""
+    found = validate(solution, load_campaign(DATASETS / "validation" / "campaign.toml"))
+    assert found.confirmed and found.is_independent and 0.01 < found.e_n_above_1 < 0.10
+    found = validate(solution, load_campaign(DATASETS / "validation" / "after_knock.toml"))
+    assert not found.confirmed and [t.passed for t in found.tests] == [False, True, True]
+    value, expanded = (float(x) for x in found.causes[0].what.split("by ")[1].split(" µrad")[0].split(" ± "))
+    assert "EC0Y" in found.causes[0].what and abs(value - 12.0) < expanded < 2.0
 
 
 def test_location_errors_agree_with_the_truth(solution):

@@ -18,8 +18,6 @@ def other_stations(exact: ExactMachine) -> dict[str, np.ndarray]:
     return {f"V{i + 1}": middle + 1.15 * (0.5 * (places[a] + places[b]) - middle) for i, (a, b) in enumerate(PAIRS)}
 
 
-
-
 def changed(exact: ExactMachine, truth: Truth, fault: str, size: float) -> Truth:
     """The machine after something has happened to it.
 

@@ -124,7 +124,7 @@ def test_a_campaign_of_another_machine_is_refused():
 def test_false_alarms_are_5_percent_at_most_and_powers_as_stated():
     """Draws of readings around the prediction, and with each squareness changed by the size that is stated to be found.
 
-    Half of the level belongs to chi-square of everything, which is exact; suspects resemble each other, and take less than theirs.
+    Half of the level belongs to chi-square of everything, which is exact; suspects resemble each other, and take less.
     """
     held = held_out(surveyed(1), few_distances(truth_of_tests(), 5))
     whitened = Whitened.of(linear(held.solution, held.campaign))

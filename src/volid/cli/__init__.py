@@ -68,6 +68,10 @@ VERBS = {
         "compare",
         "what changed significantly between solutions of one machine; three or more: a series over time",
     ),
+    "validate": (
+        "validate",
+        "a solution tested by readings of another campaign: agreement with the prediction, E_n, what would be found",
+    ),
     "datum": ("datum", "the same solution in another datum, without a new fit"),
     "multilaterate": (
         "multilaterate",

@@ -25,6 +25,7 @@ Collisions are not considered. Beside PLAN.toml stand PLAN.machine.toml and the 
 
 example:
   volid plan models/wCAYXbZt_trunnion.toml --test static-grid --points 37,13 -o plan.toml
+  volid plan --validate solution.h5 -o check.toml
 
 exit status: 0 good; 1 written, but positions outside the travel were left out, which are named, or
 tool vectors leave errors undetermined;
@@ -72,7 +73,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     from volid.cli.plan_tests import plans_in_words
 
     explain(parser, _EPILOG.format(plans=plans_in_words()))
-    parser.add_argument("machine", metavar="MACHINE", help="machine file (TOML)")
+    parser.add_argument(
+        "machine", metavar="MACHINE", nargs="?", help="machine file (TOML); not needed where a solution is given"
+    )
     parser.add_argument(
         "named", metavar="TEST", nargs="?", help="see below; default static-grid with rotary axes, standard without"
     )
@@ -91,6 +94,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--planes", metavar="XY,…", type=planes, help="planes of circles")
     parser.add_argument("--vertical", choices=("X", "Y", "Z"), help="of direct measurement: the axis that is vertical")
     parser.add_argument("--seed", type=seed, metavar="N", help="of the positions")
+    parser.add_argument(
+        "--solution",
+        "--validate",
+        metavar="SOLUTION.h5",
+        help="the solution that the plan is to test: the test validate",
+    )
     add_unusual(parser)
     add_output(parser, "PLAN.toml", "manifest; CSV and machine file stand beside it", required=True)
 
@@ -139,13 +148,12 @@ def run(args: argparse.Namespace) -> int:
 
     if not args.output.lower().endswith(".toml"):
         raise OutputError(f"{args.output}: a plan is a manifest; choose a name that ends in .toml, such as plan.toml")
-    check_output(args.output, args.force, [args.machine])
+    check_output(args.output, args.force, [path for path in (args.machine, args.solution) if path])
     with Progress() as progress:
         progress("planning")
-        from volid.io import read_machine, write_manifest
+        from volid.io import write_manifest
 
-        machine = read_machine(args.machine)
-        plan = _plan(machine, args)
+        plan = _plan(*_inputs(args), args)
         write_manifest(plan, args.output, overwrite=args.force)
     if args.json:
         print_json(_as_json(plan, args))
@@ -163,15 +171,31 @@ def _named(args: argparse.Namespace) -> str | None:
     return args.named or args.test
 
 
-def _plan(machine: Machine, args: argparse.Namespace) -> Campaign:
+def _inputs(args: argparse.Namespace) -> tuple[Machine, Campaign | None]:
+    """The machine, and the campaign of the solution that is to be tested. Raises `InputError` without either."""
+    from volid.exceptions import InputError
+    from volid.io import read_machine
+    from volid.io.solutions import read_solution
+
+    fitted = read_solution(args.solution).campaign if args.solution else None
+    if args.machine is None and fitted is None:
+        raise InputError(
+            "no machine is named; expected a machine file, or a solution that the plan is to test (`solution`)"
+        )
+    return fitted.machine if args.machine is None and fitted else read_machine(args.machine), fitted
+
+
+def _plan(machine: Machine, fitted: Campaign | None, args: argparse.Namespace) -> Campaign:
     """The plan that is named, with the options that were given. Raises `InputError`."""
     from volid.cli.plan_tests import DESCRIBED, check_options
-    from volid.planning.catalogue import MAKERS, find_plan
+    from volid.planning.catalogue import MAKERS, VALIDATE, find_plan
 
     options = {name for described in DESCRIBED for name in described.parameters}
     given = {name: getattr(args, name) for name in sorted(options) if getattr(args, name) is not None}
-    test = find_plan(machine, _named(args))
+    test = find_plan(machine, _named(args) or (VALIDATE if fitted else None))
     check_options(test, given)
+    if fitted is not None:
+        given["solution"] = fitted
     return MAKERS[test](machine, **given)
 
 

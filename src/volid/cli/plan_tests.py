@@ -125,6 +125,12 @@ DESCRIBED = (
             "u": "0.0005",
         },
     ),
+    Description(
+        "validate",
+        "another set-up that tests a solution: other stations or spheres, other tool vectors, positions\n"
+        "between those of the fit; R-test, circles or distances, as the fit's readings were",
+        {"solution": "", "points": "60 a station or circle", "tool": "", "u": "0.0005", "seed": "0"},
+    ),
     *(
         Description(name, ISO_WORDS, _ISO_PARAMETERS)
         for name in (*(layout + test for layout in LAYOUTS for test in ISO), *ISO)

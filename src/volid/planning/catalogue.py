@@ -20,9 +20,10 @@ from volid.planning.direct import direct_plan
 from volid.planning.rtest import iso10791_path, rtest_static_grid
 from volid.planning.standard import standard_plan
 from volid.planning.step_gauge import step_gauge
+from volid.planning.validation import validation_plan
 
 GRID, CONE, STANDARD, CIRCLES, GAUGE = "static-grid", "cone-frustum", "standard", "circles", "step-gauge"
-DIRECT, PLATE = "direct", "ball-plate"
+DIRECT, PLATE, VALIDATE = "direct", "ball-plate", "validate"
 BODY_DIAGONALS, DIAGONALS, STEP_DIAGONALS, PARALLEL = "body-diagonals", "diagonals", "step-diagonals", "parallel-lines"
 ISO = ("K1", "K2", "K4")
 LAYOUTS = ("A", "B", "C")  # two rotary axes in the head, two in the table, one on each side
@@ -77,6 +78,15 @@ def _plate(machine: Machine, **given: Any) -> Campaign:
     return ball_plate(machine, **given)
 
 
+def _validate(machine: Machine, **given: Any) -> Campaign:
+    if "solution" not in given:
+        raise InputError(f"the test {VALIDATE} needs the solution that is to be tested; name it with `solution`")
+    given = one_count(given, "n", VALIDATE)
+    if "tool" in given:
+        given["tools"] = given.pop("tool")
+    return validation_plan(machine, given.pop("solution"), **given)
+
+
 def _one_tool(name: str, make: Callable[..., Campaign], machine: Machine, **given: Any) -> Campaign:
     """A plan of `n` points with one tool vector."""
     given = one_count(given, "n", name)
@@ -114,6 +124,7 @@ MAKERS: Mapping[str, Callable[..., Campaign]] = {
     GAUGE: partial(_tools, GAUGE, step_gauge),
     DIRECT: _direct,
     PLATE: _plate,
+    VALIDATE: _validate,
     **{name: partial(_iso, name) for name in (*(layout + test for layout in LAYOUTS for test in ISO), *ISO)},
 }
 

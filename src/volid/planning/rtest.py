@@ -75,7 +75,7 @@ def rtest_static_grid(
     grid = np.array(pairs)[:, : len(axes)].T
     positions = with_rotary(machine, **{axis.letter: q for axis, q in zip(axes, grid, strict=True)})
     places = spheres_and_tools(machine, positions, spheres, tools)
-    return _plan(machine, positions, np.zeros_like(positions), "static grid", places, sensor_on, u)
+    return displacement_plan(machine, positions, np.zeros_like(positions), "static grid", places, sensor_on, u)
 
 
 def iso10791_path(
@@ -131,7 +131,7 @@ def iso10791_path(
         way[:, machine.index(axis.letter)] = np.repeat([1.0, -1.0], n)
     spheres = None if sphere is None else {"P1": sphere}
     places = spheres_and_tools(machine, positions, spheres, tool, n=1)
-    return _plan(machine, positions, way, test, places, sensor_on, u)
+    return displacement_plan(machine, positions, way, test, places, sensor_on, u)
 
 
 def _ask(machine: Machine, spheres: Any, tools: Any, u: float) -> None:
@@ -175,7 +175,7 @@ def _paired(places: Places) -> list[tuple[str, np.ndarray, np.ndarray]]:
     return [(name, spheres[name], vectors[i if len(vectors) == runs else 0]) for i, name in enumerate(names)]
 
 
-def _plan(
+def displacement_plan(
     machine: Machine,
     positions: np.ndarray,
     directions: np.ndarray,

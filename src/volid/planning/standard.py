@@ -92,7 +92,7 @@ def standard_plan(
         options={"relative": True, "calibrated_u": 0.0, "u": stated},
         source="standard plan",
     )
-    places = _places(machine, readings, vectors)
+    places = places_beside(machine, readings, vectors, STATIONS)
     stations = tuple(Station(n, position=place) for n, place in zip(names, places, strict=True))
     return Campaign(
         machine, stations, (readings,), "Standard plan", warnings=_left_open(vectors), source="standard plan"
@@ -130,12 +130,17 @@ def _left_open(tools: np.ndarray) -> tuple[str, ...]:
     return (f"{found} not determine all rotations: take three that are not on one line, some 50 mm apart or more",)
 
 
-def _places(machine: Machine, readings: ObservationSet, tools: np.ndarray) -> list[tuple[float, float, float]]:
-    """Positions of the stations outside the box that the functional point sweeps, workpiece frame [mm]."""
+def places_beside(
+    machine: Machine, readings: ObservationSet, tools: np.ndarray, fractions: Sequence[tuple[float, float, float]]
+) -> list[tuple[float, float, float]]:
+    """Positions of stations outside the box that the functional point sweeps, workpiece frame [mm].
+
+    `fractions`: where they are wanted, in travels from the lower ends.
+    """
     swept = nominal_point(machine, readings.positions, readings.tool)
     low, high = swept.min(axis=0), swept.max(axis=0)
     places = []
-    for fraction in STATIONS:
+    for fraction in fractions:
         place = _beside_travels(machine, fraction, tools)
         gaps = np.maximum(low - place, place - high)
         if gaps.max() < _LEAST_GAP:

@@ -16,7 +16,7 @@ from volid.fitting.diagnosis.adequacy import Cause
 from volid.fitting.diagnosis.alternatives.base import Alternative, Judged, judged, with_unknowns
 from volid.fitting.diagnosis.alternatives.functions import cross_effects, left_out, reversals
 from volid.fitting.diagnosis.alternatives.ranking import CHANCE, WORTH
-from volid.fitting.diagnosis.alternatives.readings import TOOL, outliers, scales
+from volid.fitting.diagnosis.alternatives.readings import OUTLIERS, TOOL, scales
 from volid.fitting.diagnosis.alternatives.shapes import low_order
 from volid.fitting.diagnosis.alternatives.time import breaks, drifts, growths
 from volid.fitting.diagnosis.around import Around
@@ -31,6 +31,7 @@ from volid.validation.whitened import Whitened
 SIGN, CHANGED, SHAPE = "sign of a function", "change of the machine", "change of a function"
 TABLE, ALL = "compensation that does not act as it should", "compensation that is not stated"
 NAMED = 3
+CARRIED = 1e-6  # share of a reading that the others check, below which nothing does
 # what a function of the opposite sign adds to itself, one that does not act at all, and how near an estimate must come
 OPPOSITE, MISSING, NEAR = -2.0, -1.0, 0.4
 ROTATION = {"rad": (1e6, "µrad"), "mm": (1e3, "µm"), "mm/mm": (1e6, "µm/m")}
@@ -40,6 +41,7 @@ CURES = {
     SHAPE: "identify the machine anew, or look for what has moved",
     ALL: "state the tables and grids that were active",
     TABLE: "look at its sign and whether it is switched on",
+    OUTLIERS: "look at it; leave it out where it is a mistake",
     TOOL: "measure the tool again, and correct its vector in the campaign",
 }
 
@@ -127,10 +129,21 @@ def _of_the_diagnosis(around: Around, linear: Linear) -> Iterator[Alternative]:
     yield from growths(around, linear.model.machine)
     yield from breaks(around)
     yield from scales(around)
-    yield from outliers(around)
+    yield _outlier(around)
     yield from reversals(around, linear.model)
     yield from cross_effects(around, linear.model)
     yield from left_out(around, linear.model)
+
+
+def _outlier(around: Around) -> Alternative:
+    """The one reading that fits worst; further ones come in the next turns."""
+    redundancy = 1.0 - np.sum(around.rows**2, axis=1)
+    normalised = np.where(redundancy > CARRIED, np.abs(around.v) / np.sqrt(np.maximum(redundancy, CARRIED)), 0.0)
+    worst = int(np.argmax(normalised))
+    column = np.zeros((len(around.v), 1))
+    column[worst] = 1.0
+    what = f"the reading of {around.where(worst)} does not fit the others"
+    return Alternative(OUTLIERS, what, CURES[OUTLIERS], column, tried=float(len(around.v)))
 
 
 def _is_possible(j: Judged) -> bool:

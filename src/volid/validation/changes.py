@@ -1,4 +1,4 @@
-"""Changes of a machine or a tool that readings of another campaign are asked about, each with what one unit of it does to them."""
+"""Changes of a machine or a tool that readings of another campaign are asked about, with what one unit of each does to them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from volid.campaign import SAME_TOOL
 from volid.fitting.diagnosis.alternatives.shapes import low_order
 from volid.model.error_model import LOCATION, ROWS
-from volid.model.iso230 import DIRECTIONS, parse
+from volid.model.iso230 import DIRECTIONS, SPINDLE, describe, parse
 from volid.model.machine import Axis
 from volid.validation.equations import Linear
 
@@ -34,7 +34,7 @@ class Change:
 
 def simple_changes(linear: Linear) -> list[Change]:
     """Scale of every linear axis, every location error (squareness, rotary axes, spindle), length of every tool."""
-    return [*_scales(linear), *_locations(linear), *_tools(linear)]
+    return [*sorted(_scales(linear), key=lambda c: c.name), *_locations(linear), *_tools(linear)]
 
 
 def _scales(linear: Linear) -> Iterator[Change]:
@@ -48,15 +48,23 @@ def _scales(linear: Linear) -> Iterator[Change]:
 
 def _locations(linear: Linear) -> Iterator[Change]:
     model = linear.model
-    longest = max((a.length for a in model.machine.linear), default=100.0)
     for name, part in model.by_name:
         if part == LOCATION:
             step = np.zeros((model.n_parameters, 1))
             step[model.by_name[name, part].parameters] = 1.0
-            error = parse(name)
-            own = model.machine.axis(error.axis).length if error.axis in {a.letter for a in model.machine.linear} else 0
-            lever = (own or longest) if error.is_rotation else 1.0
-            yield Change(PLACE, name, "rad" if error.is_rotation else "mm", linear.of_parameters(step)[:, 0], lever)
+            is_rotation = parse(name).is_rotation
+            lever = _lever(linear, parse(name).axis) if is_rotation else 1.0
+            column = linear.of_parameters(step)[:, 0]
+            yield Change(PLACE, f"{name} ({describe(name)})", "rad" if is_rotation else "mm", column, lever)
+
+
+def _lever(linear: Linear, letter: str) -> float:
+    """Length over which a constant rotation acts [mm]: the tool, the range of a linear axis, for a rotary axis that of any."""
+    if letter == SPINDLE:
+        return max(float(np.linalg.norm(s.tool, axis=1).max()) for s in linear.campaign.sets)
+    machine = linear.model.machine
+    axis = machine.axis(letter)
+    return axis.length if axis.is_linear else max((a.length for a in machine.linear), default=0.0)
 
 
 def _tools(linear: Linear) -> Iterator[Change]:
@@ -85,7 +93,8 @@ def shapes(linear: Linear) -> np.ndarray:
 
 def bumps(linear: Linear) -> Iterator[tuple[str, np.ndarray]]:
     """For every linear axis, what a bump of 1 mm in its positioning does to the readings at several places, (n, places)."""
-    for i, axis in enumerate(linear.model.machine.axes):
+    axes = sorted(enumerate(linear.model.machine.axes), key=lambda pair: pair[1].letter)
+    for i, axis in axes:
         if axis.is_linear and axis.length > 0.0:
             own = DIRECTIONS.index(axis.letter)
             yield (

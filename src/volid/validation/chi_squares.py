@@ -21,6 +21,7 @@ from volid.validation.whitened import ABSORBED, Whitened
 
 SIMPLE, SMOOTH, REST = "simple changes", "smooth changes of functions", "all the rest"
 POWER = 0.9  # with which the smallest change is found
+HUGE = 1.0  # mm at the functional point: a change that is found only from there on is none that a campaign is for
 LARGEST = 1e6  # times the change that one number alone would show with five standard deviations: not found at all
 
 
@@ -102,15 +103,17 @@ def together(found: Sequence[Test]) -> float:
 
 def smallest_changes(split: Split, level: float) -> tuple[Smallest, ...]:
     """What would have been found with a probability of 90 %: of every simple change, and of a bump in each positioning."""
-    found = [
-        Smallest(c.sort, c.name, size := smallest(split, c.column, level), c.unit, size * c.lever)
-        for c in split.changes
-    ]
+    found = [_stated(c.sort, c.name, smallest(split, c.column, level), c.unit, c.lever) for c in split.changes]
     for letter, columns in bumps(split.whitened.linear):
         size = max(smallest(split, column, level) for column in columns.T)
         what = f"bump in E{letter}{letter}, wherever it is"
-        found.append(Smallest("bump", what, size, "mm", size))
+        found.append(_stated("bump", what, size, "mm", 1.0))
     return tuple(found)
+
+
+def _stated(sort: str, name: str, size: float, unit: str, lever: float) -> Smallest:
+    size = size if size * lever < HUGE else float("inf")
+    return Smallest(sort, name, size, unit, size * lever)
 
 
 def smallest(split: Split, column: np.ndarray, level: float) -> float:

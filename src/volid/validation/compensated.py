@@ -1,8 +1,8 @@
 """What is left for the instruments to see when a control compensates: the prediction for a campaign after compensation.
 
-The drives go to q + s instead of q. What a solution says of the machine there, seen from q, is that of a machine with other errors
-(`volid.virtual.drives`); the readings of that one less those without control are what the compensation does to each reading. The
-solution's own uncertainty is that at q: s is micrometres.
+The drives go to q + s instead of q. What a solution says of the machine there, seen from q, is that of a machine with other
+errors (`volid.virtual.drives`); the readings of that one less those without control are what the compensation does to each
+reading. The solution's own uncertainty is that at q: s is micrometres.
 """
 
 from __future__ import annotations

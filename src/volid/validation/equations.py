@@ -41,7 +41,7 @@ LEAST = 1e-14  # of the largest variance: rounding
 class Linear:
     """n readings in the order of sets, rows, columns, over their u. `r` (n,); `known` G (n, g); `open` B (n, b).
 
-    `z`: where they are linearised, θ of the solution and the campaign's own unknowns at their best. `campaign`: with the u in use.
+    `z`: where they are linearised, θ of the solution and the campaign's own unknowns at their best. `campaign`: with the u used.
     """
 
     problem: Problem

@@ -43,8 +43,8 @@ class Compared:
 @dataclass(frozen=True)
 class Group:
     """A group of readings: `sort` ("set", "station", "region", …), `what` it is, number of readings `n`, root mean square of the
-    residual and what it should be, `rms` and `expected` [unit of the readings], `e_n_above_1`: share of readings with E_n > 1,
-    about 5 % of which are to be expected, and `ratio`: root mean square of residual over u, about 1."""
+    residual and what it should be, `rms` and `expected` [`unit`; NaN where units differ], `e_n_above_1`: share of readings with
+    E_n > 1, about 5 % of which are to be expected, and `ratio`: root mean square of residual over u, about 1."""
 
     sort: str
     what: str
@@ -70,27 +70,34 @@ def compared(whitened: Whitened, rows: tuple[np.ndarray, ...]) -> tuple[Compared
 
 
 def groups(whitened: Whitened, sets: tuple[Compared, ...]) -> tuple[Group, ...]:
-    """All groups, those with the largest ratio first: sets, stations, tools, ranges of axes, regions of the volume, directions."""
+    """All groups, those with the largest ratio first: sets, stations, tools, ranges of axes, regions, directions."""
     campaign, found = whitened.linear.campaign, []
     for s, one in zip(campaign.sets, sets, strict=True):
         for sort, what, rows in groupings(campaign, s, s):
-            inside = np.broadcast_to(rows if rows.ndim == 2 else rows[:, None], one.residual.shape)
+            inside = np.broadcast_to(_wide(rows), one.residual.shape)
             inside = inside & np.isfinite(one.u)
             if inside.any():
                 named = what if sort == "set" or len(campaign.sets) == 1 else f"{what} (set '{one.set}')"
-                found.append(_group(sort, named, one, inside))
+                units = {p.unit for p in KINDS[s.kind].parts(s) if np.any(inside & _wide(p.rows))}
+                found.append(_group(sort, named, one, inside, units))
     return tuple(sorted(found, key=lambda g: -g.ratio))
 
 
-def _group(sort: str, what: str, one: Compared, inside: np.ndarray) -> Group:
+def _wide(rows: np.ndarray) -> np.ndarray:
+    """Rows (m,) or rows and columns (m, k) as the latter."""
+    return rows if rows.ndim == 2 else rows[:, None]
+
+
+def _group(sort: str, what: str, one: Compared, inside: np.ndarray, units: set[str]) -> Group:
     residual, u, e_n = one.residual[inside], one.u[inside], one.e_n[inside]
+    one_unit = 1.0 if len(units) == 1 else np.nan
     return Group(
         sort,
         what,
         int(inside.sum()),
-        float(np.sqrt(np.mean(residual**2))),
-        float(np.sqrt(np.mean(u**2))),
+        float(np.sqrt(np.mean(residual**2))) * one_unit,
+        float(np.sqrt(np.mean(u**2))) * one_unit,
         float(np.mean(e_n > 1.0)),
         float(np.sqrt(np.mean((residual / u) ** 2))),
-        KINDS[one.kind].unit_of(0),
+        ", ".join(sorted(units)),
     )

@@ -10,8 +10,11 @@ import numpy as np
 from volid.campaign import Campaign, ObservationSet
 from volid.environment.reduction import reduced
 from volid.exceptions import InputError
+from volid.fitting.nominal import check_nominal
 from volid.fitting.solution import Solution
 from volid.model.machine import Machine
+from volid.observations import sets_by_kind
+from volid.observations.base import takes_large_errors
 from volid.plausibility.checks import check_campaign
 
 MOST = 40_000_000  # numbers of the readings' sensitivities, 320 MB: above, readings are thinned out
@@ -19,8 +22,11 @@ SAME_AXIS = ("primed", "unit_vector", "point", "error_point")
 
 
 class HeldOut(NamedTuple):
-    """The readings that are predicted, on the solution's machine. `solution`: what predicts them. `rows`: numbers of the rows of
-    every set in the campaign that was given. `left_out`: rows outside the measured range, by set. `notes`: what to say of them."""
+    """The readings that are predicted, on the solution's machine.
+
+    `solution`: what predicts them. `rows`: numbers of the rows of every set in the campaign that was given. `left_out`: rows
+    outside the measured range, by set. `notes`: what to say of them.
+    """
 
     campaign: Campaign
     solution: Solution
@@ -42,7 +48,9 @@ def held_out(solution: Solution, campaign: Campaign, extrapolate: bool = False) 
     """
     _ask(solution, campaign)
     campaign = reduced(campaign)
-    notes = check_campaign(campaign)
+    notes = (*_doubts(solution), *check_campaign(campaign))
+    if not all(map(takes_large_errors, campaign.sets)):
+        check_nominal(campaign)
     if extrapolate:
         solution = solution.extrapolated(_reach(solution, campaign))
     inside = [_inside(solution, s) for s in campaign.sets]
@@ -68,16 +76,28 @@ def held_out(solution: Solution, campaign: Campaign, extrapolate: bool = False) 
     return HeldOut(chosen, solution, tuple(k for _, k in pairs), left_out, notes)
 
 
+def _doubts(solution: Solution) -> list[str]:
+    """What the solution's own readings say against it."""
+    found = []
+    if solution.adequacy.rejected:
+        found.append(f"the solution was rejected by its own readings: {solution.adequacy.verdict}")
+    if not solution.statistics.converged:
+        found.append("the solution's own fit had not converged")
+    if not solution.fully_determined or solution.held_tool_rotation:
+        found.append("the solution does not determine everything: what the readings see of the rest is not tested")
+    return found
+
+
 def with_factor(held: HeldOut) -> HeldOut:
     """With the u of readings enlarged where the fit found that those of their kind are larger than stated (`Solution.factor`).
 
     A fit whose residuals are κ times their u says the same of new readings of these kinds.
     """
-    factor, kinds = held.solution.factor, {s.kind for s in held.solution.campaign.sets}
-    concerned = [s.name for s in held.campaign.sets if s.kind in kinds]
+    factor, known = held.solution.factor, set(sets_by_kind(held.solution.campaign))
+    concerned = [s.name for kind, sets in sets_by_kind(held.campaign).items() if kind in known for s in sets]
     if factor == 1.0 or not concerned:
         return held
-    sets = tuple(replace(s, u=s.u * factor) if s.kind in kinds else s for s in held.campaign.sets)
+    sets = tuple(replace(s, u=s.u * factor) if s.name in concerned else s for s in held.campaign.sets)
     note = (
         f"the fit found residuals {factor:.3g} times their u, so u of readings of the same kind is taken {factor:.3g} times as "
         f"large here too ({', '.join(concerned)})"

@@ -9,11 +9,13 @@ import numpy as np
 from volid.campaign import SAME_PLACE, SAME_TOOL, Campaign
 from volid.compensation.control import Control
 from volid.fitting.solution import Solution
+from volid.model.kinematics import nominal_point
 from volid.observations.base import Nuisance
 from volid.observations.response import Key, PlaceOf
 from volid.plausibility.conditions import active_compensations
 
-NEAR = 100.0  # mm: stations nearer to one of the fit's see the machine as that one did
+SEEN, UNSTATED = "the fit has seen", "compensations were active"
+NEAR = 0.1  # of the diagonal of the volume: stations and spheres nearer to one of the fit's see the machine as that one did
 FEW = 60  # levels: positions on more of them are scattered, and stand between those of the fit as well
 
 
@@ -33,16 +35,27 @@ def dependences(solution: Solution, campaign: Campaign, places: dict[tuple[Key, 
 
     `places`: of the campaign's stations and spheres, as `places_of` finds them.
     """
-    found = [f"the fit has seen the readings of set '{name}' already" for name in same_readings(solution, campaign)]
-    theirs = list(places_of(solution.nuisance_table, np.asarray(solution.nuisance)).values())
-    near = [min((float(np.linalg.norm(p - t)) for t in theirs), default=np.inf) < NEAR for p in places.values()]
-    if near and all(near):
-        found.append(f"all stations stand within {NEAR:g} mm of where those of the fit stood: take other places")
-    found += [
-        f"all positions of {letter} are those of the fit: between them nothing is tested"
-        for letter in _levels(solution, campaign)
+    found = [
+        f"{SEEN} the readings of set '{name}' already, so that they are no test"
+        for name in same_readings(solution, campaign)
     ]
+    theirs = list(places_of(solution.nuisance_table, np.asarray(solution.nuisance)).values())
+    limit = NEAR * _diagonal(campaign)
+    near = [min((float(np.linalg.norm(p - t)) for t in theirs), default=np.inf) < limit for p in places.values()]
+    if near and all(near):
+        found.append(
+            f"all stations or spheres stand within {limit:.0f} mm of where those of the fit stood: take other places"
+        )
+    levels = ", ".join(sorted(_levels(solution, campaign)))
+    found += [f"all positions of {levels} are those of the fit: between them nothing is tested"] if levels else []
     return tuple(found)
+
+
+def _diagonal(campaign: Campaign) -> float:
+    """Of the box of all functional points, workpiece frame [mm]."""
+    ends = [s.all_ends for s in campaign.sets]
+    points = np.concatenate([nominal_point(campaign.machine, e.positions, e.tool) for e in ends])
+    return float(np.linalg.norm(np.ptp(points, axis=0)))
 
 
 def active_notes(solution: Solution, campaign: Campaign, control: Control | None) -> Iterator[str]:
@@ -50,7 +63,7 @@ def active_notes(solution: Solution, campaign: Campaign, control: Control | None
     before, now = (set(active_compensations(c.conditions)) for c in (solution.campaign, campaign))
     if control is None and now - before:
         yield (
-            f"compensations were active that were not when the solution was measured: {', '.join(sorted(now - before))}; state "
+            f"{UNSTATED} that were not when the solution was measured: {', '.join(sorted(now - before))}; state "
             "them with `compensation`, or the prediction is that of the machine without"
         )
     if control is not None and before:
@@ -65,7 +78,10 @@ def tools_in_common(solution: Solution, campaign: Campaign) -> str:
     own = set(map(tuple, np.round(campaign.tool_vectors(), SAME_TOOL).tolist()))
     if not own <= theirs:
         return ""
-    return "all tool vectors are those of the fit: what is wrong with a tool's length, or with rotations through other arms, is hardly tested"
+    return (
+        "all tool vectors are those of the fit: what is wrong with a tool's length, or with rotations through other arms, is "
+        "hardly tested"
+    )
 
 
 def _levels(solution: Solution, campaign: Campaign) -> list[str]:
@@ -74,7 +90,7 @@ def _levels(solution: Solution, campaign: Campaign) -> list[str]:
     for i, axis in enumerate(campaign.machine.axes):
         step = SAME_PLACE * axis.length
         own, theirs = (np.unique(np.round(c.positions[:, i] / step)) for c in (campaign, solution.campaign))
-        if 1 < len(own) and len(theirs) <= FEW and np.all(np.isin(own, theirs)):
+        if len(own) > 1 and len(theirs) <= FEW and np.all(np.isin(own, theirs)):
             found.append(axis.letter)
     return found
 

@@ -18,7 +18,7 @@ from volid.validation.chi_squares import Smallest, Split, Test, smallest_changes
 from volid.validation.equations import linear
 from volid.validation.groups import Compared, Group, compared, groups
 from volid.validation.held_out import HeldOut, held_out, with_factor
-from volid.validation.independence import active_notes, dependences, places_of, tools_in_common
+from volid.validation.independence import SEEN, UNSTATED, active_notes, dependences, places_of, tools_in_common
 from volid.validation.verdict import verdict_of, weak_points
 from volid.validation.whitened import Whitened
 
@@ -63,6 +63,12 @@ class Validation:
     def is_independent(self) -> bool:
         """Whether set-up and positions differ from the fit's."""
         return not self.dependences
+
+    @property
+    def attention(self) -> list[str]:
+        """Why somebody should look: not confirmed, or no test at all."""
+        doubtful = [text for text in (*self.dependences, *self.notes) if text.startswith((SEEN, UNSTATED))]
+        return [*([] if self.confirmed else [self.verdict]), *doubtful]
 
     @property
     def e_n(self) -> np.ndarray:
@@ -127,8 +133,8 @@ def validate(
     whitened = Whitened.of(linear(held.solution, held.campaign, control))
     if whitened.freedom < 1:
         raise InputError(
-            f"{campaign.source or 'campaign'}: its {len(whitened.v)} readings are all taken up by its own stations, dead paths and "
-            "offsets, so nothing is left to test; take more readings per set-up"
+            f"{campaign.source or 'campaign'}: its {len(whitened.v)} readings are all taken up by its own stations, dead paths "
+            "and offsets, so nothing is left to test; take more readings per set-up"
         )
     return _judged(held, Split.of(whitened), level, control)
 

@@ -10,8 +10,7 @@ from volid.validation.groups import Group
 
 COARSE = 0.010  # mm at the functional point: a change that is found only from there on is hardly tested
 WORSE = 1.3  # times the ratio of all readings, from which a group is where a disagreement is
-LISTED = 3
-SORTS = ("set", "station", "tool", "linear", "rotary", "region", "direction", "time")
+LISTED, MEMBERS = 3, 10  # groups that are named, and readings that one needs for it
 
 
 def verdict_of(found: Sequence[Test], groups: Sequence[Group], causes: Sequence[Cause], level: float) -> str:
@@ -32,7 +31,7 @@ def verdict_of(found: Sequence[Test], groups: Sequence[Group], causes: Sequence[
 def _where(groups: Sequence[Group]) -> str:
     """Groups that fit clearly worse than their set does."""
     whole = max((g.ratio for g in groups if g.sort == "set"), default=1.0)
-    worse = [g for g in groups if g.sort != "set" and g.ratio > WORSE * whole][:LISTED]
+    worse = [g for g in groups if g.sort != "set" and g.n >= MEMBERS and g.ratio > WORSE * whole][:LISTED]
     sets = [g for g in groups if g.sort == "set" and g.ratio > WORSE]
     named = worse or sets[:LISTED]
     if not named:

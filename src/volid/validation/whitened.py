@@ -1,8 +1,8 @@
 """Readings whose covariance is C = 1 + G Gᵀ made independent, with the campaign's own unknowns projected out.
 
-With GᵀG = V Λ Vᵀ and T = G V, a function f of C is f(1) + T diag((f(1 + λ) - f(1))/λ) Tᵀ. So C^(-1/2) costs no more than Gᵀ G, and
-what is left, v = (1 - Q Qᵀ) C^(-1/2) r with Q an orthonormal basis of C^(-1/2) B, is N(0, 1) in n - rank(B) directions: |v|² is the
-generalised chi-square of the readings against their prediction.
+With GᵀG = V Λ Vᵀ and T = G V, a function f of C is f(1) + T diag((f(1 + λ) - f(1))/λ) Tᵀ. So C^(-1/2) costs no more than Gᵀ G,
+and what is left, v = (1 - Q Qᵀ) C^(-1/2) r with Q an orthonormal basis of C^(-1/2) B, is N(0, 1) in n - rank(B) directions: |v|²
+is the generalised chi-square of the readings against their prediction.
 """
 
 from __future__ import annotations

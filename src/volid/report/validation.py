@@ -1,0 +1,172 @@
+"""A validation in text, as rows of a table, as data for machines, and as a figure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from volid.report.text import bullets, micro, paragraph, table, unit_of
+from volid.validation.chi_squares import Smallest
+from volid.validation.groups import Compared, Group
+from volid.validation.validation import Validation
+from volid.validation.verdict import MEMBERS
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+COLUMNS = ("set", "row", "reading_of_row", "predicted", "reading", "residual", "u", "E_n")
+SHOWN, REGIONS = 12, 6
+EN, WORST = "#0b5fa5", "#d1495b"
+_PER_LENGTH = {"mm/mm": (1e6, "µm/m")}
+
+
+def validation_lines(found: Validation) -> list[str]:
+    """What a person reads."""
+    lines = [
+        *paragraph(found.verdict[:1].upper() + found.verdict[1:], "VERDICT"),
+        "",
+        *table(("test", "chi-square", "degrees of freedom", "limit", "probability"), [_test(t) for t in found.tests]),
+        "",
+        f"E_n > 1 (U, k = 2): {100 * found.e_n_above_1:.1f} % of {len(found.e_n)} readings; about 5 % are to be expected. "
+        f"Largest E_n: {float(found.e_n.max(initial=0.0)):.2f}",
+        "",
+        *table(GROUP_HEADER, [_group(g) for g in _listed(found)]),
+        "",
+        "Smallest changes that this campaign finds with a probability of 90 %:",
+        *table(("change", "from", "unit", "at the functional point / µm"), [_smallest(s) for s in found.smallest]),
+    ]
+    parts = (
+        ("What the disagreement looks like", [f"{c.what}. {c.cure[:1].upper()}{c.cure[1:]}" for c in found.causes]),
+        ("Not independent of the fit (ISO/TR 16907 11.3)", list(found.dependences)),
+        ("Weak points of this validation", list(found.weak)),
+        ("Notes", list(found.notes)),
+    )
+    for title, texts in parts:
+        lines += ["", *bullets(title, texts)] if texts else []
+    return lines
+
+
+GROUP_HEADER = ("readings", "n", "RMS", "expected", "unit", "E_n > 1 / %")
+
+
+def _test(t: Any) -> tuple[str, ...]:
+    return t.what, f"{t.chi_square:.1f}", str(t.freedom), f"{t.limit:.1f}", f"{t.probability:.3g}"
+
+
+def _listed(found: Validation) -> list[Group]:
+    """All sets, and of the other groups those that fit worst."""
+    sets = [g for g in found.groups if g.sort == "set"]
+    others = [g for g in found.groups if g.sort != "set" and g.n >= MEMBERS]
+    return [*sets, *others[:REGIONS]]
+
+
+def _group(g: Group) -> tuple[str, ...]:
+    share = f"{100 * g.e_n_above_1:.0f}"
+    if not np.isfinite(g.rms):  # lengths and angles together
+        return g.what, str(g.n), "", "", g.unit, share
+    return g.what, str(g.n), micro(g.rms, g.unit, 2), micro(g.expected, g.unit, 2), unit_of(g.unit), share
+
+
+def _smallest(s: Smallest) -> tuple[str, ...]:
+    if not np.isfinite(s.value):
+        return s.name, "not found", "", ""
+    factor, unit = _PER_LENGTH.get(s.unit, (0.0, unit_of(s.unit)))
+    value = f"{factor * s.value:.2f}" if factor else micro(s.value, s.unit, 2)
+    return s.name, value, unit, micro(s.at_point, "mm", 1)
+
+
+def reading_rows(found: Validation) -> Iterator[tuple[Any, ...]]:
+    """One row for every reading, as `COLUMNS` names them; rows count from 1. Empty where the set's own unknowns take it up."""
+    for s in found.sets:
+        for i, k in np.ndindex(*s.residual.shape):
+            numbers = (float(v[i, k]) for v in (s.predicted, s.reading, s.residual, s.u, s.e_n))
+            yield (s.set, int(s.rows[i]) + 1, k + 1, *numbers)
+
+
+def validation_data(found: Validation) -> dict[str, Any]:
+    """The same for machines: mm, rad; `inf` as null."""
+    return {
+        "confirmed": found.confirmed,
+        "verdict": found.verdict,
+        "level": found.level,
+        "probability": found.probability,
+        "tests": [
+            {"what": t.what, "chi_square": t.chi_square, "degrees_of_freedom": t.freedom, "limit": t.limit,
+             "probability": t.probability, "passed": t.passed}
+            for t in found.tests
+        ],
+        "readings": len(found.e_n),
+        "E_n_above_1": found.e_n_above_1,
+        "largest_E_n": float(found.e_n.max(initial=0.0)),
+        "groups": [
+            {"sort": g.sort, "what": g.what, "n": g.n, "rms": g.rms, "expected": g.expected, "unit": g.unit,
+             "E_n_above_1": g.e_n_above_1}
+            for g in found.groups
+        ],
+        "causes": [{"cause": c.cause, "what": c.what, "cure": c.cure} for c in found.causes],
+        "smallest_changes": [
+            {"sort": s.sort, "change": s.name, "value": s.value if np.isfinite(s.value) else None, "unit": s.unit}
+            for s in found.smallest
+        ],
+        "independent": found.is_independent,
+        "dependences": list(found.dependences),
+        "weak": list(found.weak),
+        "left_out": dict(found.left_out),
+        "notes": list(found.notes),
+    }  # fmt: skip
+
+
+def validation_figure(found: Validation) -> Figure:
+    """Residuals over U of every reading by set, the distribution of E_n beside what is to be expected, and where it is worst."""
+    import matplotlib.pyplot as plt
+
+    figure, (left, middle, right) = plt.subplots(
+        1, 3, figsize=(13, 4.2), layout="constrained", width_ratios=(1.6, 1.0, 1.3)
+    )
+    _over_readings(left, found.sets)
+    _distribution(middle, found)
+    _worst(right, found)
+    verdict = "confirmed" if found.confirmed else "not confirmed"
+    figure.suptitle(f"Validation: {verdict}; E_n > 1 for {100 * found.e_n_above_1:.1f} % of {len(found.e_n)} readings")
+    return figure
+
+
+def _over_readings(panel: Any, sets: tuple[Compared, ...]) -> None:
+    first = 0
+    for i, s in enumerate(sets):
+        signed = (s.residual / (2.0 * s.u)).ravel()
+        place = first + np.arange(len(signed))
+        panel.plot(place, signed, ".", ms=3, color=(EN, "#2e8b57", "#8a6d3b")[i % 3], label=s.set)
+        first += len(signed)
+    panel.axhspan(-1.0, 1.0, color="0.92", zorder=0)
+    panel.set_xlabel("reading")
+    panel.set_ylabel("residual / U (k = 2)")
+    panel.set_title("grey: |E_n| ≤ 1", fontsize=9, loc="left", color="0.35")
+    if len(sets) > 1:
+        panel.legend(fontsize=7, frameon=False)
+
+
+def _distribution(panel: Any, found: Validation) -> None:
+    from scipy.special import ndtr
+
+    ordered = np.sort(found.e_n)
+    share = (np.arange(len(ordered)) + 0.5) / max(len(ordered), 1)
+    panel.plot(ordered, 100 * share, color=EN, lw=1.6, label="readings")
+    x = np.linspace(0.0, max(2.0, float(ordered[-1]) if len(ordered) else 2.0), 200)
+    panel.plot(x, 100 * (2.0 * ndtr(2.0 * x) - 1.0), "--", color="0.3", lw=1.0, label="if the solution is right")
+    panel.axvline(1.0, color="0.8", lw=0.8, zorder=0)
+    panel.set_xlabel("E_n")
+    panel.set_ylabel("share of readings below / %")
+    panel.legend(fontsize=7, frameon=False, loc="lower right")
+
+
+def _worst(panel: Any, found: Validation) -> None:
+    shown = [g for g in found.groups if g.sort != "set" and g.n >= MEMBERS][:SHOWN][::-1] or list(found.groups)[::-1]
+    place = np.arange(len(shown))
+    panel.barh(place, [g.ratio for g in shown], color=[WORST if g.ratio > 1.5 else EN for g in shown], height=0.7)
+    panel.axvline(1.0, color="black", lw=0.9, ls="--")
+    panel.set_yticks(place, [g.what for g in shown], fontsize=7)
+    panel.set_xlabel("RMS of residual / u; about 1 is to be expected")
+    panel.set_title("groups that fit worst", fontsize=9, loc="left", color="0.35")
