@@ -6,8 +6,8 @@ python -m benchmarks.comparison --show pairs.csv               # the table of ei
 
 Every pair is a machine with random errors that are no splines, measured twice by the exact chain of the tests with other
 positions and noise, and fitted as users do. Then one function is changed in between by the size that the comparison of the
-unchanged pair stated as found with 90 % power. A quick check takes forty distances with one tool from two stations, nothing having
-changed, or one squareness by 10 µm over the travel.
+unchanged pair stated as found with 90 % power. A quick check takes forty distances with one tool from two stations, after
+nothing has changed, or one squareness by 10 µm over the travel.
 """
 
 from __future__ import annotations

@@ -30,7 +30,7 @@ def test_two_unchanged_surveys(folder, tmp_path, run):
     status, out, err = run("compare", folder / "a.h5", folder / "b.h5", "-o", tmp_path / "d.csv")
     assert status == 0 and "attention" not in err and "no function has changed significantly" in out
     table = read_csv(tmp_path / "d.csv")
-    assert list(table.columns) == ["function", "position", "direction", "change", "u", "unit", "significant"]
+    assert list(table.columns) == ["function", "position", "direction", "beside", "change", "u", "unit", "significant"]
     assert set(table.columns["significant"]) == {"0"} and "EC0Y" in table.columns["function"]
 
 

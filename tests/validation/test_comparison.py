@@ -225,3 +225,20 @@ def test_other_machines_and_other_models_are_refused(solution):
 
 def _extrapolated():
     return fit(survey(truth_of_tests(), 2, reach=0.8)).extrapolated()
+
+
+def test_a_function_of_two_axes_is_compared_over_both(rich_solution):
+    """EZZ over Z and X changes away from the reference of X alone: along the line there, nothing would be seen."""
+    n = rich_solution.model.n_parameters
+    outputs = next(o for o in outputs_of(rich_solution.model) if o.name == "EZZ")
+    at_reference = outputs.beside == outputs.beside[0]
+    assert outputs.beside[0] == rich_solution.machine.axis("X").reference and len(np.unique(outputs.beside)) >= 6
+    own = rich_solution.model.by_name["EZZ", "mean"].parameters
+    _, sizes, vt = np.linalg.svd(outputs.rows[at_reference][:, own])
+    step = np.zeros(n)
+    step[own] = vt[-1]  # changes nothing along the line
+    assert sizes[-1] < 1e-9 or len(sizes) < vt.shape[0]
+    step *= 0.010 / np.max(np.abs(outputs.rows @ step))
+    found = by_name(compare(rich_solution, replace(rich_solution, parameters=rich_solution.parameters + step)))["EZZ"]
+    assert found.significant and abs(found.largest_change) == pytest.approx(0.010, rel=1e-6)
+    assert np.nanmax(np.abs(found.values[at_reference])) < 1e-9

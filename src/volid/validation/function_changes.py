@@ -29,11 +29,14 @@ from volid.model.error_functions import reference_of
 from volid.model.error_model import LOCATION, MEAN, REVERSAL, ErrorModel
 from volid.model.iso230 import parse
 from volid.model.linear_maps import function_rows
+from volid.model.machine import Axis
 from volid.validation.shared import Shared
 
 LEVEL = 0.05  # of all functions together
 POWER = 0.9
 POINTS = 41  # positions of a function: more than its splines have coefficients
+BESIDE = 7  # places of the second axis of a function of two
+NOWHERE = np.array([np.nan])
 KNOWN = 0.5  # share of the variance from the smoothness above which a contrast says nothing of the readings
 NEGLIGIBLE = 1e-10  # of the largest eigenvalue: rounding
 SAME = 1e-3  # share of the variance as if nothing were shared, below which a difference is none (one solution holds the other)
@@ -46,12 +49,16 @@ CENTRES = (0.25, 0.5, 0.75)
 
 @dataclass(frozen=True, eq=False)
 class Outputs:
-    """The values of one function as rows on θ': `positions` (m,) (NaN of a constant), `directions` (m,), `rows` (m, n')."""
+    """The values of one function as rows on θ': `positions` (m,) (NaN of a constant), `directions` (m,), `rows` (m, n').
+
+    Of a function of two axes `beside` (m,) is where the other one stands, first at its reference; NaN of all others.
+    """
 
     name: str
     positions: np.ndarray
     directions: np.ndarray
     rows: np.ndarray
+    beside: np.ndarray
 
     @property
     def unit(self) -> str:
@@ -67,7 +74,7 @@ class FunctionChange:
     no value of the function is determined. `chi_square` with `degrees_of_freedom` contrasts, of `probability` without a change;
     `significant` after Holm's rule. `smallest_found`: the size of a change (of a function: a bump over half of the range, at the
     least favourable place) that is found in nine of ten comparisons, inf where none is. `positions`, `directions`, `values`,
-    `values_u`: the change in full.
+    `values_u`: the change in full; `beside`: where the second axis of a function of two stands, first at its reference.
     """
 
     name: str
@@ -84,25 +91,49 @@ class FunctionChange:
     directions: np.ndarray
     values: np.ndarray
     values_u: np.ndarray
+    beside: np.ndarray
     significant: bool = False
 
 
 def outputs_of(model: ErrorModel) -> list[Outputs]:
     """Every function of a model at `POINTS` positions of its range, both directions where it has reversal; every constant."""
-    found = []
-    for name in model.names:
-        if (name, LOCATION) in model.by_name:
-            found.append(Outputs(name, np.array([np.nan]), np.zeros(1), line_row(model, name)[None]))
-            continue
-        x = evenly(*model.machine.axis(parse(name).axis).travel, POINTS)
-        ways = (1, -1) if (name, REVERSAL) in model.by_name else (0,)
-        rows = [_motion_rows(model, name, x, way) for way in ways]
-        found.append(Outputs(name, np.tile(x, len(ways)), np.repeat(ways, len(x)), np.vstack(rows)))
-    return found
+    return [constant_outputs(model, n) if (n, LOCATION) in model.by_name else _motion(model, n) for n in model.names]
 
 
-def _motion_rows(model: ErrorModel, name: str, positions: np.ndarray, direction: int) -> np.ndarray:
+def constant_outputs(model: ErrorModel, name: str) -> Outputs:
+    """A constant, location errors as axis average line in the machine frame."""
+    return Outputs(name, NOWHERE, np.zeros(1), line_row(model, name)[None], NOWHERE)
+
+
+def _motion(model: ErrorModel, name: str) -> Outputs:
+    x = evenly(*model.machine.axis(parse(name).axis).travel, POINTS)
+    ways = (1, -1) if (name, REVERSAL) in model.by_name else (0,)
+    parts = [(way, other) for other in _others(model, name) for way in ways]
+    rows = [_motion_rows(model, name, x, way, other) for way, other in parts]
+    directions, beside = (np.repeat(values, len(x)) for values in zip(*parts, strict=True))
+    return Outputs(name, np.tile(x, len(parts)), directions, np.vstack(rows), beside)
+
+
+def _second_axis(model: ErrorModel, name: str) -> Axis | None:
+    """The other axis that a function depends on."""
+    splines = model.by_name[name, MEAN].splines if (name, MEAN) in model.by_name else ()
+    return model.machine.axes[splines[1].axis] if len(splines) > 1 else None
+
+
+def _others(model: ErrorModel, name: str) -> list[float]:
+    """Where the other axis stands, first at its reference; NaN where there is none."""
+    axis = _second_axis(model, name)
+    if axis is None:
+        return [np.nan]
+    reference = reference_of(model.machine, model.datum, axis.letter)
+    return [reference, *(v for v in evenly(*axis.travel, BESIDE).tolist() if v != reference)]
+
+
+def _motion_rows(model: ErrorModel, name: str, positions: np.ndarray, direction: int, other: float) -> np.ndarray:
     q = np.tile([[reference_of(model.machine, model.datum, a.letter)] for a in model.machine.axes], len(positions))
+    second = _second_axis(model, name)
+    if second is not None:
+        q[model.machine.index(second.letter)] = other
     q[model.machine.index(parse(name).axis)] = positions
     return function_rows(model, name, q, np.full_like(q, direction))
 
@@ -229,6 +260,7 @@ def function_change(combination: Combination, outputs: Outputs, level: float | N
         directions=outputs.directions,
         values=values,
         values_u=u,
+        beside=outputs.beside,
     )
 
 
