@@ -109,7 +109,7 @@ def test_false_alarms_are_5_percent_over_all_functions_and_powers_as_stated(extr
     first, second = (known_smoothness(surveyed(seed, extra=extra), surveyed(1, extra=extra)) for seed in (1, 2))
     pair = combination(first, second)
     outputs = outputs_of(pair.shared.of.model)
-    tests = [whitened(pair, o.rows) for o in outputs]
+    tests = [whitened(pair, o) for o in outputs]
     d = draws(pair, rng, count)
     chances = np.stack([chdtrc(len(t.rows), np.sum((t.rows @ d) ** 2, axis=0)) for t in tests])
     for row in chances:

@@ -1,14 +1,15 @@
 """Which functions changed: one chi-square test per function over all that is known of it, and Holm's rule over the functions.
 
 A function is looked at in many positions, but its values there are few independent numbers. From the rows R of its values, the
-contrasts T R θ' are taken that the readings determine rather than the smoothness (less than half of their variance as if nothing
-were shared comes from that, `KNOWN`), and whose difference has a variance worth the name. With d = T R Σ aᵢ θ'ᵢ and its
-covariance V,
+contrasts T R θ' are taken that the readings determine rather than the smoothness (less than half of their variance as if
+nothing were shared comes from that of this function, `KNOWN`), and whose difference has a variance worth the name. With d =
+T R Σ aᵢ θ'ᵢ and its covariance V,
 
     χ² = dᵀ V⁻¹ d,   r degrees of freedom without a change.
 
-The smallest of all probabilities counts with the number of functions, the next with one less, … (Holm 1979), so that in 95 of 100
-comparisons of an unchanged machine no function is called changed. Not modelled: that the u of readings may be wrong themselves.
+The smallest of all probabilities counts with the number of functions, the next with one less, … (Holm 1979), so that in 95
+of 100 comparisons of an unchanged machine no function is called changed. Not modelled: that the u of readings may be wrong
+themselves.
 """
 
 from __future__ import annotations
@@ -70,11 +71,12 @@ class Outputs:
 class FunctionChange:
     """What a combination of solutions says of one function. Lengths in mm, rotations in rad.
 
-    `largest_change` with its standard uncertainty `u`, at position `at` (NaN of a constant) approached in `direction`; NaN where
-    no value of the function is determined. `chi_square` with `degrees_of_freedom` contrasts, of `probability` without a change;
-    `significant` after Holm's rule. `smallest_found`: the size of a change (of a function: a bump over half of the range, at the
-    least favourable place) that is found in nine of ten comparisons, inf where none is. `positions`, `directions`, `values`,
-    `values_u`: the change in full; `beside`: where the second axis of a function of two stands, first at its reference.
+    `largest_change` with its standard uncertainty `u`, at position `at` (NaN of a constant) approached in `direction`; NaN
+    where no value of the function is determined. `chi_square` with `degrees_of_freedom` contrasts, of `probability` without
+    a change; `significant` after Holm's rule. `smallest_found`: the size of a change (of a function: a bump over half of
+    the range, at the least favourable place) that is found in nine of ten comparisons, inf where none is. `positions`,
+    `directions`, `values`, `values_u`: the change in full; `beside`: where the second axis of a function of two stands,
+    first at its reference.
     """
 
     name: str
@@ -162,11 +164,6 @@ class Combination:
         return self.shared.total(self.weights)
 
     @cached_property
-    def smooth_part(self) -> np.ndarray:
-        """What of `total` comes from the smoothness, (n', n')."""
-        return self.shared.smooth_part(self.weights)
-
-    @cached_property
     def response(self) -> np.ndarray:
         """Expected value by a unit change of θ', (n', n')."""
         parts = zip(self.weights, self.seen, strict=True)
@@ -185,10 +182,10 @@ def is_open(combination: Combination, rows: np.ndarray) -> np.ndarray:
     return np.asarray(along > OPEN * np.maximum(np.linalg.norm(rows * units, axis=1), 1e-12))
 
 
-def contrasts(combination: Combination, rows: np.ndarray) -> np.ndarray:
-    """T (r, m): independent contrasts of the values `rows` that the readings determine, each with unit variance as if nothing
-    were shared."""
-    units = parameter_units(combination.shared.of.model)
+def contrasts(combination: Combination, outputs: Outputs) -> np.ndarray:
+    """T (r, m): independent contrasts of the values of a function that the readings determine, each with unit variance as if
+    nothing were shared."""
+    units, rows = parameter_units(combination.shared.of.model), outputs.rows
     open_part = (rows * units) @ combination.open_directions
     left = np.eye(len(rows))
     if open_part.shape[1]:
@@ -199,7 +196,8 @@ def contrasts(combination: Combination, rows: np.ndarray) -> np.ndarray:
     values, vectors = np.linalg.eigh(inner @ combination.total @ inner.T)
     kept = values > NEGLIGIBLE * max(float(values.max(initial=0.0)), 1e-300)
     white = (vectors[:, kept] / np.sqrt(values[kept])).T
-    shares, turned = np.linalg.eigh(white @ (inner @ combination.smooth_part @ inner.T) @ white.T)
+    smooth = white @ (inner @ combination.shared.smooth_errors(combination.weights, outputs.name))
+    shares, turned = np.linalg.eigh(smooth @ smooth.T)
     return np.asarray(turned[:, shares < KNOWN].T @ white @ left)
 
 
@@ -214,9 +212,9 @@ class Whitened:
         return float(np.sum((self.rows @ value) ** 2))
 
 
-def whitened(combination: Combination, rows: np.ndarray) -> Whitened:
-    """The contrasts of some values, with what is shared taken out; those of which nothing is left are dropped."""
-    inner = contrasts(combination, rows) @ rows
+def whitened(combination: Combination, outputs: Outputs) -> Whitened:
+    """The contrasts of a function, with what is shared taken out; those of which nothing is left are dropped."""
+    inner = contrasts(combination, outputs) @ outputs.rows
     values, vectors = np.linalg.eigh(inner @ combination.covariance @ inner.T)
     kept = values > SAME
     return Whitened((vectors[:, kept] / np.sqrt(values[kept])).T @ inner)
@@ -242,7 +240,7 @@ def values_of(combination: Combination, outputs: Outputs) -> tuple[np.ndarray, n
 def function_change(combination: Combination, outputs: Outputs, level: float | None = None) -> FunctionChange:
     """The test of one function; `level`: of a single one, for the smallest change that is found; None: that is NaN."""
     values, u = values_of(combination, outputs)
-    test = whitened(combination, outputs.rows)
+    test = whitened(combination, outputs)
     freedom, chi_square = len(test.rows), test.chi_square(combination.value)
     worst = _largest(values, u)
     return FunctionChange(

@@ -64,9 +64,18 @@ class Shared:
         """Σ aᵢ² Cᵢ, as if nothing were shared, (n', n')."""
         return np.asarray(sum(a**2 * s.covariance for a, s in zip(weights, self.of.states, strict=True)))
 
-    def smooth_part(self, weights: np.ndarray) -> np.ndarray:
-        """What of `total` comes from the smoothness and from how uncertain that is itself, (n', n')."""
-        return np.asarray(sum(a**2 * p @ p.T for a, p in zip(weights, self._smooth_errors, strict=True)))
+    def smooth_errors(self, weights: np.ndarray, name: str) -> np.ndarray:
+        """What of `total` comes from the smoothness of one function, and from how uncertain that is: a root, (n', r)."""
+        found = [np.zeros((self.of.model.n_parameters, 0))]
+        for a, state in zip(weights, self.of.states, strict=True):
+            solution, n = state.solution, state.solution.model.n_parameters
+            own = np.zeros(n, dtype=bool)
+            for f in solution.model.functions:
+                own[f.parameters] |= f.name == name
+            rows = np.any(solution.smooth_rows[:, own] != 0.0, axis=1)
+            errors = a * solution.factor * state.reach[:, :n] @ solution.smooth_rows[rows].T
+            found += [errors] if solution.smooth is None else [errors, errors @ solution.smooth.noise[rows]]
+        return np.hstack(found)
 
     def response(self, i: int) -> np.ndarray:
         """Expected change of the estimate θ'ᵢ by a change of the machine's θ', shape (n', n'): less than all of it where the
