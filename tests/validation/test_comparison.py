@@ -242,3 +242,12 @@ def test_a_function_of_two_axes_is_compared_over_both(rich_solution):
     found = by_name(compare(rich_solution, replace(rich_solution, parameters=rich_solution.parameters + step)))["EZZ"]
     assert found.significant and abs(found.largest_change) == pytest.approx(0.010, rel=1e-6)
     assert np.nanmax(np.abs(found.values[at_reference])) < 1e-9
+
+
+def test_compensations_that_were_active_once_are_named():
+    other = fit(replace(survey(truth_of_tests(), 2), conditions={"active_compensations": ["L-POS: table of EXX"]}))
+    (text,) = compare(surveyed(1), other).attention
+    assert text == (
+        "B was measured with other compensations active (L-POS: table of EXX) than A (none): the change contains what they do"
+    )
+    assert compare(other, other).attention == ()

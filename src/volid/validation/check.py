@@ -35,6 +35,7 @@ from volid.fitting.stages import breakdown_named
 from volid.validation.equations import linear
 from volid.validation.function_changes import noncentrality
 from volid.validation.held_out import held_out, with_factor
+from volid.validation.independence import active_notes
 from volid.validation.suspects import VISIBLE, Suspect, suspects_of
 from volid.validation.whitened import Whitened
 
@@ -151,7 +152,7 @@ def check(solution: Solution, campaign: Campaign, *, progress: Callable[[str], N
         smallest_found=search.smallest(),
         updated=updated(solution, campaign, released),
         left_out=held.left_out,
-        notes=held.notes,
+        notes=(*held.notes, *active_notes(solution, campaign, None)),
     )
 
 
