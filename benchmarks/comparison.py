@@ -1,11 +1,13 @@
 """Does `compare` call unchanged machines changed in 5 % of the cases, and find what it says it finds?
 
 python -m benchmarks.comparison --pairs 100 -o pairs.csv      # every case, pairs of campaigns, each fitted
-python -m benchmarks.comparison --show pairs.csv               # the table
+python -m benchmarks.comparison --checks 40 -o checks.csv     # quick checks by forty distances on as many machines
+python -m benchmarks.comparison --show pairs.csv               # the table of either
 
 Every pair is a machine with random errors that are no splines, measured twice by the exact chain of the tests with other
 positions and noise, and fitted as users do. Then one function is changed in between by the size that the comparison of the
-unchanged pair stated as found with 90 % power.
+unchanged pair stated as found with 90 % power. A quick check takes forty distances with one tool from two stations, after
+nothing has changed, or one squareness by 10 µm over the travel.
 """
 
 from __future__ import annotations
@@ -26,7 +28,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 import numpy as np
-from exact_chain import Truth, random_truth
+from exact_chain import Truth, default_stations, default_tools, random_truth
 from exact_chain.tracker import tracker_campaign
 from support.machines import VERTICAL, fixed, volid_machine
 from support.trackers import distance_campaign
@@ -103,24 +105,51 @@ def pair(task: tuple[str, int]) -> dict[str, Any]:
     return row
 
 
-def run(pairs: int, output: Path, worker: Callable[[tuple[str, int]], dict[str, Any]] = pair) -> None:
-    """All cases, two processes; written as it goes."""
-    tasks = [(name, seed) for seed in range(pairs) for name in CASES]
+CRASH = 0.010  # mm over the travel
+CRASHES = {"": 0.0, "EC0Y": CRASH / 430.0, "EA0Z": CRASH / 460.0, "EB0Z": -CRASH / 460.0}
+
+
+def checks(task: tuple[str, int]) -> list[dict[str, Any]]:
+    """Rows of one machine: nothing changed, and each squareness."""
+    _, seed = task
+    truth = random_truth(VERTICAL, np.random.default_rng(95_000 + seed), waviness=0.8)
+    old, rows = volid.fit(campaign(truth, 3 * seed, {}, False, 0.0)), []
+    for i, (name, size) in enumerate(CRASHES.items()):
+        now = changed(truth, name, size) if name else truth
+        stations = dict(list(default_stations(VERTICAL).items())[:2])
+        rng = np.random.default_rng(1000 * seed + i)
+        few = tracker_campaign(VERTICAL, now, rng, stations=stations, tools=default_tools()[:1], n_per_station=20)
+        found = volid.quick_check(old, distance_campaign(volid_machine(VERTICAL), few, 5.0, seed))
+        row: dict[str, Any] = {"crash": name or "none", "seed": seed, "changed": int(found.changed)}
+        row["named"] = int([f.name for f in found.findings] == [name])
+        row["rivals"] = sum(len(f.rivals) for f in found.findings)
+        updated = found.updated.location(name or "EC0Y")
+        row["ratio"] = (updated.value - now.constants[name or "EC0Y"]) / updated.u
+        rows.append(row)
+    return rows
+
+
+def run(tasks: list[tuple[str, int]], output: Path, worker: Callable[[tuple[str, int]], Any]) -> None:
+    """All tasks, two processes; written as it goes."""
     begin = time.perf_counter()
     with ProcessPoolExecutor(2) as pool, output.open("w", newline="") as stream:
         writer: csv.DictWriter[str] | None = None
-        for row in pool.map(worker, tasks):
+        for found in pool.map(worker, tasks):
+            rows = found if isinstance(found, list) else [found]
             if writer is None:
-                writer = csv.DictWriter(stream, list(row))
+                writer = csv.DictWriter(stream, list(rows[0]))
                 writer.writeheader()
-            writer.writerow(row)
+            writer.writerows(rows)
             stream.flush()
-    print(f"{len(tasks)} pairs in {time.perf_counter() - begin:.0f} s")
+    print(f"{len(tasks)} tasks in {time.perf_counter() - begin:.0f} s")
 
 
 def show(path: Path) -> None:
     """Shares per case, with the standard deviation of a share."""
     rows = list(csv.DictReader(path.open()))
+    if "crash" in rows[0]:
+        show_checks(rows)
+        return
     print("| case | pairs | false alarms | single tests below 5 % | mean square change / expected | found |")
     print("|---|---|---|---|---|---|")
     for name in [*CASES, "all"]:
@@ -136,15 +165,31 @@ def show(path: Path) -> None:
         )
 
 
+def show_checks(rows: list[dict[str, str]]) -> None:
+    """Shares per crash."""
+    print("| changed by 10 µm | checks | found | named alone | updated value within 2 u |")
+    print("|---|---|---|---|---|")
+    for name in dict.fromkeys(r["crash"] for r in rows):
+        own = [r for r in rows if r["crash"] == name]
+        found, named, ratio = (np.array([float(r[k]) for r in own]) for k in ("changed", "named", "ratio"))
+        within = np.mean(np.abs(ratio) <= 2.0)
+        print(
+            f"| {name} | {len(own)} | {100 * found.mean():.1f} % | {100 * named.mean():.1f} % | {100 * within:.0f} % |"
+        )
+
+
 def main() -> None:
     """The command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--pairs", type=int, default=20, help="of every case")
+    parser.add_argument("--checks", type=int, help="quick checks on so many machines instead")
     parser.add_argument("-o", "--output", type=Path, default=Path("pairs.csv"))
     parser.add_argument("--show", type=Path, help="only the table of a file")
     args = parser.parse_args()
-    if args.show is None:
-        run(args.pairs, args.output)
+    if args.show is None and args.checks:
+        run([("", seed) for seed in range(args.checks)], args.output, checks)
+    elif args.show is None:
+        run([(name, seed) for seed in range(args.pairs) for name in CASES], args.output, pair)
     show(args.show or args.output)
 
 

@@ -157,6 +157,7 @@ def _table(args: argparse.Namespace, datum: str, columns: tuple[str, ...], rows:
     header = {
         "values": "change of error functions and constants, mm or rad, with standard uncertainty u (k = 1) of the change; an "
         "empty cell is not determined by the data",
+        "beside": "where the second axis of a function of two axes stands",
         "datum": datum,
         "source": ", ".join(args.solutions),
     }

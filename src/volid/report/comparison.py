@@ -16,8 +16,8 @@ from volid.validation.series import FunctionDrift, K, Series
 from volid.validation.volume_change import VolumeChange
 
 DIGITS = 2
-CHANGE_COLUMNS = ("function", "position", "direction", "change", "u", "unit", "significant")
-SERIES_COLUMNS = ("function", "position", "direction", "survey", "time", "change_since_first", "u", "unit")
+CHANGE_COLUMNS = ("function", "position", "direction", "beside", "change", "u", "unit", "significant")
+SERIES_COLUMNS = ("function", "position", "direction", "beside", "survey", "time", "change_since_first", "u", "unit")
 _WAYS = {1: " +", -1: " -", 0: ""}
 
 
@@ -71,8 +71,9 @@ def change_data(change: FunctionChange) -> dict[str, Any]:
 def change_rows(found: Comparison) -> Iterator[tuple[Any, ...]]:
     """Every function over its range, as `CHANGE_COLUMNS`."""
     for f in found.functions:
-        for x, way, value, u in zip(f.positions, f.directions, f.values, f.values_u, strict=True):
-            yield f.name, float(x), int(way), float(value), float(u), f.unit, int(f.significant)
+        cells = zip(f.positions, f.directions, f.beside, f.values, f.values_u, strict=True)
+        for x, way, other, value, u in cells:
+            yield f.name, float(x), int(way), float(other), float(value), float(u), f.unit, int(f.significant)
 
 
 def attention_of(found: Comparison) -> list[str]:
@@ -256,7 +257,7 @@ def series_rows(found: Series, times: Times) -> Iterator[tuple[Any, ...]]:
     """Every function over its range at every survey, less that of the first, as `SERIES_COLUMNS`."""
     for f in found.functions:
         for i, name in enumerate(found.names):
-            cells = zip(f.drift.positions, f.drift.directions, f.since_first[i], f.since_first_u[i], strict=True)
+            places = f.drift.positions, f.drift.directions, f.drift.beside
             when = times.words(float(found.times[i]))
-            for x, way, value, u in cells:
-                yield f.drift.name, float(x), int(way), name, when, float(value), float(u), f.drift.unit
+            for x, way, other, value, u in zip(*places, f.since_first[i], f.since_first_u[i], strict=True):
+                yield f.drift.name, float(x), int(way), float(other), name, when, float(value), float(u), f.drift.unit

@@ -64,8 +64,9 @@ def _motion_panel(panel: Any, change: FunctionChange) -> None:
     colour = CHANGED if change.significant else SAME
     panel.set_visible(True)
     panel.axhline(0.0, color="0.75", lw=0.8)
+    first = np.isnan(change.beside) | (change.beside == change.beside[0])
     for way, style in ((0, "-"), (1, "-"), (-1, "--")):
-        own = change.directions == way
+        own = (change.directions == way) & first
         if own.any():
             x, value, u = change.positions[own], scale * change.values[own], scale * change.values_u[own]
             panel.fill_between(x, value - K * u, value + K * u, color=colour, alpha=0.22, lw=0)

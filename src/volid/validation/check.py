@@ -35,6 +35,7 @@ from volid.fitting.stages import breakdown_named
 from volid.validation.equations import linear
 from volid.validation.function_changes import noncentrality
 from volid.validation.held_out import held_out, with_factor
+from volid.validation.independence import active_notes
 from volid.validation.suspects import VISIBLE, Suspect, suspects_of
 from volid.validation.whitened import Whitened
 
@@ -68,11 +69,23 @@ class Finding:
 class Check:
     """What new readings say of an old solution.
 
-    `changed`: whether they disagree (5 % false alarms). `chi_square`, `degrees_of_freedom`, `probability`: of all readings
-    against their prediction. `findings`: what changed, the surest first; empty where nothing that was tried explains it.
-    `rest`: probability of what the findings leave. `smallest_found`: by name of constants and scales, the size of a change that
-    nine of ten such checks find [mm, rad; of a scale mm over its range]; inf: none. `updated`: the solution of the new readings
-    with the old one as prior, what changed released. `left_out`: rows outside the measured range, by set.
+    Args:
+        changed: Whether they disagree (5 % false alarms).
+        chi_square: Of all readings against their prediction.
+        degrees_of_freedom: Of `chi_square`.
+        probability: Of a `chi_square` at least as large where nothing has changed.
+        findings: What changed, the surest first, as `Finding`; empty where nothing that was tried explains it.
+        rest: Probability of what the findings leave.
+        smallest_found: By name of constants and scales, the size of a change that nine of ten such checks find [mm, rad; of a
+            scale mm over its range]; inf: none.
+        updated: The solution of the new readings with the old one as prior, what changed released.
+        left_out: Rows outside the measured range, by set.
+        notes: What else should be known.
+
+    >>> import volid
+    >>> campaign = volid.load_campaign("datasets/published_positioning/campaign.toml")
+    >>> volid.quick_check(volid.fit(campaign), campaign).left_out
+    {}
     """
 
     changed: bool
@@ -122,7 +135,7 @@ def check(solution: Solution, campaign: Campaign, *, progress: Callable[[str], N
             "and offsets, so nothing is left to check; take more readings per set-up"
         )
     suspects = suspects_of(whitened)
-    search = _Search(whitened, tuple(suspects))
+    search = Search(whitened, tuple(suspects))
     chi_square = float(whitened.v @ whitened.v)
     probability = float(chdtrc(whitened.freedom, chi_square))
     picked = search.picked(everything=probability)
@@ -139,7 +152,7 @@ def check(solution: Solution, campaign: Campaign, *, progress: Callable[[str], N
         smallest_found=search.smallest(),
         updated=updated(solution, campaign, released),
         left_out=held.left_out,
-        notes=held.notes,
+        notes=(*held.notes, *active_notes(solution, campaign, None)),
     )
 
 
@@ -170,7 +183,7 @@ class _Tried(NamedTuple):
     score: float
 
 
-class _Search:
+class Search:
     """The search for what explains |v|²."""
 
     def __init__(self, whitened: Whitened, suspects: tuple[Suspect, ...]) -> None:
@@ -247,7 +260,7 @@ class _Search:
         return found
 
 
-def _finding(search: _Search, own: _Picked, picked: Sequence[_Picked]) -> Finding:
+def _finding(search: Search, own: _Picked, picked: Sequence[_Picked]) -> Finding:
     """Size and u of one of several changes that are estimated together."""
     whitened = search.whitened
     columns = np.hstack([p.suspect.columns for p in picked])

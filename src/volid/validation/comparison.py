@@ -14,6 +14,7 @@ from volid.backend.threads import one_blas_thread
 from volid.fitting.solution import Solution
 from volid.model.error_functions import describe_datum
 from volid.model.machine import Datum
+from volid.plausibility.conditions import active_compensations
 from volid.validation.function_changes import LEVEL, Combination, FunctionChange, by_holm, function_change, outputs_of
 from volid.validation.shared import Said, Shared, what_is_shared
 from volid.validation.states import in_one_model
@@ -24,8 +25,18 @@ from volid.validation.volume_change import VolumeChange, change_in, volume_of
 class Comparison:
     """What changed from one solution to another.
 
-    `functions`: every function and constant, in the order of the model. `volume`: the change of the deviation field. `datum`: in
-    words, what functions refer to. `notes`: what was assumed; `attention`: why u may be too small.
+    Args:
+        names: What messages call the two.
+        functions: Every function and constant, in the order of the model, as `FunctionChange`.
+        volume: The change of the deviation field.
+        datum: What functions refer to, in words.
+        notes: What was assumed.
+        attention: Why u may be too small.
+
+    >>> import volid
+    >>> solution = volid.fit(volid.load_campaign("datasets/published_positioning/campaign.toml"))
+    >>> [f.name for f in volid.compare(solution, solution).functions]
+    ['EXX', 'EZZ']
     """
 
     names: tuple[str, str]
@@ -61,7 +72,8 @@ def compare(
     Per function one chi-square test over all that the readings determine of it, and Holm's rule over the functions
     (`volid.validation.function_changes`). The difference's u counts once what both share (`volid.validation.shared`): the
     machine's own smoothness, effects of the same instrument, an earlier solution that was a prior. Not modelled: an instrument
-    that changed in between without saying so; what the smoothness estimated from each campaign may be wrong by.
+    that changed in between without saying so; how the machine scatters from one set-up to the next, beyond what the u of
+    readings contain; short waves that no function follows.
 
     Args:
         before: The earlier solution.
@@ -116,4 +128,18 @@ def doubts(shared: Shared) -> tuple[str, ...]:
             )
         if not state.solution.statistics.converged:
             found.append(f"{state.name}: its fit has not converged")
-    return tuple(found)
+    return (*found, *_other_compensations(shared))
+
+
+def _other_compensations(shared: Shared) -> list[str]:
+    """That campaigns state other active compensations, by their records of conditions."""
+    stated = [active_compensations(s.solution.campaign.conditions) for s in shared.of.states]
+    found = []
+    for state, own in zip(shared.of.states[1:], stated[1:], strict=True):
+        if set(own) != set(stated[0]):
+            before, now = (", ".join(texts) or "none" for texts in (stated[0], own))
+            found.append(
+                f"{state.name} was measured with other compensations active ({now}) than {shared.of.states[0].name} ({before}): "
+                "the change contains what they do"
+            )
+    return found

@@ -1,14 +1,15 @@
 """Which functions changed: one chi-square test per function over all that is known of it, and Holm's rule over the functions.
 
 A function is looked at in many positions, but its values there are few independent numbers. From the rows R of its values, the
-contrasts T R θ' are taken that the readings determine rather than the smoothness (less than half of their variance as if nothing
-were shared comes from that, `KNOWN`), and whose difference has a variance worth the name. With d = T R Σ aᵢ θ'ᵢ and its
-covariance V,
+contrasts T R θ' are taken that the readings determine rather than the smoothness (less than half of their variance as if
+nothing were shared comes from that of this function, `KNOWN`), and whose difference has a variance worth the name. With d =
+T R Σ aᵢ θ'ᵢ and its covariance V,
 
     χ² = dᵀ V⁻¹ d,   r degrees of freedom without a change.
 
-The smallest of all probabilities counts with the number of functions, the next with one less, … (Holm 1979), so that in 95 of 100
-comparisons of an unchanged machine no function is called changed. Not modelled: that the u of readings may be wrong themselves.
+The smallest of all probabilities counts with the number of functions, the next with one less, … (Holm 1979), so that in 95
+of 100 comparisons of an unchanged machine no function is called changed. Not modelled: that the u of readings may be wrong
+themselves.
 """
 
 from __future__ import annotations
@@ -29,11 +30,14 @@ from volid.model.error_functions import reference_of
 from volid.model.error_model import LOCATION, MEAN, REVERSAL, ErrorModel
 from volid.model.iso230 import parse
 from volid.model.linear_maps import function_rows
+from volid.model.machine import Axis
 from volid.validation.shared import Shared
 
 LEVEL = 0.05  # of all functions together
 POWER = 0.9
 POINTS = 41  # positions of a function: more than its splines have coefficients
+BESIDE = 7  # places of the second axis of a function of two
+NOWHERE = np.array([np.nan])
 KNOWN = 0.5  # share of the variance from the smoothness above which a contrast says nothing of the readings
 NEGLIGIBLE = 1e-10  # of the largest eigenvalue: rounding
 SAME = 1e-3  # share of the variance as if nothing were shared, below which a difference is none (one solution holds the other)
@@ -46,12 +50,16 @@ CENTRES = (0.25, 0.5, 0.75)
 
 @dataclass(frozen=True, eq=False)
 class Outputs:
-    """The values of one function as rows on θ': `positions` (m,) (NaN of a constant), `directions` (m,), `rows` (m, n')."""
+    """The values of one function as rows on θ': `positions` (m,) (NaN of a constant), `directions` (m,), `rows` (m, n').
+
+    Of a function of two axes `beside` (m,) is where the other one stands, first at its reference; NaN of all others.
+    """
 
     name: str
     positions: np.ndarray
     directions: np.ndarray
     rows: np.ndarray
+    beside: np.ndarray
 
     @property
     def unit(self) -> str:
@@ -63,11 +71,12 @@ class Outputs:
 class FunctionChange:
     """What a combination of solutions says of one function. Lengths in mm, rotations in rad.
 
-    `largest_change` with its standard uncertainty `u`, at position `at` (NaN of a constant) approached in `direction`; NaN where
-    no value of the function is determined. `chi_square` with `degrees_of_freedom` contrasts, of `probability` without a change;
-    `significant` after Holm's rule. `smallest_found`: the size of a change (of a function: a bump over half of the range, at the
-    least favourable place) that is found in nine of ten comparisons, inf where none is. `positions`, `directions`, `values`,
-    `values_u`: the change in full.
+    `largest_change` with its standard uncertainty `u`, at position `at` (NaN of a constant) approached in `direction`; NaN
+    where no value of the function is determined. `chi_square` with `degrees_of_freedom` contrasts, of `probability` without
+    a change; `significant` after Holm's rule. `smallest_found`: the size of a change (of a function: a bump over half of
+    the range, at the least favourable place) that is found in nine of ten comparisons, inf where none is. `positions`,
+    `directions`, `values`, `values_u`: the change in full; `beside`: where the second axis of a function of two stands,
+    first at its reference.
     """
 
     name: str
@@ -84,25 +93,49 @@ class FunctionChange:
     directions: np.ndarray
     values: np.ndarray
     values_u: np.ndarray
+    beside: np.ndarray
     significant: bool = False
 
 
 def outputs_of(model: ErrorModel) -> list[Outputs]:
     """Every function of a model at `POINTS` positions of its range, both directions where it has reversal; every constant."""
-    found = []
-    for name in model.names:
-        if (name, LOCATION) in model.by_name:
-            found.append(Outputs(name, np.array([np.nan]), np.zeros(1), line_row(model, name)[None]))
-            continue
-        x = evenly(*model.machine.axis(parse(name).axis).travel, POINTS)
-        ways = (1, -1) if (name, REVERSAL) in model.by_name else (0,)
-        rows = [_motion_rows(model, name, x, way) for way in ways]
-        found.append(Outputs(name, np.tile(x, len(ways)), np.repeat(ways, len(x)), np.vstack(rows)))
-    return found
+    return [constant_outputs(model, n) if (n, LOCATION) in model.by_name else _motion(model, n) for n in model.names]
 
 
-def _motion_rows(model: ErrorModel, name: str, positions: np.ndarray, direction: int) -> np.ndarray:
+def constant_outputs(model: ErrorModel, name: str) -> Outputs:
+    """A constant, location errors as axis average line in the machine frame."""
+    return Outputs(name, NOWHERE, np.zeros(1), line_row(model, name)[None], NOWHERE)
+
+
+def _motion(model: ErrorModel, name: str) -> Outputs:
+    x = evenly(*model.machine.axis(parse(name).axis).travel, POINTS)
+    ways = (1, -1) if (name, REVERSAL) in model.by_name else (0,)
+    parts = [(way, other) for other in _others(model, name) for way in ways]
+    rows = [_motion_rows(model, name, x, way, other) for way, other in parts]
+    directions, beside = (np.repeat(values, len(x)) for values in zip(*parts, strict=True))
+    return Outputs(name, np.tile(x, len(parts)), directions, np.vstack(rows), beside)
+
+
+def _second_axis(model: ErrorModel, name: str) -> Axis | None:
+    """The other axis that a function depends on."""
+    splines = model.by_name[name, MEAN].splines if (name, MEAN) in model.by_name else ()
+    return model.machine.axes[splines[1].axis] if len(splines) > 1 else None
+
+
+def _others(model: ErrorModel, name: str) -> list[float]:
+    """Where the other axis stands, first at its reference; NaN where there is none."""
+    axis = _second_axis(model, name)
+    if axis is None:
+        return [np.nan]
+    reference = reference_of(model.machine, model.datum, axis.letter)
+    return [reference, *(v for v in evenly(*axis.travel, BESIDE).tolist() if v != reference)]
+
+
+def _motion_rows(model: ErrorModel, name: str, positions: np.ndarray, direction: int, other: float) -> np.ndarray:
     q = np.tile([[reference_of(model.machine, model.datum, a.letter)] for a in model.machine.axes], len(positions))
+    second = _second_axis(model, name)
+    if second is not None:
+        q[model.machine.index(second.letter)] = other
     q[model.machine.index(parse(name).axis)] = positions
     return function_rows(model, name, q, np.full_like(q, direction))
 
@@ -131,11 +164,6 @@ class Combination:
         return self.shared.total(self.weights)
 
     @cached_property
-    def smooth_part(self) -> np.ndarray:
-        """What of `total` comes from the smoothness, (n', n')."""
-        return self.shared.smooth_part(self.weights)
-
-    @cached_property
     def response(self) -> np.ndarray:
         """Expected value by a unit change of θ', (n', n')."""
         parts = zip(self.weights, self.seen, strict=True)
@@ -154,10 +182,10 @@ def is_open(combination: Combination, rows: np.ndarray) -> np.ndarray:
     return np.asarray(along > OPEN * np.maximum(np.linalg.norm(rows * units, axis=1), 1e-12))
 
 
-def contrasts(combination: Combination, rows: np.ndarray) -> np.ndarray:
-    """T (r, m): independent contrasts of the values `rows` that the readings determine, each with unit variance as if nothing
-    were shared."""
-    units = parameter_units(combination.shared.of.model)
+def contrasts(combination: Combination, outputs: Outputs) -> np.ndarray:
+    """T (r, m): independent contrasts of the values of a function that the readings determine, each with unit variance as if
+    nothing were shared."""
+    units, rows = parameter_units(combination.shared.of.model), outputs.rows
     open_part = (rows * units) @ combination.open_directions
     left = np.eye(len(rows))
     if open_part.shape[1]:
@@ -168,7 +196,8 @@ def contrasts(combination: Combination, rows: np.ndarray) -> np.ndarray:
     values, vectors = np.linalg.eigh(inner @ combination.total @ inner.T)
     kept = values > NEGLIGIBLE * max(float(values.max(initial=0.0)), 1e-300)
     white = (vectors[:, kept] / np.sqrt(values[kept])).T
-    shares, turned = np.linalg.eigh(white @ (inner @ combination.smooth_part @ inner.T) @ white.T)
+    smooth = white @ (inner @ combination.shared.smooth_errors(combination.weights, outputs.name))
+    shares, turned = np.linalg.eigh(smooth @ smooth.T)
     return np.asarray(turned[:, shares < KNOWN].T @ white @ left)
 
 
@@ -183,9 +212,9 @@ class Whitened:
         return float(np.sum((self.rows @ value) ** 2))
 
 
-def whitened(combination: Combination, rows: np.ndarray) -> Whitened:
-    """The contrasts of some values, with what is shared taken out; those of which nothing is left are dropped."""
-    inner = contrasts(combination, rows) @ rows
+def whitened(combination: Combination, outputs: Outputs) -> Whitened:
+    """The contrasts of a function, with what is shared taken out; those of which nothing is left are dropped."""
+    inner = contrasts(combination, outputs) @ outputs.rows
     values, vectors = np.linalg.eigh(inner @ combination.covariance @ inner.T)
     kept = values > SAME
     return Whitened((vectors[:, kept] / np.sqrt(values[kept])).T @ inner)
@@ -211,7 +240,7 @@ def values_of(combination: Combination, outputs: Outputs) -> tuple[np.ndarray, n
 def function_change(combination: Combination, outputs: Outputs, level: float | None = None) -> FunctionChange:
     """The test of one function; `level`: of a single one, for the smallest change that is found; None: that is NaN."""
     values, u = values_of(combination, outputs)
-    test = whitened(combination, outputs.rows)
+    test = whitened(combination, outputs)
     freedom, chi_square = len(test.rows), test.chi_square(combination.value)
     worst = _largest(values, u)
     return FunctionChange(
@@ -229,6 +258,7 @@ def function_change(combination: Combination, outputs: Outputs, level: float | N
         directions=outputs.directions,
         values=values,
         values_u=u,
+        beside=outputs.beside,
     )
 
 

@@ -80,9 +80,21 @@ class Holding(NamedTuple):
 class Series:
     """Solutions over time.
 
-    `times` (k,): from the first survey, in days or another unit. `functions`: every function and constant. `volume`: change of
-    the field from the first to each other survey; `drift`: of the field along the line, over the span. `holding`: until when a
-    compensation made from the first survey holds. `datum`: in words.
+    Args:
+        names: What messages call them, in the order of time.
+        times: From the first survey, shape (k,), in days or another unit.
+        functions: Every function and constant, as `FunctionDrift`.
+        volume: Change of the field from the first to each other survey.
+        drift: Change of the field along the line, over the span.
+        holding: Until when a compensation made from the first survey holds.
+        datum: What functions refer to, in words.
+        notes: What was assumed.
+        attention: Why u may be too small.
+
+    >>> import volid
+    >>> solution = volid.fit(volid.load_campaign("datasets/published_positioning/campaign.toml"))
+    >>> volid.compare_series([solution] * 3, [0.0, 30.0, 75.0]).times.tolist()
+    [0.0, 30.0, 75.0]
     """
 
     names: tuple[str, ...]
@@ -126,6 +138,14 @@ def series(
 
     Raises:
         InputError: fewer than three, equal times, and what `compare` raises.
+
+    Source: ISO/TR 16907 4 b.
+
+    >>> import volid
+    >>> solution = volid.fit(volid.load_campaign("datasets/published_positioning/campaign.toml"))
+    >>> found = series([solution] * 3, [0.0, 30.0, 75.0], limit=0.001)
+    >>> found.significant, found.holding.until
+    ((), inf)
     """
     if len(solutions) < FEWEST or len(times) != len(solutions):
         raise InputError(
@@ -233,7 +253,8 @@ def _holding(
     over = [i for i, c in enumerate(changes, start=1) if c.largest > limit]
     exceeded = over[0] if over else -1
     clearly = bool(over) and changes[exceeded - 1].largest - K * changes[exceeded - 1].u > limit
-    rate, u = drift.largest / times[-1], drift.u / times[-1]
+    span = float(times[-1])
+    rate, u = drift.largest / span, drift.u / span
 
     def reached(speed: float) -> float:
         return limit / speed if speed > 0.0 else np.inf

@@ -18,7 +18,7 @@ Everything else is independent.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -64,9 +64,18 @@ class Shared:
         """Σ aᵢ² Cᵢ, as if nothing were shared, (n', n')."""
         return np.asarray(sum(a**2 * s.covariance for a, s in zip(weights, self.of.states, strict=True)))
 
-    def smooth_part(self, weights: np.ndarray) -> np.ndarray:
-        """What of `total` comes from the smoothness and from how uncertain that is itself, (n', n')."""
-        return np.asarray(sum(a**2 * p @ p.T for a, p in zip(weights, self._smooth_errors, strict=True)))
+    def smooth_errors(self, weights: np.ndarray, name: str) -> np.ndarray:
+        """What of `total` comes from the smoothness of one function, and from how uncertain that is: a root, (n', r)."""
+        found = [np.zeros((self.of.model.n_parameters, 0))]
+        for a, state in zip(weights, self.of.states, strict=True):
+            solution, n = state.solution, state.solution.model.n_parameters
+            own = np.zeros(n, dtype=bool)
+            for f in solution.model.functions:
+                own[f.parameters] |= f.name == name
+            rows = np.any(solution.smooth_rows[:, own] != 0.0, axis=1)
+            errors = a * solution.factor * state.reach[:, :n] @ solution.smooth_rows[rows].T
+            found += [errors] if solution.smooth is None else [errors, errors @ solution.smooth.noise[rows]]
+        return np.hstack(found)
 
     def response(self, i: int) -> np.ndarray:
         """Expected change of the estimate θ'ᵢ by a change of the machine's θ', shape (n', n'): less than all of it where the
@@ -147,6 +156,7 @@ def what_is_shared(states: States, said: Said) -> Shared:
         _effect_errors(state, [k for k, own in everywhere.items() if own[1] in chosen]) for state in states.states
     )
     found = Shared(states, effects, _notes(everywhere, alike, chosen | set(said.independent)))
+    found = replace(found, notes=(*found.notes, *_unknown_priors(found)))
     if not chosen or all(both is None for both in found.by_prior.values()):
         return found
     if said.common:
@@ -223,6 +233,19 @@ def _notes(everywhere: dict[object, tuple[int, str, float]], alike: set[str], de
             f"`common={others[0]}`, and it does not hide a change"
         )
     return tuple(notes)
+
+
+def _unknown_priors(shared: Shared) -> list[str]:
+    """Solutions whose prior is not known to be shared with another."""
+    notes = []
+    for i, state in enumerate(shared.of.states):
+        known = any(both is not None for pair, both in shared.by_prior.items() if i in pair)
+        if state.solution.prior_root is not None and not known:
+            notes.append(
+                f"{state.name} was fitted with an earlier solution as prior, which is none of these, or of which a part was "
+                "released; where it stands on the same readings, u of the change is too large"
+            )
+    return notes
 
 
 def _held_by_both(first: State, second: State) -> np.ndarray | None:

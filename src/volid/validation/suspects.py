@@ -25,15 +25,14 @@ from volid.model.error_model import LOCATION, MEAN, ErrorModel
 from volid.model.iso230 import describe, motion, parse
 from volid.validation.causes import around_of
 from volid.validation.changes import TOOL, simple_changes
-from volid.validation.function_changes import Outputs, nearest_changes, outputs_of
+from volid.validation.function_changes import NOWHERE, POINTS, Outputs, constant_outputs, nearest_changes, outputs_of
 from volid.validation.whitened import Whitened
 
 SCALE = "scale of"
 RATIO = 1e-4  # of an instrument's scale: as UNIT and ROTATION_UNIT of lengths and angles
 ORDERS = (3, 8)  # degrees up to which an error motion may have changed: most changes are simple, a few are not
-VISIBLE = 3.0  # standard deviations that a change of 0.1 mm or 0.1 mrad must make, else the readings do not see it
+VISIBLE = 10.0  # standard deviations that a change of 0.1 mm or 0.1 mrad must make, else the readings do not see it
 LEFT = 1e-3  # of a shape: less is nothing that the function itself may do, as the datum has it
-NOWHERE = np.array([np.nan])
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +72,7 @@ class Suspect:
             return one * float(numbers[0]), one * float(np.sqrt(covariance[0, 0])), np.nan
         rows, positions = self.rows @ self.steps, self.positions
         if self.name.startswith(SCALE):
-            rows, positions = rows[[-1]] - rows[[0]], NOWHERE
+            rows, positions = rows[[POINTS - 1]] - rows[[0]], NOWHERE
         values, u = rows @ numbers, linear_uncertainty(rows, covariance)
         worst = int(np.argmax(np.abs(values)))
         return float(values[worst]), float(u[worst]), float(positions[worst])
@@ -106,7 +105,7 @@ def _constants(model: ErrorModel) -> Iterator[Suspect]:
             row = np.zeros((1, model.n_parameters))
             row[0, model.by_name[name, part].parameters] = 1.0
             step = _unit(name) * row.T
-            yield _of_the_machine(Outputs(name, NOWHERE, np.zeros(1), row), describe(name), step)
+            yield _of_the_machine(constant_outputs(model, name), describe(name), step)
 
 
 def _motions(model: ErrorModel) -> Iterator[Suspect]:
