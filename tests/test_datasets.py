@@ -17,9 +17,12 @@ from volid.fitting.fit import fit
 from volid.fitting.prediction.deviations import gradient_matrix
 from volid.io import load_campaign
 from volid.plausibility.checks import check_campaign, closures
+from volid.validation.check import check
+from volid.validation.series import series
 from volid.validation.validation import validate
 
 NAMES = sorted(path.parent.name for path in DATASETS.glob("*/campaign.toml"))
+MADE = sorted(path.parent.name for path in DATASETS.glob("*/make.py"))
 MULTILATERATION = DATASETS / "vertical_multilateration"
 RTEST = DATASETS / "five_axis_rtest"
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
@@ -54,7 +57,7 @@ def assert_same_but_last_digits(made: str, kept: str, file: str) -> None:
             assert abs(float(a) - float(b)) < 1.5 * 10.0**-digits, (file, a, b)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", MADE)
 def test_program_makes_the_dataset_again(name, tmp_path):
     spec = importlib.util.spec_from_file_location(f"make_{name}", DATASETS / name / "make.py")
     make = importlib.util.module_from_spec(spec)
@@ -154,6 +157,23 @@ def test_the_second_campaign_confirms_the_solution_and_finds_the_knock(solution)
     assert not found.confirmed and [t.passed for t in found.tests] == [False, True, True]
     value, expanded = (float(x) for x in found.causes[0].what.split("by ")[1].split(" µrad")[0].split(" ± "))
     assert "EC0Y" in found.causes[0].what and abs(value - 12.0) < expanded < 2.0
+
+
+@pytest.mark.slow
+def test_surveys_tell_the_drift_and_the_collision():
+    """datasets/surveys: squareness and the scale of X drift, and then a collision of 10 µm over 600 mm."""
+    january, april, july = (
+        fit(load_campaign(DATASETS / "surveys" / f"{month}.toml")) for month in ("january", "april", "july")
+    )
+    found = series([january, april, july], [0.0, 91.0, 182.0], limit=0.005)
+    drifts = {f.name: f.drift for f in found.functions if f.drift.significant}
+    assert set(drifts) == {"EC0Y", "EXX"} and all(f.steady for f in found.functions)
+    assert abs(drifts["EC0Y"].largest_change - 8e-6) < 3.3 * drifts["EC0Y"].u  # normal quantile of 1e-3
+    scale = 6e-6 * (drifts["EXX"].at - 500.0)  # mm, zero at the reference
+    assert abs(drifts["EXX"].largest_change - scale) < 3.3 * drifts["EXX"].u
+    knocked = check(january, load_campaign(DATASETS / "surveys" / "monday.toml"))
+    assert knocked.changed and [f.name for f in knocked.findings] == ["EC0Y"]
+    assert abs(knocked.findings[0].value - 10.0 / 600.0 / 1000.0) < 3.3 * knocked.findings[0].u
 
 
 def test_location_errors_agree_with_the_truth(solution):
