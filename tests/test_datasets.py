@@ -166,14 +166,14 @@ def test_surveys_tell_the_drift_and_the_collision():
         fit(load_campaign(DATASETS / "surveys" / f"{month}.toml")) for month in ("january", "april", "july")
     )
     found = series([january, april, july], [0.0, 91.0, 182.0], limit=0.005)
-    drifts = {f.name: f.drift for f in found.functions if f.drift.significant}
+    drifts = {f.drift.name: f.drift for f in found.functions if f.drift.significant}
     assert set(drifts) == {"EC0Y", "EXX"} and all(f.steady for f in found.functions)
     assert abs(drifts["EC0Y"].largest_change - 8e-6) < 3.3 * drifts["EC0Y"].u  # normal quantile of 1e-3
     scale = 6e-6 * (drifts["EXX"].at - 500.0)  # mm, zero at the reference
     assert abs(drifts["EXX"].largest_change - scale) < 3.3 * drifts["EXX"].u
     knocked = check(january, load_campaign(DATASETS / "surveys" / "monday.toml"))
     assert knocked.changed and [f.name for f in knocked.findings] == ["EC0Y"]
-    assert abs(knocked.findings[0].value - 10.0 / 600.0 / 1000.0) < 3.3 * knocked.findings[0].u
+    assert abs(knocked.findings[0].size - 10.0 / 600.0 / 1000.0) < 3.3 * knocked.findings[0].u
 
 
 def test_location_errors_agree_with_the_truth(solution):
