@@ -189,7 +189,8 @@ def main() -> None:
     if args.show is None and args.checks:
         run([("", seed) for seed in range(args.checks)], args.output, checks)
     elif args.show is None:
-        run([(name, seed) for seed in range(args.pairs) for name in CASES], args.output, pair)
+        apart = [(name, seed + 1000 * i) for seed in range(args.pairs) for i, name in enumerate(CASES)]
+        run(apart, args.output, pair)
     show(args.show or args.output)
 
 
