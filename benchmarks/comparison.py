@@ -160,7 +160,7 @@ def show(path: Path) -> None:
             np.array([float(r[k]) for r in own]) for k in ("false alarm", "pointwise", "volume", "found")
         )
         print(
-            f"| {name} | {len(own)} | {100 * alarm.mean():.1f} % | {100 * single.mean():.1f} % | {volume.mean():.2f} | "
+            f"| {name} | {len(own)} | {100 * alarm.mean():.1f} % | {100 * single.mean():.1f} % | {np.nanmean(volume):.2f} | "
             f"{100 * found.mean():.0f} % |"
         )
 
