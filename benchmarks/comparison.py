@@ -160,7 +160,7 @@ def show(path: Path) -> None:
             np.array([float(r[k]) for r in own]) for k in ("false alarm", "pointwise", "volume", "found")
         )
         print(
-            f"| {name} | {len(own)} | {100 * alarm.mean():.1f} % | {100 * single.mean():.1f} % | {volume.mean():.2f} | "
+            f"| {name} | {len(own)} | {100 * alarm.mean():.1f} % | {100 * single.mean():.1f} % | {np.nanmean(volume):.2f} | "
             f"{100 * found.mean():.0f} % |"
         )
 
@@ -189,7 +189,8 @@ def main() -> None:
     if args.show is None and args.checks:
         run([("", seed) for seed in range(args.checks)], args.output, checks)
     elif args.show is None:
-        run([(name, seed) for seed in range(args.pairs) for name in CASES], args.output, pair)
+        apart = [(name, seed + 1000 * i) for seed in range(args.pairs) for i, name in enumerate(CASES)]
+        run(apart, args.output, pair)
     show(args.show or args.output)
 
 
