@@ -68,6 +68,18 @@ def test_a_compensation_table_holds_minus_the_means(tmp_path, values, rows, up, 
     runs = read(tmp_path, "t.csv", TABLE.format(values=values, rows=rows))
     np.testing.assert_allclose(1e3 * runs.deviations[:, :, 0], np.array([up, down]).T, rtol=0, atol=1e-12)
     assert runs.axis == "X" and runs.are_means
+    minus = "minus " if values == "compensation" else ""
+    assert runs.notes[0].endswith(
+        f"taken for {minus}the mean deviations that it was made from; its rows were read as {rows}"
+    )
+
+
+def test_a_compensation_table_that_does_not_say_its_rows_is_told_how_it_was_read(tmp_path):
+    """Increments read as absolute values made 3.5 µm of 31.8 µm."""
+    text = TABLE.format(values="compensation", rows="absolute")
+    text = "".join(line + "\n" for line in text.splitlines() if "rows" not in line)
+    (note,) = read(tmp_path, "t.csv", text).notes
+    assert note.endswith("its rows were read as absolute, because the file has no line '# rows: incremental'")
 
 
 def test_a_table_of_another_function_is_refused(tmp_path):

@@ -123,3 +123,16 @@ def test_large_deviations_can_be_meant(tmp_path):
     with volid.accept_unusual():
         [runs] = read(tmp_path, WIDE.replace("0.00", "1"))
     assert runs.deviations.max() == 14.0
+
+
+def test_a_small_letter_is_the_same_axis(tmp_path):
+    """Or angles of c would be evaluated as mm."""
+    rows = LONG.replace("100,", "90,").replace("100.", "90.").splitlines()
+    text = "axis," + rows[0] + "\n" + "".join(f"c,{r}\n" for r in rows[1:])
+    assert [(r.axis, r.unit) for r in read(tmp_path, text, axis=None)] == [("C", "°")]
+    assert [(r.axis, r.unit) for r in read(tmp_path, text, axis="c")] == [("C", "°")]
+
+
+def test_a_target_without_approaches_is_not_left_out_in_silence(tmp_path):
+    with pytest.raises(InputError, match="row 3: no approach of this target; leave the row out"):
+        read(tmp_path, WIDE.replace("100,", "50,,\n100,"))

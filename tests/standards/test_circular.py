@@ -305,3 +305,23 @@ def test_a_short_arc_has_no_wider_window_to_be_tried_with():
     drives = Drives(spike={"Z": (0.02, 0.02)})
     found = evaluate_circular(bar_test(bar(Truth()), "YZ", 50.0, step=5.0, drives=drives, noise=3e-4), spike_window=8.0)
     assert found["spike_YZ_90"].value == pytest.approx(0.02, abs=2e-3) and not found.attention
+
+
+@pytest.mark.parametrize(("radius", "added"), [(R, R), (2.0 * R, -R), (R, -R)])
+def test_lengths_of_another_circle_are_refused(radius, added):
+    """Lengths under deviation, a diameter for a radius, deviations under radius: squareness would be wrong by a factor."""
+    angle = np.arange(0.0, 360.0, 5.0)
+    with pytest.raises(
+        InputError, match=f"radii of about .* on a circle of {radius:g} mm; expected the nominal radius"
+    ):
+        circular_readings("XY", radius, angle, added - 0.0015 * np.sin(np.deg2rad(2.0 * angle)))
+
+
+def test_a_length_without_u_is_named():
+    angle = np.concatenate([np.arange(0.0, 361.0, 5.0), np.arange(360.0, -1.0, -5.0)])
+    test = replace(circular_readings("XY", R, angle, 0.0 * angle), u=np.full(len(angle), 2e-4))
+    said = [
+        any("no u of the bar's length is known" in r for r in evaluate_circular(t).remarks)
+        for t in (test, replace(test, length_u=5e-4))
+    ]
+    assert said == [True, False]

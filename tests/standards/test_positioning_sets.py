@@ -144,3 +144,13 @@ def test_means_are_those_of_the_fit():
     np.testing.assert_allclose(
         difference, difference.mean(), rtol=0, atol=1e-8
     )  # mm; the zero is that of the fit's datum
+
+
+def test_runs_with_zeros_at_both_ends_are_asked_about(machine):
+    """The second run was set to zero at the far end: its displacements are 280 mm less, and no R is."""
+    still = dict.fromkeys("XYZAC", 0.0)
+    observations = beam(machine, np.array([1.0, 0.0, 0.0]), still)
+    readings = observations.readings - 280.0 * (observations.labels["run"] == "1")[:, None]
+    other = Campaign(machine, (), (replace(observations, readings=readings),))
+    with pytest.raises(InputError, match="was a run set to zero at another place"):
+        evaluate_positioning(positioning_of(other)[0].runs)

@@ -24,7 +24,7 @@ from volid.io.basics.csv_rows import names_shown
 from volid.io.basics.csv_table import CsvTable
 from volid.io.basics.units import conversion, split_unit
 from volid.model.iso230 import ROTARY_AXES
-from volid.standards.positioning.runs import Approaches, PositioningRuns, arranged, run_numbers
+from volid.standards.positioning.runs import LARGE, Approaches, PositioningRuns, arranged, run_numbers
 
 TARGET, DIRECTION, RUN, ACTUAL, DEVIATION, AXIS = "target", "direction", "run", "actual", "deviation", "axis"
 FORMS = (
@@ -43,9 +43,9 @@ _WAYS = {
     "neg": -1.0,
 }
 _CELL = re.compile(r"(?:(actual|deviation)[ _])?(up|down|forward|reverse|backward|pos|neg|\+|-)[ _]?(\d{1,4})")
+_LETTER = re.compile(r"[A-Za-z]\d{0,2}")
 _FOLLOWS = 0.5  # slope over the targets above which numbers are positions, and not deviations
 DIGITS = 10  # decimal places of a difference of positions: more are of the computer's arithmetic
-_LARGE = {"mm": 1.0, "°": 0.1}  # deviations farther from their median are asked about
 _PURPOSE = "every approach needs one"
 
 
@@ -60,6 +60,7 @@ def runs_of_table(csv: CsvTable, axis: str | None) -> list[PositioningRuns]:
     Raises `InputError` naming file and column, or row, for columns that are missing, and cells that are none of what is
     expected.
     """
+    axis = axis and _named(axis)
     names = {_plain(name): name for name in csv.columns}
     csv = csv.renamed({plain: name for plain, name in names.items() if plain != name}, (), csv.source)
     cells = {name: match for name in csv.columns if (match := _CELL.fullmatch(name))}
@@ -81,11 +82,16 @@ def _plain(name: str) -> str:
 
 
 def _long(csv: CsvTable, axis: str | None) -> Iterator[PositioningRuns]:
-    axes = csv.labels(AXIS, _PURPOSE) if AXIS in csv else np.full(len(csv), axis or AXIS)
+    axes = np.array([_named(a) for a in csv.labels(AXIS, _PURPOSE)]) if AXIS in csv else np.full(len(csv), axis or AXIS)
     if AXIS in csv and axis is not None and axis not in axes:
         raise InputError(f"{csv.source}: no row is of axis {axis}; expected one of {', '.join(sorted(set(axes)))}")
     for letter in dict.fromkeys(axes.tolist() if axis is None else [axis]):
         yield _runs_of(csv, letter, np.flatnonzero(axes == letter))
+
+
+def _named(axis: str) -> str:
+    """The axis as machines call it: c is C, or its angles would be taken for mm."""
+    return axis.upper() if _LETTER.fullmatch(axis) else axis
 
 
 def _runs_of(csv: CsvTable, axis: str, rows: np.ndarray) -> PositioningRuns:
@@ -134,7 +140,12 @@ def _wide(csv: CsvTable, cells: Mapping[str, re.Match[str]], axis: str | None) -
     actual, notes = _are_actual(csv, cells, target, grid)
     deviation = _difference(grid, target[:, None], unit) if actual else grid
     _ask_size(csv, deviation, unit)
-    rows, columns = np.nonzero(np.isfinite(deviation))
+    there = np.isfinite(deviation)
+    if not there.any(axis=1).all():
+        raise InputError(
+            f"{csv.where(int(np.argmin(there.any(axis=1))))}: no approach of this target; leave the row out"
+        )
+    rows, columns = np.nonzero(there)
     ways = np.array([_WAYS[match[2]] for match in cells.values()])
     runs = [match[3] for match in cells.values()]
     names = list(cells)
@@ -221,7 +232,7 @@ def _check_deviations(csv: CsvTable, name: str, target: np.ndarray, deviation: n
 def _ask_size(csv: CsvTable, deviation: np.ndarray, unit: _Unit) -> None:
     """Raises `InputError` for deviations that look like another unit, outside `accept_unusual`."""
     size = float(np.nanmax(np.abs(deviation - np.nanmedian(deviation))))
-    if size > _LARGE[unit.symbol]:
+    if size > LARGE[unit.symbol]:
         other = "µm" if unit.symbol == "mm" else "arcsec"
         ask(
             f"{csv.source}: deviations reach {size:.4g} {unit.symbol} from their median. Expected {unit.words}: is it in "

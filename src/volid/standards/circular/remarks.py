@@ -25,6 +25,7 @@ _OF_THIS_PATH = (
     "of more paths tells them apart"
 )
 _NO_U = "no u of the readings is known: U of the geometry is from the residuals, ISO quantities have none"
+_NO_LENGTH_U = "no u of the bar's length is known: U of F_max, F_min, D and diameter is that of the readings alone"
 _ONE_SENSE = "one sense only: no bidirectional quantities, and squareness cannot be told from a lag of the axes"
 _WAVES_HARDLY_SEEN = (
     "in simulations U of squareness was too small by a quarter on such arcs, which hardly show waves of the path"
@@ -70,6 +71,7 @@ def _cases(details: CircularDetails, blank: list[str]) -> list[tuple[bool, str]]
         ),
         (_POOR[0] < arc < _POOR[1], _WAVES_HARDLY_SEEN),
         (test.u is None, _NO_U),
+        (test.u is not None and test.length_u == 0.0, _NO_LENGTH_U),
         (bool(blank), f"not determined: {', '.join(blank)}"),
     ]
 

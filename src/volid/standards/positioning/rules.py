@@ -80,7 +80,10 @@ def _approaches(runs: PositioningRuns) -> Iterator[str]:
     if fewest < APPROACHES:
         target = runs.targets[int(np.argmin(counts.min(axis=1)))]
         where = "every target" if fewest == most else f"target {target:g}"
-        lost = "; without a second one the scatter, A and R are not determined" if fewest < 2 else ""
+        lost = {
+            0: "; A, R and E hold for what was approached",
+            1: "; without a second one the scatter, A and R are not determined",
+        }.get(fewest, "")
         counted = {0: "no approach", 1: "one approach"}.get(fewest, f"{fewest} approaches")
         yield f"{where} has {counted} in a direction; ISO 230-2 asks for {APPROACHES}{lost}"
     elif fewest != most:

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.stats import chi2
 
+from volid.backend.consent import ask
 from volid.campaign import Campaign, ObservationSet
 from volid.model.iso230 import LINEAR_AXES
 from volid.standards.results import Evaluation, Quantity, Table
@@ -15,6 +16,7 @@ from volid.standards.step_diagonals.steps import steps_of
 
 STANDARD = "sequential step diagonals"
 K = 2.0
+LARGE = 1.0  # mm: a function that is larger is asked about
 CHANCE = 0.05  # of an attention where nothing but noise is in the readings
 # Squareness in the datum of X primary, Y secondary: minus or plus the sum of the slopes of two functions (CONVENTIONS 3)
 SQUARENESS = {"EC0Y": (-1.0, "Dx(y)", "Dy(x)"), "EB0Z": (1.0, "Dx(z)", "Dz(x)"), "EA0Z": (-1.0, "Dy(z)", "Dz(y)")}
@@ -40,10 +42,11 @@ def evaluate_step_diagonals(observations: ObservationSet, campaign: Campaign) ->
         campaign: The campaign that it belongs to.
 
     Raises:
-        InputError: the set holds no steps of single axes.
+        InputError: the set holds no steps of single axes; a function exceeds a millimetre, outside `accept_unusual`.
         NotDeterminedError: its diagonals do not determine the nine functions.
     """
     nine = separate(steps_of(observations, campaign))
+    _ask_size(nine)
     return Evaluation(
         standard=STANDARD,
         subject=observations.name,
@@ -54,6 +57,18 @@ def evaluate_step_diagonals(observations: ObservationSet, campaign: Campaign) ->
         source=observations.source,
         details=nine,
     )
+
+
+def _ask_size(nine: NineFunctions) -> None:
+    """Raises `InputError` for functions that are no machine's, outside `accept_unusual`: the steps were others than said."""
+    sizes = {name: float(np.abs(nine.of(name)[1]).max()) for name in NAMES}
+    largest = max(sizes, key=lambda name: sizes[name])
+    if sizes[largest] > LARGE:
+        ask(
+            f"{nine.steps.observations.file_and_set}: {largest} reaches {sizes[largest]:.4g} mm. Expected readings in mm of "
+            "steps between the positions that are stated, in the stated order (of a table X, Y, Z): are box, steps and unit "
+            "those of the test?"
+        )
 
 
 def _ranges(nine: NineFunctions) -> Iterator[Quantity]:
