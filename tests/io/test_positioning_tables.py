@@ -136,3 +136,11 @@ def test_a_small_letter_is_the_same_axis(tmp_path):
 def test_a_target_without_approaches_is_not_left_out_in_silence(tmp_path):
     with pytest.raises(InputError, match="row 3: no approach of this target; leave the row out"):
         read(tmp_path, WIDE.replace("100,", "50,,\n100,"))
+
+
+def test_a_unit_of_some_approaches_only_is_refused(tmp_path):
+    """Or 0.3 under a column without unit would be 0.3 mm beside 0.3 µm."""
+    with pytest.raises(
+        InputError, match="column up_1 is in µm, column down_1 is in no unit that it says; expected one unit"
+    ):
+        read(tmp_path, WIDE.replace("up_1", "up_1 [µm]"))

@@ -135,6 +135,7 @@ def _wide(csv: CsvTable, cells: Mapping[str, re.Match[str]], axis: str | None) -
     csv.only((TARGET, *cells))
     axis = axis or AXIS
     unit = _unit(csv, axis)
+    _check_alike(csv, cells)
     target = csv.numbers(TARGET, unit.words, "every row needs one")
     grid = np.stack([csv.numbers(name, unit.words, "or an empty cell", gaps=True) for name in cells], axis=1)
     actual, notes = _are_actual(csv, cells, target, grid)
@@ -152,6 +153,16 @@ def _wide(csv: CsvTable, cells: Mapping[str, re.Match[str]], axis: str | None) -
     where = [f"{csv.where(int(i))}, {names[j]}" for i, j in zip(rows, columns, strict=True)]
     found = Approaches(target[rows], ways[columns], [runs[j] for j in columns], deviation[rows, columns], where)
     return arranged(axis, found, unit.symbol, source=csv.source, notes=(*_how(csv, list(cells)), *notes))
+
+
+def _check_alike(csv: CsvTable, cells: Mapping[str, re.Match[str]]) -> None:
+    """Raises `InputError` where some approaches state a unit, and others none or another one."""
+    stated = {name: csv.units.get(name) for name in cells}
+    first, *others = stated
+    odd = next((name for name in others if stated[name] != stated[first]), None)
+    if odd is not None:
+        said = [f"column {name} is in {stated[name] or 'no unit that it says'}" for name in (first, odd)]
+        raise InputError(f"{csv.source}, header: {', '.join(said)}; expected one unit for all approaches")
 
 
 def _how(csv: CsvTable, cells: list[str]) -> tuple[str, ...]:
