@@ -144,3 +144,9 @@ def test_a_unit_of_some_approaches_only_is_refused(tmp_path):
         InputError, match="column up_1 is in µm, column down_1 is in no unit that it says; expected one unit"
     ):
         read(tmp_path, WIDE.replace("up_1", "up_1 [µm]"))
+
+
+def test_mm_of_nobody_are_said(tmp_path):
+    for text in (LONG, WIDE):
+        assert any("positions were read as mm" in note for note in read(tmp_path, text, axis=None)[0].notes)
+        assert not any("positions were read as mm" in note for note in read(tmp_path, text)[0].notes)

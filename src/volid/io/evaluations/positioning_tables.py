@@ -109,7 +109,7 @@ def _runs_of(csv: CsvTable, axis: str, rows: np.ndarray) -> PositioningRuns:
     run = csv.labels(RUN, _PURPOSE)[rows].tolist() if RUN in csv else run_numbers(target, direction, unit.symbol)
     where = [csv.where(int(i)) for i in rows]
     found = Approaches(target, direction, run, deviation, where)
-    return arranged(axis, found, unit.symbol, source=csv.source, notes=csv.notes)
+    return arranged(axis, found, unit.symbol, source=csv.source, notes=(*csv.notes, *_assumed(csv, axis)))
 
 
 def _directions(csv: CsvTable) -> np.ndarray:
@@ -152,7 +152,9 @@ def _wide(csv: CsvTable, cells: Mapping[str, re.Match[str]], axis: str | None) -
     names = list(cells)
     where = [f"{csv.where(int(i))}, {names[j]}" for i, j in zip(rows, columns, strict=True)]
     found = Approaches(target[rows], ways[columns], [runs[j] for j in columns], deviation[rows, columns], where)
-    return arranged(axis, found, unit.symbol, source=csv.source, notes=(*_how(csv, list(cells)), *notes))
+    return arranged(
+        axis, found, unit.symbol, source=csv.source, notes=(*_how(csv, list(cells)), *notes, *_assumed(csv, axis))
+    )
 
 
 def _check_alike(csv: CsvTable, cells: Mapping[str, re.Match[str]]) -> None:
@@ -208,6 +210,13 @@ def _unit(csv: CsvTable, axis: str) -> _Unit:
     angle = stated is not None and conversion(stated, "mm") is None
     rotary = axis[:1] in ROTARY_AXES and not axis[1:].strip("0123456789")  # C, and a second one C2
     return _Unit("°", "degrees") if rotary or (axis == AXIS and angle) else _Unit("mm", "mm")
+
+
+def _assumed(csv: CsvTable, axis: str) -> tuple[str, ...]:
+    """That positions were taken for mm, where neither axis nor unit says it."""
+    if axis != AXIS or TARGET in csv.units:
+        return ()
+    return ("neither the axis nor a unit is stated: positions were read as mm; state `axis` if they are degrees",)
 
 
 def _difference(actual: np.ndarray, target: np.ndarray, unit: _Unit) -> np.ndarray:
