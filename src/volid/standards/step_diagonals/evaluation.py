@@ -11,6 +11,7 @@ from volid.backend.consent import ask
 from volid.campaign import Campaign, ObservationSet
 from volid.model.iso230 import LINEAR_AXES
 from volid.standards.results import Evaluation, Quantity, Table
+from volid.standards.shared_errors import corrections
 from volid.standards.step_diagonals.separation import NAMES, NineFunctions, separate
 from volid.standards.step_diagonals.steps import steps_of
 
@@ -121,6 +122,7 @@ def _remarks(nine: NineFunctions) -> Iterator[str]:
         f"the diagonals contradict each other by {1e3 * found:.2f} µm RMS per step, where readings of this u give "
         f"{1e3 * noise:.2f} µm"
     )
+    yield from corrections(steps.observations)
     yield LEAKY
     if not steps.both_senses:
         yield ONE_WAY
