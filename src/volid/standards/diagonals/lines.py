@@ -124,7 +124,7 @@ def _diagonal(line: BeamLine, campaign: Campaign, name: str, sign: float) -> Dia
         run = run_numbers(target, ways, "mm")
     places = [own.where(int(i)) for i in rows]
     approaches = Approaches(target, ways, run, deviation - deviation[int(np.argmin(target))], places)
-    notes = (*_notes(len(uninterrupted(line))), *corrections(own, rows))
+    notes = (*_notes(len(uninterrupted(line))), *corrections(own, rows), *campaign.warnings)
     runs = arranged(name, approaches, source=f"{own.file_and_set}, line {line.name}", notes=notes)
     numbered = approaches._replace(deviation=np.arange(len(rows), dtype=float))
     read = Positioning(line.name, -1, rows, deviation, sign, len(uninterrupted(line)))

@@ -67,7 +67,12 @@ def _of_set(observations: ObservationSet, campaign: Campaign) -> Iterator[Found]
             axis.unit,
             source=f"{observations.file_and_set}, line {line.line}",
             travel=axis.travel,
-            notes=(*_notes(line), *corrections(observations, line.rows), *_scales(observations, line)),
+            notes=(
+                *_notes(line),
+                *corrections(observations, line.rows),
+                *_scales(observations, line),
+                *campaign.warnings,
+            ),
         )
         numbered = approaches._replace(deviation=np.arange(len(line.rows), dtype=float))
         place = arranged(axis.letter, numbered, axis.unit).deviations

@@ -123,6 +123,7 @@ def _remarks(nine: NineFunctions) -> Iterator[str]:
         f"{1e3 * noise:.2f} µm"
     )
     yield from corrections(steps.observations)
+    yield from steps.campaign.warnings
     yield LEAKY
     if not steps.both_senses:
         yield ONE_WAY
