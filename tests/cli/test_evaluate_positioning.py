@@ -15,7 +15,7 @@ def test_limits_decide_the_exit_status(run, tmp_path):
     status, out, error = run("evaluate", "iso230-2", RUNS, "--axis", "X", "--limits", FOLDER / "limits.toml")
     assert status == 1 and "A exceeds its limit" in error and "E exceeds" not in error
     assert "13.10" in out
-    (tmp_path / "wide.toml").write_text("E = 1\n[X]\nR = 1\n")
+    (tmp_path / "wide.toml").write_text("E = 0.1\n[X]\nR = 0.1\n")
     assert run("evaluate", "iso230-2", RUNS, "--axis", "X", "--limits", tmp_path / "wide.toml")[0] == 0
 
 
@@ -43,3 +43,11 @@ def test_bad_input_has_one_message(run, tmp_path):
     (tmp_path / "runs.csv").write_text("a,b\n1,2\n")
     status, out, error = run("evaluate", "iso230-2", tmp_path / "runs.csv")
     assert status == 2 and out == "" and "runs.csv: columns a, b; expected a campaign" in error
+
+
+def test_a_limit_within_u_is_not_good(run, tmp_path):
+    """E = 13.10 µm and U = 0.5 µm or more: a limit of 13.2 µm is neither kept nor exceeded (ISO 14253-1)."""
+    (tmp_path / "narrow.toml").write_text("E = 0.0132\n")
+    limits = ("--axis", "X", "--limits", tmp_path / "narrow.toml", "--uncertainty", FOLDER / "conditions.toml")
+    status, _, error = run("evaluate", "iso230-2", RUNS, *limits)
+    assert status == 1 and "X: E is within U of its limit, so that neither pass nor fail is proved" in error

@@ -68,6 +68,18 @@ def test_a_compensation_table_holds_minus_the_means(tmp_path, values, rows, up, 
     runs = read(tmp_path, "t.csv", TABLE.format(values=values, rows=rows))
     np.testing.assert_allclose(1e3 * runs.deviations[:, :, 0], np.array([up, down]).T, rtol=0, atol=1e-12)
     assert runs.axis == "X" and runs.are_means
+    minus = "minus " if values == "compensation" else ""
+    assert runs.notes[0].endswith(
+        f"taken for {minus}the mean deviations that it was made from; its rows were read as {rows}"
+    )
+
+
+def test_a_compensation_table_that_does_not_say_its_rows_is_told_how_it_was_read(tmp_path):
+    """Increments read as absolute values made 3.5 µm of 31.8 µm."""
+    text = TABLE.format(values="compensation", rows="absolute")
+    text = "".join(line + "\n" for line in text.splitlines() if "rows" not in line)
+    (note,) = read(tmp_path, "t.csv", text).notes
+    assert note.endswith("its rows were read as absolute, because the file has no line '# rows: incremental'")
 
 
 def test_a_table_of_another_function_is_refused(tmp_path):
@@ -118,3 +130,22 @@ def test_conditions_are_read_as_they_are_meant(tmp_path):
 def test_wrong_conditions_are_refused(tmp_path, text, message):
     with pytest.raises(InputError, match=message):
         conditions(tmp_path, text)
+
+
+def test_how_a_campaign_was_read_is_told(tmp_path):
+    """Decimal commas and µm of a header that were recognised, and not stated."""
+    head = 'format = "volid-machine/1"\nname = "m"\nstructure = "w b X t"\n[axis.X]\ntravel = [0.0, 100.0]\n'
+    (tmp_path / "m.toml").write_text(head)
+    rows = [
+        "X;X_dir;component;line;value [µm]",
+        *(f"{x};{w};X;1;{x / 100.0 + w}".replace(".", ",") for x in (0, 50, 100) for w in (1, -1)),
+    ]
+    (tmp_path / "r.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
+    keys = 'format = "volid-campaign/1"\nmachine = "m.toml"\n[[set]]\nname = "s"\nkind = "component"\nfile = "r.csv"\n'
+    (tmp_path / "c.toml").write_text(keys + "u = 0.0002\ntool = [0, 0, 0]\n")
+    (found,) = read_positioning(tmp_path / "c.toml")
+    np.testing.assert_allclose(
+        found.runs.deviations[:, :, 0], [[0.001, -0.001], [0.0015, -0.0005], [0.002, 0.0]], rtol=0, atol=1e-12
+    )
+    said = " ".join(found.runs.notes)
+    assert "decimal commas" in said and "µm" in said

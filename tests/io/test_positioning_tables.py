@@ -123,3 +123,30 @@ def test_large_deviations_can_be_meant(tmp_path):
     with volid.accept_unusual():
         [runs] = read(tmp_path, WIDE.replace("0.00", "1"))
     assert runs.deviations.max() == 14.0
+
+
+def test_a_small_letter_is_the_same_axis(tmp_path):
+    """Or angles of c would be evaluated as mm."""
+    rows = LONG.replace("100,", "90,").replace("100.", "90.").splitlines()
+    text = "axis," + rows[0] + "\n" + "".join(f"c,{r}\n" for r in rows[1:])
+    assert [(r.axis, r.unit) for r in read(tmp_path, text, axis=None)] == [("C", "°")]
+    assert [(r.axis, r.unit) for r in read(tmp_path, text, axis="c")] == [("C", "°")]
+
+
+def test_a_target_without_approaches_is_not_left_out_in_silence(tmp_path):
+    with pytest.raises(InputError, match="row 3: no approach of this target; leave the row out"):
+        read(tmp_path, WIDE.replace("100,", "50,,\n100,"))
+
+
+def test_a_unit_of_some_approaches_only_is_refused(tmp_path):
+    """Or 0.3 under a column without unit would be 0.3 mm beside 0.3 µm."""
+    with pytest.raises(
+        InputError, match="column up_1 is in µm, column down_1 is in no unit that it says; expected one unit"
+    ):
+        read(tmp_path, WIDE.replace("up_1", "up_1 [µm]"))
+
+
+def test_mm_of_nobody_are_said(tmp_path):
+    for text in (LONG, WIDE):
+        assert any("positions were read as mm" in note for note in read(tmp_path, text, axis=None)[0].notes)
+        assert not any("positions were read as mm" in note for note in read(tmp_path, text)[0].notes)

@@ -1,5 +1,6 @@
 """Circular tests: closed forms on machines with one error at a time, minimum zones against a search, what is refused."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -305,3 +306,47 @@ def test_a_short_arc_has_no_wider_window_to_be_tried_with():
     drives = Drives(spike={"Z": (0.02, 0.02)})
     found = evaluate_circular(bar_test(bar(Truth()), "YZ", 50.0, step=5.0, drives=drives, noise=3e-4), spike_window=8.0)
     assert found["spike_YZ_90"].value == pytest.approx(0.02, abs=2e-3) and not found.attention
+
+
+@pytest.mark.parametrize(("radius", "added"), [(R, R), (2.0 * R, -R), (R, -R)])
+def test_lengths_of_another_circle_are_refused(radius, added):
+    """Lengths under deviation, a diameter for a radius, deviations under radius: squareness would be wrong by a factor."""
+    angle = np.arange(0.0, 360.0, 5.0)
+    with pytest.raises(
+        InputError, match=f"radii of about .* on a circle of {radius:g} mm; expected the nominal radius"
+    ):
+        circular_readings("XY", radius, angle, added - 0.0015 * np.sin(np.deg2rad(2.0 * angle)))
+
+
+def test_a_length_without_u_is_named():
+    angle = np.concatenate([np.arange(0.0, 361.0, 5.0), np.arange(360.0, -1.0, -5.0)])
+    test = replace(circular_readings("XY", R, angle, 0.0 * angle), u=np.full(len(angle), 2e-4))
+    said = [
+        any("no u of the bar's length is known" in r for r in evaluate_circular(t).remarks)
+        for t in (test, replace(test, length_u=5e-4))
+    ]
+    assert said == [True, False]
+
+
+def pitched(amplitude: float, step: float, phase: float, rng):
+    """Angles there and back, and radii of a machine whose X has a pitch error of 10 mm and a reversal of 2 µm, in closed form."""
+    way = np.arange(0.0, 360.0 + step / 2.0, step)
+    angle, sense = np.concatenate([way, way[::-1]]), np.repeat([1.0, -1.0], len(way))
+    phi = np.deg2rad(angle)
+    moving = -sense * np.sign(np.sin(phi - 1e-7 * sense))
+    x = R * np.cos(phi) + amplitude * np.sin(2.0 * np.pi * R * np.cos(phi) / 10.0 + phase) + 0.001 * moving
+    read = np.hypot(x, R * np.sin(phi)) - R + 2e-4 * rng.standard_normal(len(angle))
+    return angle, read
+
+
+@pytest.mark.parametrize("step", [1.0, 2.0])
+def test_short_waves_of_both_senses_are_named_and_noise_is_not(step):
+    """A pitch error of 2 µm makes B_EXX wrong by twice its U where it stands still at the ends of X."""
+    rng = np.random.default_rng(5)
+    for amplitude, named in ((0.002, True), (0.0, False)):
+        for phase in (0.0, 1.0, 2.0):
+            angle, read = pitched(amplitude, step, phase, rng)
+            test = replace(circular_readings("XY", R, angle, read), u=np.full(len(angle), 2e-4), length_u=5e-4)
+            found = [text for text in evaluate_circular(test).attention if "too short for the geometry" in text]
+            assert bool(found) == named
+            assert not named or re.search("about (1.[0-9]|2.[0-4]) µm", found[0])

@@ -201,3 +201,15 @@ def test_the_command_judges_and_draws(tmp_path, capsys):
     assert "body: E_d exceeds its limit" in said.err and "E_XY_NP" in said.out
     assert (tmp_path / "d.svg").stat().st_size > 1000
     assert "diagonal,target_mm,mean_up_mm" in (tmp_path / "o.csv").read_text()
+
+
+def test_diagonals_run_one_way_have_their_way(tmp_path):
+    """Scale s of X: s X²/L = 15.8 µm on every diagonal, whichever way it was run; nothing is said of the other way."""
+    text = table_of(Truth({"EXX": lambda x: 20e-6 * x}), tuple(BODY))
+    path = tmp_path / "diagonals.csv"
+    path.write_text("".join(line + "\n" for line in text.splitlines() if ",-1," not in line))
+    (found,) = evaluate_diagonals(read_diagonals(path))
+    expected = 20e-6 * SIZE[0] ** 2 / LENGTH
+    assert [found[f"E_up_{name}"].value for name in BODY] == pytest.approx([expected] * 4, abs=2e-6)
+    assert found["E_up_d"].value == pytest.approx(expected, abs=2e-6)
+    assert {q.symbol[:4] for q in found.quantities} == {"E_up"}

@@ -85,3 +85,17 @@ def test_runs_that_are_copies_of_each_other_need_attention():
     copies.deviations[...] = copies.deviations[:, :, :1]
     assert "R is 0" in attention(copies)[0]
     assert attention(runs(uneven(400.0, 6))) == () == attention(runs(uneven(400.0, 6), n=1))
+
+
+def test_a_whole_turn_displayed_as_0_is_named():
+    """Targets 0, 90, … 360° with a drift of 10 mdeg per turn: under 0 stand two targets."""
+    targets = np.array([0.0, 90.0, 180.0, 270.0])
+    deviations = np.full((4, 2, 10), np.nan)
+    deviations[:, :, :5] = (
+        1e-4 * np.random.default_rng(1).standard_normal((4, 2, 5)) + (0.01 * targets / 360.0)[:, None, None]
+    )
+    assert not attention(PositioningRuns("C", targets, deviations, "°"))
+    deviations[0, :, 5:] = 0.01
+    (said,) = attention(PositioningRuns("C", targets, deviations, "°"))
+    assert "target 0 was approached twice as often" in said and "write 360" in said
+    assert not attention(PositioningRuns("X", targets, deviations, "mm"))

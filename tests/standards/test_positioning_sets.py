@@ -1,5 +1,6 @@
 """Runs out of campaigns: linear and rotary components, beams of either sense, and what the sets say of their uncertainty."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 from support.places import DATASETS, MODELS
 
 import volid
-from volid.campaign import Campaign, Effect, ObservationSet
+from volid.campaign import Campaign, Effect, Environment, ObservationSet
 from volid.exceptions import InputError
 from volid.standards.positioning.evaluation import evaluate_positioning
 from volid.standards.positioning.sets import positioning_of
@@ -144,3 +145,39 @@ def test_means_are_those_of_the_fit():
     np.testing.assert_allclose(
         difference, difference.mean(), rtol=0, atol=1e-8
     )  # mm; the zero is that of the fit's datum
+
+
+def test_runs_with_zeros_at_both_ends_are_asked_about(machine):
+    """The second run was set to zero at the far end: its displacements are 280 mm less, and no R is."""
+    still = dict.fromkeys("XYZAC", 0.0)
+    observations = beam(machine, np.array([1.0, 0.0, 0.0]), still)
+    readings = observations.readings - 280.0 * (observations.labels["run"] == "1")[:, None]
+    other = Campaign(machine, (), (replace(observations, readings=readings),))
+    with pytest.raises(InputError, match="was a run set to zero at another place"):
+        evaluate_positioning(positioning_of(other)[0].runs)
+
+
+def test_a_correction_of_the_air_is_told(machine):
+    """n = 1.000 271 37 at 20 °C, 1013.25 hPa and 50 % (NIST's tables of Ciddor's equation): 76.0 µm over 280 mm."""
+    still = dict.fromkeys("XYZAC", 0.0)
+    air = {"air_temperature_C": 20.0, "pressure_hPa": 1013.25, "humidity_percent": 50.0}
+    log = {name: np.array([value]) for name, value in air.items()}
+    notes = []
+    for corrected in (False, True):
+        environment = Environment("air", log, corrected=corrected)
+        campaign = Campaign(machine, (), (beam(machine, (1.0, 0.0, 0.0), still),), environments=(environment,))
+        notes.append([n for n in positioning_of(campaign)[0].runs.notes if "corrected the readings" in n])
+    (said,), none = notes
+    assert float(re.search("up to ([0-9.]+) µm", said)[1]) == pytest.approx(280.0 * 0.27137 / 1.00027, abs=0.1)
+    assert none == []
+
+
+def test_a_scale_of_deviations_alone_is_told(machine):
+    """2e-6 of 280 mm would be 0.56 µm, of deviations of µm nothing: unless the travel was counted."""
+    scale = Effect("laser", "scale", 2e-6, "campaign")
+    said = []
+    for counted in (False, True):
+        observations = replace(component(machine, "X", interferometer=counted), effects=(scale,))
+        runs = positioning_of(Campaign(machine, sets=(observations,)))[0].runs
+        said.append(any("scales the deviations alone" in note for note in runs.notes))
+    assert said == [True, False]

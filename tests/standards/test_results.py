@@ -2,6 +2,7 @@
 
 import pytest
 
+from volid.backend.consent import accept_unusual
 from volid.exceptions import InputError
 from volid.io.evaluations.limits import judge_all
 from volid.standards.results import Evaluation, Quantity
@@ -36,3 +37,16 @@ def test_a_limit_of_one_axis_stands_before_that_of_all(tmp_path):
 def test_limits_of_what_was_not_evaluated_are_refused(tmp_path, text, message):
     with pytest.raises(InputError, match=message):
         judge(tmp_path, text)
+
+
+@pytest.mark.parametrize(
+    ("unit", "limit", "smaller"), [("mm", 20.0, "µm"), ("°", 5.0, "arc sec"), ("rad", 20.0, "µrad")]
+)
+def test_limits_in_a_smaller_unit_are_asked_about(tmp_path, unit, limit, smaller):
+    """A limit of 20 µm written as 20 would let everything pass."""
+    (tmp_path / "limits.toml").write_text(f"E = {limit}\n")
+    found = [Evaluation("ISO 230-2", "X", (Quantity("E", 0.0318, unit),))]
+    with pytest.raises(InputError, match=f"E = {limit:g} is a limit in {unit}. Expected less: is it in {smaller}"):
+        judge_all(found, tmp_path / "limits.toml")
+    with accept_unusual():
+        assert judge_all(found, tmp_path / "limits.toml")[0]["E"].verdict == "pass"

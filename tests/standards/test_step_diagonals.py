@@ -259,6 +259,19 @@ def test_wrong_tables_are_refused_with_what_was_expected(text, message, tmp_path
         readings_of(tmp_path, text)
 
 
+@pytest.mark.parametrize("box", ["X 0 600, Y 0 800, Z 0 600", "X 0 8e2, Y 0 6e2, Z 0 500"])
+def test_steps_of_another_box_are_asked_about(box, tmp_path):
+    """Steps of 20, 15, 15 mm on the diagonals of 800 × 600 × 600 mm, said to be those of another box."""
+    step = np.tile([20.0 * 800.0, 15.0 * 600.0, 15.0 * 600.0], 40) / np.linalg.norm([800.0, 600.0, 600.0])
+    rows = [",".join(4 * [f"{v:.6f}"]) for v in np.cumsum(step)]
+    text = "\n".join([f"# box: {box}", "# u: 0.0005", "PPP,NPP,PNP,PPN", *rows]) + "\n"
+    campaign = readings_of(tmp_path, text)
+    with pytest.raises(InputError, match=r"D.\(.\) reaches \d+.*in the stated order .*: are box, steps and unit those"):
+        evaluate_step_diagonals(campaign.sets[0], campaign)
+    right = readings_of(tmp_path, text.replace(box, "X 0 8e2, Y 0 6E2, Z 0 600.0"))
+    assert evaluate_step_diagonals(right.sets[0], right)["Dx(x)"].value < 1e-4  # rounding of the rows
+
+
 def test_steps_that_are_none_are_refused(tmp_path):
     case = case_of("w b X Y Z t", 3)
     nine = nine_of(tmp_path, case, read(case, Truth()))

@@ -42,7 +42,7 @@ _EPILOG = """\
 example:
   volid evaluate iso230-2 runs.csv --axis X --limits limits.toml --figure positioning.svg
 
-exit status: 0 good; 1 a limit is exceeded, or the result needs attention, which is named; 2 bad input
+exit status: 0 good; 1 a limit is exceeded or not proved to be kept, or the result needs attention, which is named; 2 bad input
 """
 _LIMITS = "largest values allowed, TOML: E = 0.010 (mm or degrees); [X] E = 0.008 for one axis or plane"
 
@@ -72,7 +72,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Evaluate, judge, draw, write; 1 where a limit is exceeded or something needs attention."""
+    """Evaluate, judge, draw, write; 1 where a limit is exceeded or not proved to be kept, or something needs attention."""
     inputs = [*args.files, *named_by(args.files), *([args.limits] if args.limits else [])]
     for path in (args.output, args.figure):
         check_output(path, args.force, inputs)
@@ -106,7 +106,7 @@ def _write(evaluations: Sequence[Evaluation], standard: Any, args: argparse.Name
 
 def _say(evaluations: Sequence[Evaluation], args: argparse.Namespace) -> int:
     from volid.report.standards.text import evaluation_lines, evaluations_data
-    from volid.standards.results import FAIL
+    from volid.standards.results import FAIL, UNDECIDED
 
     if args.json:
         print_json(evaluations_data(evaluations))
@@ -114,7 +114,8 @@ def _say(evaluations: Sequence[Evaluation], args: argparse.Namespace) -> int:
         print("\n\n".join("\n".join(evaluation_lines(e)) for e in evaluations))
         for path in filter(None, (args.output, args.figure)):
             print(f"written: {path}")
+    said = {FAIL: "exceeds its limit", UNDECIDED: "is within U of its limit, so that neither pass nor fail is proved"}
     exceeded = [
-        f"{e.subject}: {q.symbol} exceeds its limit" for e in evaluations for q in e.quantities if q.verdict == FAIL
+        f"{e.subject}: {q.symbol} {said[q.verdict]}" for e in evaluations for q in e.quantities if q.verdict in said
     ]
     return conclude(args, [*exceeded, *(text for e in evaluations for text in e.attention)])

@@ -13,6 +13,26 @@ from volid.model.kinematics import nominal_rotation
 from volid.observations.base import NuisanceTable
 from volid.observations.beam_lines import BeamLine, beams_of
 
+UNCHANGED = 1e-6  # mm or rad: a correction that is smaller is none
+
+
+def corrections(observations: ObservationSet, rows: np.ndarray | slice = slice(None)) -> tuple[str, ...]:
+    """What is to be said of the environment's corrections of readings.
+
+    >>> import volid
+    >>> campaign = volid.load_campaign("datasets/iso230_2_synthetic/campaign.toml")
+    >>> corrections(campaign.sets[0])
+    ()
+    """
+    if observations.as_read is None:
+        return ()
+    change = float(np.ptp((observations.readings - observations.as_read)[rows]))
+    if change <= UNCHANGED:
+        return ()
+    return (
+        f"the environment of the campaign corrected the readings, by up to {1e3 * change:.2f} µm against each other",
+    )
+
 
 def shared_columns(observations: ObservationSet, campaign: Campaign) -> np.ndarray:
     """Errors of one standard uncertainty that readings of a set share, one column for each scope of each effect, (m, k).

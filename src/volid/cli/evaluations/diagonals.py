@@ -20,12 +20,13 @@ the diagonal count), a table of step diagonals, or a CSV, one row per reading, m
   diagonal,target,direction,run,deviation     PPP, NPP, PNP, PPN, XY_PP, XY_NP, …; +1 on, -1 back
 
 E_PPP, R_PPP, B_PPP … are those of ISO 230-2 along each diagonal; E_d, R_d, B_d the largest of the body
-diagonals, and of the face diagonals. In LIMITS.toml: E_d = 0.020, or [body] E_d = 0.020.
+diagonals, and of the face diagonals. Of diagonals run one way only: E_up_PPP (E_down on the way back), E_up_d.
+In LIMITS.toml: E_d = 0.020, or [body] E_d = 0.020.
 
 example:
   volid evaluate iso230-6 diagonals.csv --limits limits.toml --figure diagonals.svg
 
-exit status: 0 good; 1 a limit is exceeded; 2 bad input
+exit status: 0 good; 1 a limit is exceeded or not proved to be kept; 2 bad input
 """
 
 

@@ -34,7 +34,7 @@ example:
   volid evaluate iso230-2 campaign.toml --set laser --uncertainty conditions.toml -o targets.csv
   volid evaluate iso230-2 X.pos --axis X --key sign=1
 
-exit status: 0 good; 1 a limit is exceeded, or the result needs attention, which is named; 2 bad input
+exit status: 0 good; 1 a limit is exceeded or not proved to be kept, or the result needs attention, which is named; 2 bad input
 """
 
 

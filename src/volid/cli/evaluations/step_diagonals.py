@@ -30,7 +30,7 @@ example:
   volid evaluate step-diagonal steps.csv --tables DIR --figure nine.svg -o nine.csv
   volid evaluate step-diagonal campaign.h5 --leak truth.h5 --model solution.h5
 
-exit status: 0 good; 1 a limit is exceeded, or the diagonals contradict each other; 2 bad input
+exit status: 0 good; 1 a limit is exceeded or not proved to be kept, or the diagonals contradict each other; 2 bad input
 """
 
 

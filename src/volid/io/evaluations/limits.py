@@ -13,9 +13,17 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
+from volid.backend.consent import ask
 from volid.exceptions import InputError
 from volid.io.basics.toml_table import Table, read_toml
 from volid.standards.results import Evaluation, judged
+
+_LARGE = {
+    "mm": (1.0, "µm"),
+    "°": (1.0, "arc sec"),
+    "rad": (0.01, "µrad"),
+    "mm/mm": (0.01, "µm/m"),
+}  # asked about: meant in
 
 
 def read_limits(path: str | Path) -> dict[str, dict[str, float]]:
@@ -36,7 +44,7 @@ def judge_all(evaluations: Iterable[Evaluation], path: str | Path | None) -> lis
     """Evaluations with the verdicts of the limits of a file; as they are without one.
 
     A limit for every subject counts where a subject has its quantity. Raises `InputError` naming file and key for a subject or
-    quantity that is not there.
+    quantity that is not there, and outside `accept_unusual` for a limit that looks like another unit.
     """
     evaluations = list(evaluations)
     if path is None:
@@ -49,7 +57,17 @@ def judge_all(evaluations: Iterable[Evaluation], path: str | Path | None) -> lis
         known = {q.symbol for q in evaluation.quantities}
         mine = {key: value for key, value in general.items() if key in known} | own.get(evaluation.subject, {})
         result.append(judged(evaluation, mine))
+    _ask_unit(path, result)
     return result
+
+
+def _ask_unit(path: str | Path, found: Iterable[Evaluation]) -> None:
+    """Raises `InputError` for a limit that nothing exceeds, because it is meant in a smaller unit."""
+    for evaluation in found:
+        for q in evaluation.quantities:
+            most, smaller = _LARGE.get(q.unit, (float("inf"), ""))
+            if q.limit is not None and q.limit >= most:
+                ask(f"{path}: {q.symbol} = {q.limit:g} is a limit in {q.unit}. Expected less: is it in {smaller}?")
 
 
 def _require_known(

@@ -18,6 +18,7 @@ from volid.io.campaign.foreign import AS, RECOGNISE, read_foreign
 from volid.io.evaluations.positioning_tables import is_runs_table, runs_of_table
 from volid.io.instruments.recognition import known_as
 from volid.io.layouts import function_of
+from volid.io.record import COMPENSATION, read_header
 from volid.io.table_reader import read_table
 from volid.model.iso230 import LINEAR_AXES, ROTARY_AXES, parse
 from volid.model.machine import Axis, Machine
@@ -123,5 +124,11 @@ def _of_compensation(path: Path) -> PositioningRuns:
         unit="mm" if name.axis in LINEAR_AXES else "°",
         source=str(path),
     )
-    note = "the values of a compensation table were taken for minus the mean deviations that it was made from"
+    header = read_header(path)
+    rows = header.get("rows", "absolute, because the file has no line '# rows: incremental'")
+    minus = "minus " if header.get("values") == COMPENSATION else ""
+    note = (
+        f"the values of a compensation table were taken for {minus}the mean deviations that it was made from; "
+        f"its rows were read as {rows}"
+    )
     return replace(runs, notes=(note,))

@@ -24,7 +24,7 @@ from volid.io.basics.csv_rows import names_shown
 from volid.io.basics.csv_table import CsvTable
 from volid.io.basics.units import conversion, split_unit
 from volid.model.iso230 import ROTARY_AXES
-from volid.standards.positioning.runs import Approaches, PositioningRuns, arranged, run_numbers
+from volid.standards.positioning.runs import LARGE, Approaches, PositioningRuns, arranged, run_numbers
 
 TARGET, DIRECTION, RUN, ACTUAL, DEVIATION, AXIS = "target", "direction", "run", "actual", "deviation", "axis"
 FORMS = (
@@ -43,9 +43,9 @@ _WAYS = {
     "neg": -1.0,
 }
 _CELL = re.compile(r"(?:(actual|deviation)[ _])?(up|down|forward|reverse|backward|pos|neg|\+|-)[ _]?(\d{1,4})")
+_LETTER = re.compile(r"[A-Za-z]\d{0,2}")
 _FOLLOWS = 0.5  # slope over the targets above which numbers are positions, and not deviations
 DIGITS = 10  # decimal places of a difference of positions: more are of the computer's arithmetic
-_LARGE = {"mm": 1.0, "°": 0.1}  # deviations farther from their median are asked about
 _PURPOSE = "every approach needs one"
 
 
@@ -60,6 +60,7 @@ def runs_of_table(csv: CsvTable, axis: str | None) -> list[PositioningRuns]:
     Raises `InputError` naming file and column, or row, for columns that are missing, and cells that are none of what is
     expected.
     """
+    axis = axis and _named(axis)
     names = {_plain(name): name for name in csv.columns}
     csv = csv.renamed({plain: name for plain, name in names.items() if plain != name}, (), csv.source)
     cells = {name: match for name in csv.columns if (match := _CELL.fullmatch(name))}
@@ -81,11 +82,16 @@ def _plain(name: str) -> str:
 
 
 def _long(csv: CsvTable, axis: str | None) -> Iterator[PositioningRuns]:
-    axes = csv.labels(AXIS, _PURPOSE) if AXIS in csv else np.full(len(csv), axis or AXIS)
+    axes = np.array([_named(a) for a in csv.labels(AXIS, _PURPOSE)]) if AXIS in csv else np.full(len(csv), axis or AXIS)
     if AXIS in csv and axis is not None and axis not in axes:
         raise InputError(f"{csv.source}: no row is of axis {axis}; expected one of {', '.join(sorted(set(axes)))}")
     for letter in dict.fromkeys(axes.tolist() if axis is None else [axis]):
         yield _runs_of(csv, letter, np.flatnonzero(axes == letter))
+
+
+def _named(axis: str) -> str:
+    """The axis as machines call it: c is C, or its angles would be taken for mm."""
+    return axis.upper() if _LETTER.fullmatch(axis) else axis
 
 
 def _runs_of(csv: CsvTable, axis: str, rows: np.ndarray) -> PositioningRuns:
@@ -103,7 +109,7 @@ def _runs_of(csv: CsvTable, axis: str, rows: np.ndarray) -> PositioningRuns:
     run = csv.labels(RUN, _PURPOSE)[rows].tolist() if RUN in csv else run_numbers(target, direction, unit.symbol)
     where = [csv.where(int(i)) for i in rows]
     found = Approaches(target, direction, run, deviation, where)
-    return arranged(axis, found, unit.symbol, source=csv.source, notes=csv.notes)
+    return arranged(axis, found, unit.symbol, source=csv.source, notes=(*csv.notes, *_assumed(csv, axis)))
 
 
 def _directions(csv: CsvTable) -> np.ndarray:
@@ -129,18 +135,36 @@ def _wide(csv: CsvTable, cells: Mapping[str, re.Match[str]], axis: str | None) -
     csv.only((TARGET, *cells))
     axis = axis or AXIS
     unit = _unit(csv, axis)
+    _check_alike(csv, cells)
     target = csv.numbers(TARGET, unit.words, "every row needs one")
     grid = np.stack([csv.numbers(name, unit.words, "or an empty cell", gaps=True) for name in cells], axis=1)
     actual, notes = _are_actual(csv, cells, target, grid)
     deviation = _difference(grid, target[:, None], unit) if actual else grid
     _ask_size(csv, deviation, unit)
-    rows, columns = np.nonzero(np.isfinite(deviation))
+    there = np.isfinite(deviation)
+    if not there.any(axis=1).all():
+        raise InputError(
+            f"{csv.where(int(np.argmin(there.any(axis=1))))}: no approach of this target; leave the row out"
+        )
+    rows, columns = np.nonzero(there)
     ways = np.array([_WAYS[match[2]] for match in cells.values()])
     runs = [match[3] for match in cells.values()]
     names = list(cells)
     where = [f"{csv.where(int(i))}, {names[j]}" for i, j in zip(rows, columns, strict=True)]
     found = Approaches(target[rows], ways[columns], [runs[j] for j in columns], deviation[rows, columns], where)
-    return arranged(axis, found, unit.symbol, source=csv.source, notes=(*_how(csv, list(cells)), *notes))
+    return arranged(
+        axis, found, unit.symbol, source=csv.source, notes=(*_how(csv, list(cells)), *notes, *_assumed(csv, axis))
+    )
+
+
+def _check_alike(csv: CsvTable, cells: Mapping[str, re.Match[str]]) -> None:
+    """Raises `InputError` where some approaches state a unit, and others none or another one."""
+    stated = {name: csv.units.get(name) for name in cells}
+    first, *others = stated
+    odd = next((name for name in others if stated[name] != stated[first]), None)
+    if odd is not None:
+        said = [f"column {name} is in {stated[name] or 'no unit that it says'}" for name in (first, odd)]
+        raise InputError(f"{csv.source}, header: {', '.join(said)}; expected one unit for all approaches")
 
 
 def _how(csv: CsvTable, cells: list[str]) -> tuple[str, ...]:
@@ -188,6 +212,13 @@ def _unit(csv: CsvTable, axis: str) -> _Unit:
     return _Unit("°", "degrees") if rotary or (axis == AXIS and angle) else _Unit("mm", "mm")
 
 
+def _assumed(csv: CsvTable, axis: str) -> tuple[str, ...]:
+    """That positions were taken for mm, where neither axis nor unit says it."""
+    if axis != AXIS or TARGET in csv.units:
+        return ()
+    return ("neither the axis nor a unit is stated: positions were read as mm; state `axis` if they are degrees",)
+
+
 def _difference(actual: np.ndarray, target: np.ndarray, unit: _Unit) -> np.ndarray:
     """actual - target; of angles within half a turn, as a display begins anew after a whole one."""
     difference = np.round(actual - target, DIGITS)
@@ -221,7 +252,7 @@ def _check_deviations(csv: CsvTable, name: str, target: np.ndarray, deviation: n
 def _ask_size(csv: CsvTable, deviation: np.ndarray, unit: _Unit) -> None:
     """Raises `InputError` for deviations that look like another unit, outside `accept_unusual`."""
     size = float(np.nanmax(np.abs(deviation - np.nanmedian(deviation))))
-    if size > _LARGE[unit.symbol]:
+    if size > LARGE[unit.symbol]:
         other = "µm" if unit.symbol == "mm" else "arcsec"
         ask(
             f"{csv.source}: deviations reach {size:.4g} {unit.symbol} from their median. Expected {unit.words}: is it in "

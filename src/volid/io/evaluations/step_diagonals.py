@@ -38,7 +38,7 @@ from volid.planning.diagonals import BODY, TOOL, step_diagonals
 
 VALUES = ("displacement", "deviation", "increments")
 _COLUMN = re.compile(rf"({'|'.join(BODY)})(_back)?(?:_(\d+))?")
-_NUMBER = r"([-+]?\d+(?:\.\d*)?)"
+_NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
 _RANGE = re.compile(rf"([XYZ])\s+{_NUMBER}\s+{_NUMBER}")
 
 

@@ -22,6 +22,7 @@ FEWEST = 8  # readings of a run: three unknowns of a circle, and something to ju
 _FULL = 2.0  # steps: a gap that is smaller leaves a full circle
 _JUMP = 4.0  # steps: where the angle jumps farther, another run begins
 _LARGEST = 0.05  # of the radius: a deviation that is larger is another length or unit
+_OTHER = 0.02  # of the radius: readings whose middle differs more are of another circle, or no deviations
 _SAME = 1e-9  # degrees
 
 
@@ -153,7 +154,8 @@ def circular_readings(
         source: File or set, for messages.
 
     Raises:
-        InputError: no such plane, a run of fewer than 8 readings, or deviations of more than a twentieth of the radius.
+        InputError: no such plane, a run of fewer than 8 readings, deviations of more than a twentieth of the radius from their
+            middle, or a middle of more than a fiftieth of it.
 
     >>> turned = circular_readings("XZ", 100.0, np.arange(0.0, 360.0, 10.0), np.zeros(36))
     >>> turned.plane, turned.senses, turned.angle[:3].tolist()
@@ -165,12 +167,7 @@ def circular_readings(
         angle, sense = 90.0 - angle, None if sense is None else -np.asarray(sense)
     if not radius > 0.0:
         raise InputError(f"{where}radius is {radius:g}; expected the nominal radius of the circle in mm")
-    largest = float(np.abs(deviation - np.median(deviation)).max(initial=0.0))
-    if largest > _LARGEST * radius:
-        raise InputError(
-            f"{where}deviations of the radius reach {largest:.4g} mm on a circle of {radius:g} mm; expected the "
-            "readings of a ball bar in mm, and the nominal radius of the circle that was run"
-        )
+    _check_size(deviation, radius, where)
     labels = np.zeros(len(angle), dtype=int) if run is None else np.unique(np.asarray(run), return_inverse=True)[1]
     senses, number = _runs(angle, np.asarray(labels).ravel(), None if sense is None else np.asarray(sense))
     result = CircularReadings(found, float(radius), angle, deviation, senses, number, source=source)
@@ -181,6 +178,22 @@ def circular_readings(
                 "order in which they were taken"
             )
     return result
+
+
+def _check_size(deviation: np.ndarray, radius: float, where: str) -> None:
+    """Raises `InputError` for deviations that a ball bar on a circle of this radius cannot read."""
+    middle = float(np.median(deviation)) if len(deviation) else 0.0
+    largest = float(np.abs(deviation - middle).max(initial=0.0))
+    if largest > _LARGEST * radius:
+        raise InputError(
+            f"{where}deviations of the radius reach {largest:.4g} mm on a circle of {radius:g} mm; expected the "
+            "readings of a ball bar in mm, and the nominal radius of the circle that was run"
+        )
+    if abs(middle) > _OTHER * radius:
+        raise InputError(
+            f"{where}radii of about {radius + middle:.6g} mm on a circle of {radius:g} mm; expected the nominal radius of the "
+            "circle that was run, in mm (no diameter), lengths under radius, and lengths less the nominal one under deviation"
+        )
 
 
 def merged(tests: Sequence[CircularReadings]) -> CircularReadings:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,6 +19,8 @@ _WIDER = 15.0  # degrees: with so much more the geometry is tried again
 WIDEST = 45.0  # degrees: half of a quadrant is left for the geometry
 _LEAST_CHANGE = 5e-4  # mm: a reversal value that changes less is the same
 _SEEN = 3.0  # u: a spike that counts
+_ALIKE, _SURE, _FEWEST = 0.5, 4.0, 12  # correlation, its standard deviations from 0, angles that it needs
+_LEAST_WAVE = 1e-4  # mm: smaller ones are of no matter
 _MUCH = 1.5  # U by which noise makes a range larger: less is usual, and U tells of its size
 _NUMBERS = 1_000_000  # that are drawn to see what noise does
 _OF_THIS_PATH = (
@@ -25,6 +28,7 @@ _OF_THIS_PATH = (
     "of more paths tells them apart"
 )
 _NO_U = "no u of the readings is known: U of the geometry is from the residuals, ISO quantities have none"
+_NO_LENGTH_U = "no u of the bar's length is known: U of F_max, F_min, D and diameter is that of the readings alone"
 _ONE_SENSE = "one sense only: no bidirectional quantities, and squareness cannot be told from a lag of the axes"
 _WAVES_HARDLY_SEEN = (
     "in simulations U of squareness was too small by a quarter on such arcs, which hardly show waves of the path"
@@ -70,6 +74,7 @@ def _cases(details: CircularDetails, blank: list[str]) -> list[tuple[bool, str]]
         ),
         (_POOR[0] < arc < _POOR[1], _WAVES_HARDLY_SEEN),
         (test.u is None, _NO_U),
+        (test.u is not None and test.length_u == 0.0, _NO_LENGTH_U),
         (bool(blank), f"not determined: {', '.join(blank)}"),
     ]
 
@@ -98,6 +103,43 @@ def by_noise(details: CircularDetails) -> tuple[str, float, float]:
 
 
 def attention(details: CircularDetails, window: float) -> tuple[str, ...]:
+    """Why the numbers need a second look: pulses that outlast the window, waves that are too short for the model."""
+    return (*_of_window(details, window), *_short_waves(details))
+
+
+def _short_waves(details: CircularDetails) -> Iterator[str]:
+    """What the geometry leaves of both senses alike: waves, as of a screw or scale, that U of the geometry takes for noise.
+
+    At the ends of an axis such a wave stands still, and before a change of quadrant alone it looks like reversal and lag.
+    """
+    r, n, size = senses_alike(details)
+    if size > _LEAST_WAVE and r > _ALIKE and np.arctanh(min(r, 1.0 - 1e-12)) * np.sqrt(max(n - 3, 0)) > _SURE:
+        yield (
+            f"{details.test.plane}: the path has waves of about {1e3 * size:.1f} µm that are too short for the geometry and "
+            "alike in both senses, as a pitch error of a screw or scale makes them; reversal, lag and spikes may be wrong by as "
+            "much, and more than their U; test with smaller steps, and the axes alone (ISO 230-2)"
+        )
+
+
+def senses_alike(details: CircularDetails) -> tuple[float, int, float]:
+    """Correlation of what is left in both senses at the same angles outside the windows, number of angles, amplitude [mm]."""
+    test, geometry = details.test, details.geometry
+    place = np.round(test.angle % 360.0 / test.step).astype(int) % max(round(360.0 / test.step), 1)
+    size = int(place.max()) + 1
+    means = []
+    for sense in (1, -1):
+        rows = (test.sense == sense) & ~geometry.masked
+        count = np.bincount(place[rows], minlength=size)
+        total = np.bincount(place[rows], weights=geometry.residual[rows], minlength=size)
+        means.append(np.where(count > 0, total / np.maximum(count, 1), np.nan))
+    there, back = (m[np.isfinite(means[0] + means[1])] for m in means)
+    if len(there) < _FEWEST or not (np.ptp(there) > 0.0 and np.ptp(back) > 0.0):
+        return 0.0, len(there), 0.0
+    r = float(np.corrcoef(there, back)[0, 1])
+    return r, len(there), float(np.sqrt(2.0 * max(np.cov(there, back)[0, 1], 0.0)))
+
+
+def _of_window(details: CircularDetails, window: float) -> tuple[str, ...]:
     """Reversal values that a wider window changes: pulses last longer than the window, and are taken for reversal."""
     test, narrow = details.test, details.geometry.terms
     wide = min(window + _WIDER, WIDEST)

@@ -9,13 +9,15 @@ import numpy as np
 from volid.standards.diagonals.lines import BODY_NAMES, FACE_NAMES, Diagonal
 from volid.standards.positioning.evaluation import quantities_of
 from volid.standards.positioning.rules import APPROACHES
-from volid.standards.positioning.runs import statistics_of
+from volid.standards.positioning.runs import WAY_NAMES, ask_size, statistics_of
 from volid.standards.positioning.uncertainty import Contribution, expanded
 from volid.standards.results import Evaluation, Quantity, Table
 
 STANDARD = "ISO 230-6"
 BODY, FACE = "body", "face"
 SYMBOLS = {"E": "systematic deviation, both ways", "R": "repeatability, both ways", "B": "reversal, the largest"}
+ONE_WAY = {"E": "systematic deviation", "R": "repeatability"}  # of a diagonal that was run one way only
+WORDS = {"up": "on the way on", "down": "on the way back"}
 COLUMNS = ("diagonal", "target_mm", "mean_up_mm", "mean_down_mm", "s_up_mm", "s_down_mm", "B_mm")
 MIXED = (
     "a diagonal mixes the errors of all axes, and opposite ones hide each other: small diagonals do not prove a small "
@@ -42,11 +44,12 @@ def evaluate_diagonals(diagonals: Sequence[Diagonal], source: str = "") -> list[
 
 
 def _evaluation(subject: str, diagonals: Sequence[Diagonal], source: str) -> Evaluation:
-    singles = [q for d in diagonals for q in _quantities(d)]
+    by_symbol = [found for d in diagonals for found in _quantities(d)]
+    singles = [q for _, q in by_symbol]
     return Evaluation(
         STANDARD,
         subject,
-        (*singles, *_largest(singles, subject)),
+        (*singles, *_largest(by_symbol, subject)),
         tuple(_remarks(subject, diagonals, singles)),
         table=Table(COLUMNS, tuple(row for d in diagonals for row in _rows(d))),
         source=source or diagonals[0].runs.source.partition(",")[0],
@@ -54,28 +57,38 @@ def _evaluation(subject: str, diagonals: Sequence[Diagonal], source: str) -> Eva
     )
 
 
-def _quantities(diagonal: Diagonal) -> Iterator[Quantity]:
-    """E, R and B of one diagonal, with U where something is known of its uncertainty."""
+def _quantities(diagonal: Diagonal) -> Iterator[tuple[str, Quantity]]:
+    """E, R and B of one diagonal, or E_up … of one way, with U where something is known of its uncertainty."""
     runs, known = diagonal.runs, diagonal.contributions
+    ask_size(runs)
     values = quantities_of(statistics_of(runs.deviations))
     U = expanded(runs, known, quantities_of).U if known else {}
-    for symbol, text in SYMBOLS.items():
+    for symbol, text in _symbols(diagonal).items():
         if np.isfinite(values[symbol]):
-            name = f"{symbol}_{diagonal.name}"
-            yield Quantity(name, float(values[symbol]), "mm", U.get(symbol), text=f"{text}, along {diagonal.name}")
+            name, words = f"{symbol}_{diagonal.name}", f"{text}, along {diagonal.name}"
+            yield symbol, Quantity(name, float(values[symbol]), "mm", U.get(symbol), text=words)
 
 
-def _largest(singles: Sequence[Quantity], subject: str) -> Iterator[Quantity]:
-    """E_d, R_d, B_d; U is the largest of the diagonals, because the largest of several changes by no more than one of them."""
-    for symbol in SYMBOLS:
-        own = [q for q in singles if q.symbol.startswith(f"{symbol}_")]
-        if own:
-            largest = max(own, key=lambda q: q.value)
-            known = [q.U for q in own if q.U is not None]
-            text = f"largest of the {subject} diagonals: {largest.symbol}"
-            yield Quantity(
-                f"{symbol}_d", largest.value, "mm", max(known) if len(known) == len(own) else None, text=text
-            )
+def _symbols(diagonal: Diagonal) -> dict[str, str]:
+    """What is determined of a diagonal, with its words."""
+    if len(diagonal.runs.directions) > 1:
+        return SYMBOLS
+    way = WAY_NAMES[diagonal.runs.directions[0]]
+    return {f"{symbol}_{way}": f"{text}, {WORDS[way]}" for symbol, text in ONE_WAY.items()}
+
+
+def _largest(found: Sequence[tuple[str, Quantity]], subject: str) -> Iterator[Quantity]:
+    """E_d, R_d, B_d, or E_up_d … of diagonals that were run one way.
+
+    U is the largest of the diagonals, because the largest of several changes by no more than one of them.
+    """
+    for symbol in dict.fromkeys(symbol for symbol, _ in found):
+        own = [q for of, q in found if of == symbol]
+        largest = max(own, key=lambda q: q.value)
+        known = [q.U for q in own if q.U is not None]
+        U = max(known) if len(known) == len(own) else None
+        text = f"largest of the {subject} diagonals: {largest.symbol}"
+        yield Quantity(f"{symbol}_d", largest.value, "mm", U, text=text)
 
 
 def _remarks(subject: str, diagonals: Sequence[Diagonal], singles: Sequence[Quantity]) -> Iterator[str]:
@@ -91,7 +104,10 @@ def _remarks(subject: str, diagonals: Sequence[Diagonal], singles: Sequence[Quan
         yield f"{min(counts)} approach(es) of each target and way; ISO 230-6 follows ISO 230-2 and asks for {APPROACHES}{lost}"
     alone = [d.name for d in diagonals if len(d.runs.directions) < 2]
     if alone:
-        yield f"run one way only: {', '.join(alone)}; E, R and B hold for both ways and are not determined"
+        yield (
+            f"run one way only: {', '.join(alone)}; E, R and B hold for both ways and are not determined, those of "
+            "the way it was run, E_up or E_down, hold"
+        )
     yield from dict.fromkeys(note for d in diagonals for note in d.runs.notes)
     if singles:
         yield MIXED

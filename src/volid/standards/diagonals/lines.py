@@ -27,6 +27,7 @@ from volid.observations.beam_unknowns import uninterrupted
 from volid.standards.positioning.runs import Approaches, PositioningRuns, arranged, run_numbers
 from volid.standards.positioning.sets import contributions_of_line
 from volid.standards.positioning.uncertainty import Contribution
+from volid.standards.shared_errors import corrections
 
 BODY_NAMES = ("PPP", "NPP", "PNP", "PPN")
 FACE_NAMES = tuple(f"{plane}_{senses}" for plane in ("XY", "XZ", "YZ") for senses in ("PP", "NP"))
@@ -123,7 +124,7 @@ def _diagonal(line: BeamLine, campaign: Campaign, name: str, sign: float) -> Dia
         run = run_numbers(target, ways, "mm")
     places = [own.where(int(i)) for i in rows]
     approaches = Approaches(target, ways, run, deviation - deviation[int(np.argmin(target))], places)
-    notes = _notes(len(uninterrupted(line)))
+    notes = (*_notes(len(uninterrupted(line))), *corrections(own, rows), *campaign.warnings)
     runs = arranged(name, approaches, source=f"{own.file_and_set}, line {line.name}", notes=notes)
     numbered = approaches._replace(deviation=np.arange(len(rows), dtype=float))
     read = Positioning(line.name, -1, rows, deviation, sign, len(uninterrupted(line)))

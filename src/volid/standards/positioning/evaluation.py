@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from volid.standards.positioning.rules import attention, rules
-from volid.standards.positioning.runs import DOWN, UP, WAY_NAMES, PositioningRuns, Statistics, statistics_of
+from volid.standards.positioning.runs import DOWN, UP, WAY_NAMES, PositioningRuns, Statistics, ask_size, statistics_of
 from volid.standards.positioning.uncertainty import Contribution, Uncertainty, expanded
 from volid.standards.results import Evaluation, Quantity, Table
 
@@ -61,6 +61,9 @@ def evaluate_positioning(runs: PositioningRuns, contributions: Sequence[Contribu
         runs: Deviations by target, direction and run.
         contributions: What makes the test uncertain; without any, U stays unknown.
 
+    Raises:
+        InputError: deviations of more than a millimetre or a tenth of a degree from their median, outside `accept_unusual`.
+
     Source: ISO 230-2:2014.
 
     >>> deviations = np.array([[[0.000, 0.002], [0.003, 0.005]], [[0.009, 0.011], [0.013, 0.015]]])
@@ -68,6 +71,7 @@ def evaluate_positioning(runs: PositioningRuns, contributions: Sequence[Contribu
     >>> round(found["E"].value, 6), round(found["B"].value, 6), round(found["R"].value, 6)
     (0.013, 0.004, 0.009657)
     """
+    ask_size(runs)
     statistics = statistics_of(runs.deviations)
     values = {name: float(v) for name, v in quantities_of(statistics).items() if np.isfinite(v)}
     uncertainty = expanded(runs, contributions, quantities_of) if contributions else None

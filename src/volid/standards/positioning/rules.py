@@ -33,10 +33,27 @@ def rules(runs: PositioningRuns) -> tuple[str, ...]:
 
 def attention(runs: PositioningRuns) -> tuple[str, ...]:
     """Why the numbers need a second look: none of them can mean what the symbol says."""
+    return (*_repeated(runs), *_whole_turn(runs))
+
+
+def _whole_turn(runs: PositioningRuns) -> Iterator[str]:
+    """A rotary target 0 that was approached twice as often as all others: two targets, 0° and 360°, displayed alike."""
+    counts = np.isfinite(runs.deviations).sum(axis=(1, 2))
+    at = np.flatnonzero(np.abs(runs.targets) < 1e-6)
+    if runs.is_rotary and len(at) and len(counts) > 1:
+        others = np.delete(counts, at[0])
+        if counts[at[0]] == 2 * others.max() == 2 * others.min():
+            yield (
+                f"{runs.axis}: target 0 was approached twice as often as every other one, as where targets 0° and 360° are both "
+                "displayed as 0; E lacks the last target then, and R holds the error of a whole turn; write 360 for it"
+            )
+
+
+def _repeated(runs: PositioningRuns) -> Iterator[str]:
+    """Runs that are copies of each other."""
     spread = np.fmax.reduce(runs.deviations, axis=2) - np.fmin.reduce(runs.deviations, axis=2)
     if runs.deviations.shape[2] > 1 and not np.nan_to_num(spread).any():
-        return (f"{runs.axis}: all runs are equal to the last digit, so that R is 0; expected readings of every run",)
-    return ()
+        yield f"{runs.axis}: all runs are equal to the last digit, so that R is 0; expected readings of every run"
 
 
 def wanted_targets(runs: PositioningRuns) -> tuple[int, str]:
@@ -80,7 +97,10 @@ def _approaches(runs: PositioningRuns) -> Iterator[str]:
     if fewest < APPROACHES:
         target = runs.targets[int(np.argmin(counts.min(axis=1)))]
         where = "every target" if fewest == most else f"target {target:g}"
-        lost = "; without a second one the scatter, A and R are not determined" if fewest < 2 else ""
+        lost = {
+            0: "; A, R and E hold for what was approached",
+            1: "; without a second one the scatter, A and R are not determined",
+        }.get(fewest, "")
         counted = {0: "no approach", 1: "one approach"}.get(fewest, f"{fewest} approaches")
         yield f"{where} has {counted} in a direction; ISO 230-2 asks for {APPROACHES}{lost}"
     elif fewest != most:

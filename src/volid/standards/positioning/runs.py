@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from volid.backend.consent import ask
 from volid.exceptions import InputError
 
 UP, DOWN = 0, 1  # places along the second axis of `PositioningRuns.deviations`
@@ -125,6 +126,19 @@ class Approaches(NamedTuple):
     run: Sequence[str]
     deviation: np.ndarray
     where: Sequence[str]
+
+
+LARGE = {"mm": 1.0, "°": 0.1}  # deviations farther from their median are asked about
+
+
+def ask_size(runs: PositioningRuns) -> None:
+    """Raises `InputError` for deviations that are no machine's, outside `accept_unusual`: of another unit, or another zero."""
+    size = float(np.nanmax(np.abs(runs.deviations - np.nanmedian(runs.deviations))))
+    if size > LARGE[runs.unit]:
+        ask(
+            f"{runs.source or runs.axis}: deviations reach {size:.4g} {runs.unit} from their median. Expected actual less target "
+            f"position in {runs.unit}, from one zero: was a run set to zero at another place, or read in another unit?"
+        )
 
 
 SAME_TARGET = {"mm": 1e-3, "°": 1e-6}  # positions nearer than this are one target

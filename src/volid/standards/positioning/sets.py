@@ -19,6 +19,7 @@ from volid.observations import KINDS
 from volid.observations.base import NuisanceTable, Positioning
 from volid.standards.positioning.runs import Approaches, PositioningRuns, arranged, run_numbers
 from volid.standards.positioning.uncertainty import Contribution, Draw
+from volid.standards.shared_errors import corrections
 
 
 class Found(NamedTuple):
@@ -66,7 +67,12 @@ def _of_set(observations: ObservationSet, campaign: Campaign) -> Iterator[Found]
             axis.unit,
             source=f"{observations.file_and_set}, line {line.line}",
             travel=axis.travel,
-            notes=_notes(line),
+            notes=(
+                *_notes(line),
+                *corrections(observations, line.rows),
+                *_scales(observations, line),
+                *campaign.warnings,
+            ),
         )
         numbered = approaches._replace(deviation=np.arange(len(line.rows), dtype=float))
         place = arranged(axis.letter, numbered, axis.unit).deviations
@@ -88,6 +94,22 @@ def _notes(line: Positioning) -> tuple[str, ...]:
     return (
         f"the instrument was zeroed {line.zeros} times within the runs; every zero is taken as it was read, so that reversal and "
         "repeatability hold for what happened after it",
+    )
+
+
+def _scales(observations: ObservationSet, line: Positioning) -> tuple[str, ...]:
+    """That a scale acts on deviations alone, where the set does not say that the travel was counted."""
+    scales = [e.name for e in observations.effects if e.type == "scale"]
+    counted = KINDS[observations.kind].lengths(observations)[line.rows, 0]
+    if (
+        not scales
+        or abs(line.factor) != 1.0
+        or np.ptp(counted) > 0.5 * np.ptp(observations.positions[line.rows, line.axis])
+    ):
+        return ()
+    return (
+        f"effect '{scales[0]}' scales the deviations alone, which makes next to no U; say interferometer = true in set "
+        f"'{observations.name}' where it is the scale of a travel that was counted",
     )
 
 

@@ -7,14 +7,17 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.stats import chi2
 
+from volid.backend.consent import ask
 from volid.campaign import Campaign, ObservationSet
 from volid.model.iso230 import LINEAR_AXES
 from volid.standards.results import Evaluation, Quantity, Table
+from volid.standards.shared_errors import corrections
 from volid.standards.step_diagonals.separation import NAMES, NineFunctions, separate
 from volid.standards.step_diagonals.steps import steps_of
 
 STANDARD = "sequential step diagonals"
 K = 2.0
+LARGE = 1.0  # mm: a function that is larger is asked about
 CHANCE = 0.05  # of an attention where nothing but noise is in the readings
 # Squareness in the datum of X primary, Y secondary: minus or plus the sum of the slopes of two functions (CONVENTIONS 3)
 SQUARENESS = {"EC0Y": (-1.0, "Dx(y)", "Dy(x)"), "EB0Z": (1.0, "Dx(z)", "Dz(x)"), "EA0Z": (-1.0, "Dy(z)", "Dz(y)")}
@@ -40,10 +43,11 @@ def evaluate_step_diagonals(observations: ObservationSet, campaign: Campaign) ->
         campaign: The campaign that it belongs to.
 
     Raises:
-        InputError: the set holds no steps of single axes.
+        InputError: the set holds no steps of single axes; a function exceeds a millimetre, outside `accept_unusual`.
         NotDeterminedError: its diagonals do not determine the nine functions.
     """
     nine = separate(steps_of(observations, campaign))
+    _ask_size(nine)
     return Evaluation(
         standard=STANDARD,
         subject=observations.name,
@@ -54,6 +58,18 @@ def evaluate_step_diagonals(observations: ObservationSet, campaign: Campaign) ->
         source=observations.source,
         details=nine,
     )
+
+
+def _ask_size(nine: NineFunctions) -> None:
+    """Raises `InputError` for functions that are no machine's, outside `accept_unusual`: the steps were others than said."""
+    sizes = {name: float(np.abs(nine.of(name)[1]).max()) for name in NAMES}
+    largest = max(sizes, key=lambda name: sizes[name])
+    if sizes[largest] > LARGE:
+        ask(
+            f"{nine.steps.observations.file_and_set}: {largest} reaches {sizes[largest]:.4g} mm. Expected readings in mm of "
+            "steps between the positions that are stated, in the stated order (of a table X, Y, Z): are box, steps and unit "
+            "those of the test?"
+        )
 
 
 def _ranges(nine: NineFunctions) -> Iterator[Quantity]:
@@ -106,6 +122,8 @@ def _remarks(nine: NineFunctions) -> Iterator[str]:
         f"the diagonals contradict each other by {1e3 * found:.2f} µm RMS per step, where readings of this u give "
         f"{1e3 * noise:.2f} µm"
     )
+    yield from corrections(steps.observations)
+    yield from steps.campaign.warnings
     yield LEAKY
     if not steps.both_senses:
         yield ONE_WAY
