@@ -21,6 +21,7 @@ from volid.exceptions import InputError
 from volid.fitting.datum import parse_datum
 from volid.fitting.fit import fit
 from volid.validation.causes import ALL, SIGN, TABLE
+from volid.validation.independence import same_readings
 from volid.validation.validation import validate
 
 EXACT = MACHINES["vertical"]
@@ -162,6 +163,15 @@ def test_a_stale_compensation_is_found(known, tables):
     assert not found.confirmed and "EC0Y" in found.causes[0].what
 
 
+def test_a_compensation_other_than_the_recorded_one_is_noticed(known, tables):
+    campaign = second_campaign(known.truth, drive=tables.drive({}))
+    own = replace(campaign, conditions={"active_compensations": [*tables.control.active, "thermal growth of Z"]})
+    assert not any("what is stated is" in note for note in validate(known.solution, own, control=tables.control).notes)
+    other = replace(campaign, conditions={"active_compensations": ["L-VOL: grid over X, Y, Z"]})
+    notes = validate(known.solution, other, control=tables.control).notes
+    assert any("what is stated is: L-POS: tables of EXX, EYY, EZZ" in note and "L-VOL" in note for note in notes)
+
+
 def test_a_compensation_that_nobody_states_is_noticed(known, tables):
     campaign = second_campaign(known.truth, drive=tables.drive({}))
     stated = replace(campaign, conditions={"active_compensations": ["L-POS"]})
@@ -276,6 +286,73 @@ def test_a_set_up_like_that_of_the_fit_is_no_independent_test(known):
     same = validate(known.solution, first_campaign(random_truth(EXACT, rng), np.random.default_rng(77)))
     assert any("all stations" in text for text in same.dependences)
     assert any("tool vectors are those of the fit" in text for text in same.weak)
+
+
+def test_readings_that_the_fit_has_seen_are_known_however_they_are_written(known):
+    """With digits cut off, as part of what a fit has read; and rounded readings of other places are not taken for them."""
+    first = known.solution.campaign
+    cut = replace(first, sets=(replace(first.sets[0], readings=np.round(first.sets[0].readings, 4)),))
+    assert "has seen" in validate(known.solution, cut).attention[0]
+    half = replace(cut, sets=(cut.sets[0].rows_of(np.arange(0, len(cut.sets[0]), 2)[::-1]),))
+    assert "has seen" in validate(known.solution, half).attention[0]
+    other = second_campaign(known.truth)
+    numbers = np.concatenate([s.readings.ravel() for s in (first.sets[0], other.sets[0])])
+    coarse = np.unique(np.round(numbers, 0))  # every number of the second campaign stands in the first as well
+
+    def alike(campaign, seed):
+        readings = np.random.default_rng(seed).permutation(np.resize(coarse, len(campaign.sets[0])))
+        return replace(campaign, sets=(replace(campaign.sets[0], readings=readings[:, None]),))
+
+    fitted = SimpleNamespace(campaign=alike(first, 1), options={})
+    assert same_readings(fitted, alike(other, 2)) == []
+    assert same_readings(fitted, fitted.campaign) == [first.sets[0].name]
+    few = replace(first, sets=(first.sets[0].rows_of(np.arange(0, len(first.sets[0]), 5)),))
+    sample = SimpleNamespace(campaign=few, options={"streamed": len(first.sets[0])})
+    assert same_readings(sample, first) == [first.sets[0].name] and same_readings(sample, other) == []
+    assert same_readings(SimpleNamespace(campaign=few, options={}), first) == []
+
+
+def test_a_drift_begins_anew_with_every_campaign(known):
+    """The same name in both campaigns; in the second it goes the other way."""
+    rng = np.random.default_rng(14)
+    truth = random_truth(EXACT, rng)
+    first = first_campaign(truth, rng)
+    for form in ("linear", "random walk"):
+
+        def drifting(campaign, rate, form=form):
+            s = campaign.sets[0]
+            hours = np.arange(len(s)) / 30.0
+            effect = Effect("laser drift", "drift", 0.005, "campaign", options={"form": form})
+            readings = s.readings + (rate * hours)[:, None]
+            return replace(campaign, sets=(replace(s, readings=readings, time=3600.0 * hours, effects=(effect,)),))
+
+        solution = fit(drifting(first, 0.003))
+        assert validate(solution, drifting(second_campaign(truth, 14), -0.003)).confirmed
+        moved = second_campaign(changed(EXACT, truth, "squareness", 20e-6), 14)
+        assert not validate(solution, drifting(moved, -0.003)).confirmed
+
+
+@pytest.mark.parametrize("times, is_tested", [(1.0, True), (4.0, True), (3000.0, False)])
+def test_readings_too_coarse_to_tell_anything_are_no_test(known, times, is_tested):
+    campaign = second_campaign(changed(EXACT, known.truth, "squareness", 3e-6 if is_tested else 12e-6))
+    campaign = replace(campaign, sets=(replace(campaign.sets[0], u=campaign.sets[0].u * times),))
+    found = validate(known.solution, campaign)
+    assert any("times what their u lets expect" in note for note in found.notes) == (times > 1.0)
+    if not is_tested:
+        assert (
+            found.verdict.startswith("confirmed, but nothing is tested") and "nothing is tested" in found.attention[0]
+        )
+    elif times > 1.0:
+        assert found.confirmed and not found.attention
+
+
+def test_a_solution_that_its_own_readings_reject_is_not_confirmed_in_silence(known):
+    rng = np.random.default_rng(31_001)
+    bent = changed(EXACT, random_truth(EXACT, rng), "cross effect", 0.030)
+    solution = fit(first_campaign(bent, rng))
+    assert solution.adequacy.rejected
+    found = validate(solution, second_campaign(known.truth))
+    assert any("rejected by its own readings" in text for text in found.attention)
 
 
 def test_a_weak_campaign_says_what_it_cannot_tell(known):

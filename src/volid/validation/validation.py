@@ -17,12 +17,13 @@ from volid.validation.causes import causes
 from volid.validation.chi_squares import Smallest, Split, Test, smallest_changes, tests, together
 from volid.validation.equations import linear
 from volid.validation.groups import Compared, Group, compared, groups
-from volid.validation.held_out import HeldOut, held_out, with_factor
+from volid.validation.held_out import OPEN_END, REJECTED, HeldOut, held_out, with_factor
 from volid.validation.independence import SEEN, UNSTATED, active_notes, dependences, places_of, tools_in_common
-from volid.validation.verdict import verdict_of, weak_points
+from volid.validation.verdict import NO_TEST, far_smaller, untested, verdict_of, weak_points
 from volid.validation.whitened import Whitened
 
 LEVEL = 0.95
+UNFAIR = (SEEN, UNSTATED, REJECTED, OPEN_END, NO_TEST)  # how texts begin for which a confirmation means little
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,8 +73,8 @@ class Validation:
 
     @property
     def attention(self) -> list[str]:
-        """Why somebody should look: not confirmed, or no test at all."""
-        doubtful = [text for text in (*self.dependences, *self.notes) if text.startswith((SEEN, UNSTATED))]
+        """Why somebody should look: not confirmed, no test at all, or a solution that its own readings reject."""
+        doubtful = [text for text in (*self.dependences, *self.weak, *self.notes) if text.startswith(UNFAIR)]
         return [*([] if self.confirmed else [self.verdict]), *doubtful]
 
     @property
@@ -153,11 +154,12 @@ def _judged(held: HeldOut, split: Split, level: float, control: Control | None) 
     parameters = np.asarray(held.solution.parameters)
     why = () if confirmed else tuple(causes(whitened, split.changes, parameters, control))
     smallest = smallest_changes(split, level)
+    nothing = untested(split, smallest, parameters, level)
     linear_ = whitened.linear
     own = places_of(linear_.problem.nuisance, linear_.z[linear_.problem.model.layout.n_coefficients :])
     return Validation(
         confirmed,
-        verdict_of(found, by_group, why, level),
+        verdict_of(found, by_group, why, level, nothing),
         level,
         together(found),
         found,
@@ -165,8 +167,12 @@ def _judged(held: HeldOut, split: Split, level: float, control: Control | None) 
         by_group,
         why,
         smallest,
-        (*weak_points(smallest), *filter(None, [tools_in_common(held.solution, held.campaign)])),
+        (
+            *filter(None, [nothing]),
+            *weak_points(smallest),
+            *filter(None, [tools_in_common(held.solution, held.campaign)]),
+        ),
         dependences(held.solution, held.campaign, own),
         held.left_out,
-        (*held.notes, *active_notes(held.solution, held.campaign, control)),
+        (*held.notes, *filter(None, [far_smaller(split)]), *active_notes(held.solution, held.campaign, control)),
     )
