@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from exact_chain import random_truth
 from exact_chain.tracker import tracker_campaign
-from scipy.stats import binom
+from scipy.stats import binom, norm
 from support.machines import MACHINES, STRUCTURES, exact_machine, volid_machine
 from support.rtests import NO_LINEAR, r_test, r_test_campaign, rotary_only
 from support.trackers import distance_campaign
@@ -22,7 +22,9 @@ from volid.fitting.datum import parse_datum
 from volid.fitting.fit import fit
 from volid.validation.causes import ALL, SIGN, TABLE
 from volid.validation.independence import same_readings
+from volid.validation.shares import usual_share
 from volid.validation.validation import validate
+from volid.validation.whitened import Whitened
 
 EXACT = MACHINES["vertical"]
 MACHINE = volid_machine(EXACT)
@@ -353,6 +355,19 @@ def test_a_solution_that_its_own_readings_reject_is_not_confirmed_in_silence(kno
     assert solution.adequacy.rejected
     found = validate(solution, second_campaign(known.truth))
     assert any("rejected by its own readings" in text for text in found.attention)
+
+
+def test_what_share_of_e_n_above_1_is_usual():
+    """Independent readings: binomial. One error that all have in common, ten times their u: all of them or none."""
+
+    def of(known):
+        linear = SimpleNamespace(r=np.zeros(400), known=known, open=np.zeros((400, 0)))
+        return usual_share(Whitened.of(linear), 2.0, 1e-9)
+
+    alone = [binom.ppf(p, 400, 2 * norm.sf(2.0)) / 400 for p in (0.025, 0.975)]
+    np.testing.assert_allclose(of(np.zeros((400, 1))), alone, atol=0.004)
+    low, high = of(np.full((400, 1), 10.0))
+    assert low == 0.0 and high > 0.95
 
 
 def test_a_weak_campaign_says_what_it_cannot_tell(known):

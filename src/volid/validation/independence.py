@@ -11,6 +11,7 @@ from volid.compensation.control import Control
 from volid.fitting.solution import Solution
 from volid.fitting.streamed import STREAMED
 from volid.model.kinematics import nominal_point
+from volid.observations import KINDS, sets_by_kind
 from volid.observations.base import Nuisance
 from volid.observations.response import Key, PlaceOf
 from volid.plausibility.conditions import active_compensations
@@ -29,11 +30,11 @@ def same_readings(solution: Solution, campaign: Campaign) -> list[str]:
     number, as rounded ones often are, are others.
     """
     theirs = {place: rows for s in solution.campaign.sets for place, rows in _by_place(s)}
+    sizes = {kind: sum(map(len, sets)) for kind, sets in sets_by_kind(solution.campaign).items()}
     found = []
     for s in campaign.sets:
         n = sum(_in_common(rows, theirs.get(place, [])) for place, rows in _by_place(s))
-        kept = sum(len(t) for t in solution.campaign.sets if t.kind == s.kind)
-        whole = min(len(s), kept) if STREAMED in solution.options else len(s)
+        whole = min(len(s), sizes.get(KINDS[s.kind], 0)) if STREAMED in solution.options else len(s)
         if n > 0.5 * whole and np.any(s.readings != 0.0):
             found.append(s.name)
     return found
