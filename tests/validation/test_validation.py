@@ -16,6 +16,7 @@ from support.validations import OTHER_TOOLS, changed, other_stations
 from volid.campaign import Campaign, Effect, ObservationSet, Station
 from volid.compensation.base import base_of
 from volid.compensation.control import Control
+from volid.compensation.grids.linear import linear_grid
 from volid.compensation.package import compensate
 from volid.exceptions import InputError
 from volid.fitting.datum import parse_datum
@@ -169,6 +170,9 @@ def test_a_compensation_other_than_the_recorded_one_is_noticed(known, tables):
     campaign = second_campaign(known.truth, drive=tables.drive({}))
     own = replace(campaign, conditions={"active_compensations": [*tables.control.active, "thermal growth of Z"]})
     assert not any("what is stated is" in note for note in validate(known.solution, own, control=tables.control).notes)
+    grid = linear_grid(known.solution, step=200.0, tool=BASE_TOOL)
+    twice = replace(tables.control, grids=(replace(grid, type="L-POS"),))
+    assert any("applies the sum of both" in note for note in validate(known.solution, own, control=twice).notes)
     other = replace(campaign, conditions={"active_compensations": ["L-VOL: grid over X, Y, Z"]})
     notes = validate(known.solution, other, control=tables.control).notes
     assert any("what is stated is: L-POS: tables of EXX, EYY, EZZ" in note and "L-VOL" in note for note in notes)
@@ -355,6 +359,9 @@ def test_a_solution_that_its_own_readings_reject_is_not_confirmed_in_silence(kno
     assert solution.adequacy.rejected
     found = validate(solution, second_campaign(known.truth))
     assert any("rejected by its own readings" in text for text in found.attention)
+    again = replace(known.solution, prior_root=np.zeros((1, known.solution.model.n_parameters)))
+    notes = validate(again, second_campaign(known.truth)).notes
+    assert any("an earlier solution is part of this one" in note for note in notes)
 
 
 def test_what_share_of_e_n_above_1_is_usual():

@@ -84,6 +84,10 @@ def _doubts(solution: Solution) -> list[str]:
         found.append(f"{REJECTED}: {solution.adequacy.verdict}")
     if not solution.statistics.converged:
         found.append(OPEN_END)
+    if solution.prior_root is not None:
+        found.append(
+            "an earlier solution is part of this one: readings that it was made of are no test, and are not recognised"
+        )
     if not solution.fully_determined or solution.held_tool_rotation:
         found.append("the solution does not determine everything: what the readings see of the rest is not tested")
     return found

@@ -102,6 +102,8 @@ def active_notes(solution: Solution, campaign: Campaign, control: Control | None
             f"the campaign records as active: {', '.join(sorted(now - before))}; what is stated is: {', '.join(control.active)}. "
             "The prediction follows what is stated; look whether both are the same"
         )
+    if control is not None:
+        yield from control.corrected_twice
     if control is not None and before:
         yield (
             f"the solution was measured with {', '.join(sorted(before))} active already: what is stated now counts on top of that"
