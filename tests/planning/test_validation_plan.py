@@ -76,3 +76,6 @@ def test_what_makes_no_plan_is_refused(fitted):
         validation_plan(fitted.machine, fitted, seed=-1)
     with pytest.raises(InputError, match="u"):
         validation_plan(fitted.machine, fitted, u=-0.001)
+    other = read_machine(MODELS / "wXYbZt_vertical.toml")  # the same axes in another order
+    with pytest.raises(InputError, match="expected the machine that was measured"):
+        validation_plan(other, fitted)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from exact_chain import random_truth
 from exact_chain.tracker import tracker_campaign
-from scipy.stats import binom
+from scipy.stats import binom, norm
 from support.machines import MACHINES, STRUCTURES, exact_machine, volid_machine
 from support.rtests import NO_LINEAR, r_test, r_test_campaign, rotary_only
 from support.trackers import distance_campaign
@@ -16,12 +16,16 @@ from support.validations import OTHER_TOOLS, changed, other_stations
 from volid.campaign import Campaign, Effect, ObservationSet, Station
 from volid.compensation.base import base_of
 from volid.compensation.control import Control
+from volid.compensation.grids.linear import linear_grid
 from volid.compensation.package import compensate
 from volid.exceptions import InputError
 from volid.fitting.datum import parse_datum
 from volid.fitting.fit import fit
 from volid.validation.causes import ALL, SIGN, TABLE
+from volid.validation.independence import same_readings
+from volid.validation.shares import usual_share
 from volid.validation.validation import validate
+from volid.validation.whitened import Whitened
 
 EXACT = MACHINES["vertical"]
 MACHINE = volid_machine(EXACT)
@@ -162,6 +166,18 @@ def test_a_stale_compensation_is_found(known, tables):
     assert not found.confirmed and "EC0Y" in found.causes[0].what
 
 
+def test_a_compensation_other_than_the_recorded_one_is_noticed(known, tables):
+    campaign = second_campaign(known.truth, drive=tables.drive({}))
+    own = replace(campaign, conditions={"active_compensations": [*tables.control.active, "thermal growth of Z"]})
+    assert not any("what is stated is" in note for note in validate(known.solution, own, control=tables.control).notes)
+    grid = linear_grid(known.solution, step=200.0, tool=BASE_TOOL)
+    twice = replace(tables.control, grids=(replace(grid, type="L-POS"),))
+    assert any("applies the sum of both" in note for note in validate(known.solution, own, control=twice).notes)
+    other = replace(campaign, conditions={"active_compensations": ["L-VOL: grid over X, Y, Z"]})
+    notes = validate(known.solution, other, control=tables.control).notes
+    assert any("what is stated is: L-POS: tables of EXX, EYY, EZZ" in note and "L-VOL" in note for note in notes)
+
+
 def test_a_compensation_that_nobody_states_is_noticed(known, tables):
     campaign = second_campaign(known.truth, drive=tables.drive({}))
     stated = replace(campaign, conditions={"active_compensations": ["L-POS"]})
@@ -276,6 +292,89 @@ def test_a_set_up_like_that_of_the_fit_is_no_independent_test(known):
     same = validate(known.solution, first_campaign(random_truth(EXACT, rng), np.random.default_rng(77)))
     assert any("all stations" in text for text in same.dependences)
     assert any("tool vectors are those of the fit" in text for text in same.weak)
+
+
+def test_readings_that_the_fit_has_seen_are_known_however_they_are_written(known):
+    """With digits cut off, as part of what a fit has read; and rounded readings of other places are not taken for them."""
+    first = known.solution.campaign
+    cut = replace(first, sets=(replace(first.sets[0], readings=np.round(first.sets[0].readings, 4)),))
+    assert "has seen" in validate(known.solution, cut).attention[0]
+    half = replace(cut, sets=(cut.sets[0].rows_of(np.arange(0, len(cut.sets[0]), 2)[::-1]),))
+    assert "has seen" in validate(known.solution, half).attention[0]
+    other = second_campaign(known.truth)
+    numbers = np.concatenate([s.readings.ravel() for s in (first.sets[0], other.sets[0])])
+    coarse = np.unique(np.round(numbers, 0))  # every number of the second campaign stands in the first as well
+
+    def alike(campaign, seed):
+        readings = np.random.default_rng(seed).permutation(np.resize(coarse, len(campaign.sets[0])))
+        return replace(campaign, sets=(replace(campaign.sets[0], readings=readings[:, None]),))
+
+    fitted = SimpleNamespace(campaign=alike(first, 1), options={})
+    assert same_readings(fitted, alike(other, 2)) == []
+    assert same_readings(fitted, fitted.campaign) == [first.sets[0].name]
+    few = replace(first, sets=(first.sets[0].rows_of(np.arange(0, len(first.sets[0]), 5)),))
+    sample = SimpleNamespace(campaign=few, options={"streamed": len(first.sets[0])})
+    assert same_readings(sample, first) == [first.sets[0].name] and same_readings(sample, other) == []
+    assert same_readings(SimpleNamespace(campaign=few, options={}), first) == []
+
+
+def test_a_drift_begins_anew_with_every_campaign(known):
+    """The same name in both campaigns; in the second it goes the other way."""
+    rng = np.random.default_rng(14)
+    truth = random_truth(EXACT, rng)
+    first = first_campaign(truth, rng)
+    for form in ("linear", "random walk"):
+
+        def drifting(campaign, rate, form=form):
+            s = campaign.sets[0]
+            hours = np.arange(len(s)) / 30.0
+            effect = Effect("laser drift", "drift", 0.005, "campaign", options={"form": form})
+            readings = s.readings + (rate * hours)[:, None]
+            return replace(campaign, sets=(replace(s, readings=readings, time=3600.0 * hours, effects=(effect,)),))
+
+        solution = fit(drifting(first, 0.003))
+        assert validate(solution, drifting(second_campaign(truth, 14), -0.003)).confirmed
+        moved = second_campaign(changed(EXACT, truth, "squareness", 20e-6), 14)
+        assert not validate(solution, drifting(moved, -0.003)).confirmed
+
+
+@pytest.mark.parametrize("times, is_tested", [(1.0, True), (4.0, True), (3000.0, False)])
+def test_readings_too_coarse_to_tell_anything_are_no_test(known, times, is_tested):
+    campaign = second_campaign(changed(EXACT, known.truth, "squareness", 3e-6 if is_tested else 12e-6))
+    campaign = replace(campaign, sets=(replace(campaign.sets[0], u=campaign.sets[0].u * times),))
+    found = validate(known.solution, campaign)
+    assert any("times what their u lets expect" in note for note in found.notes) == (times > 1.0)
+    if not is_tested:
+        assert (
+            found.verdict.startswith("confirmed, but nothing is tested") and "nothing is tested" in found.attention[0]
+        )
+    elif times > 1.0:
+        assert found.confirmed and not found.attention
+
+
+def test_a_solution_that_its_own_readings_reject_is_not_confirmed_in_silence(known):
+    rng = np.random.default_rng(31_001)
+    bent = changed(EXACT, random_truth(EXACT, rng), "cross effect", 0.030)
+    solution = fit(first_campaign(bent, rng))
+    assert solution.adequacy.rejected
+    found = validate(solution, second_campaign(known.truth))
+    assert any("rejected by its own readings" in text for text in found.attention)
+    again = replace(known.solution, prior_root=np.zeros((1, known.solution.model.n_parameters)))
+    notes = validate(again, second_campaign(known.truth)).notes
+    assert any("an earlier solution is part of this one" in note for note in notes)
+
+
+def test_what_share_of_e_n_above_1_is_usual():
+    """Independent readings: binomial. One error that all have in common, ten times their u: all of them or none."""
+
+    def of(known):
+        linear = SimpleNamespace(r=np.zeros(400), known=known, open=np.zeros((400, 0)))
+        return usual_share(Whitened.of(linear), 2.0, 1e-9)
+
+    alone = [binom.ppf(p, 400, 2 * norm.sf(2.0)) / 400 for p in (0.025, 0.975)]
+    np.testing.assert_allclose(of(np.zeros((400, 1))), alone, atol=0.004)
+    low, high = of(np.full((400, 1), 10.0))
+    assert low == 0.0 and high > 0.95
 
 
 def test_a_weak_campaign_says_what_it_cannot_tell(known):

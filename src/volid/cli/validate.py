@@ -45,8 +45,9 @@ residual, u, E_n.
 example:
   volid validate solution.h5 check.toml -o residuals.csv --figure validation.svg
 
-exit status: 0 confirmed; 1 not confirmed, or no fair test: the fit has seen the readings, or
-compensations were active that are not stated; 2 bad input
+exit status: 0 confirmed; 1 not confirmed, or no fair test: the fit has seen the readings,
+compensations were active that are not stated, the solution is rejected by its own readings, or the
+readings are too coarse to test anything; 2 bad input
 """
 
 

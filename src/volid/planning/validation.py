@@ -70,7 +70,7 @@ def validation_plan(
         A campaign without readings, within the measured range of the fit.
 
     Raises:
-        InputError: a number is none, or the machine cannot be measured so.
+        InputError: a number is none, the campaign was measured on another machine, or the machine cannot be measured so.
 
     Source: ISO/TR 16907 11.3.
 
@@ -80,6 +80,11 @@ def validation_plan(
     >>> len(plan.stations), plan.n_readings
     (4, 240)
     """
+    if machine.structure.split() != fitted.machine.structure.split():
+        raise InputError(
+            f"machine '{machine.name}' is '{machine.structure}', that of the solution '{fitted.machine.structure}'; expected the "
+            "machine that was measured"
+        )
     checked_count("n", n, 2, LARGEST)
     checked_count("seed", seed, 0, LARGEST)
     if tools is not None:

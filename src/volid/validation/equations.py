@@ -9,7 +9,7 @@ the campaign has of its own, stations, dead paths, offsets, alignments, spheres,
 can take up a disagreement: the machine moves within its covariance only, and b is projected out.
 
 A systematic effect that both campaigns name alike, with `per` = "campaign" or "tool", is one and the same unknown: it enters with
-the value and the covariance with θ that the solution has of it. All other effects are new ones.
+the value and the covariance with θ that the solution has of it. All other effects are new ones, and drifts are: they begin anew.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ import numpy as np
 
 from volid.campaign import Campaign
 from volid.compensation.control import Control
+from volid.effects import TYPES
 from volid.fitting.diagnosis.hold_out import rows_by_reading
 from volid.fitting.diagnosis.sensitivities import Sensitivities, of_readings
 from volid.fitting.equations.choice import INTERPRETED, engine_named
@@ -148,8 +149,12 @@ class _Unknowns:
 
 
 def shared_effects(solution: Solution, entries: Sequence[Nuisance]) -> dict[int, int]:
-    """Effects that a campaign (`entries`: its unknowns) has in common with a solution: number there by number here."""
-    theirs = {e.key: i for i, e in enumerate(solution.nuisance_table) if e.effect}
+    """Effects that a campaign (`entries`: its unknowns) has in common with a solution: number there by number here.
+
+    A drift is none of them: it begins anew with the clock of every campaign.
+    """
+    drifts = {e.name for s in solution.campaign.sets for e in s.effects if TYPES[e.type].spans_campaign}
+    theirs = {e.key: i for i, e in enumerate(solution.nuisance_table) if e.effect and e.effect not in drifts}
     return {i: theirs[e.key] for i, e in enumerate(entries) if e.effect and _spans(e) and e.key in theirs}
 
 

@@ -44,7 +44,7 @@ class Compared:
 class Group:
     """A group of readings: `sort` ("set", "station", "region", …), `what` it is, number of readings `n`, root mean square of the
     residual and what it should be, `rms` and `expected` [`unit`; NaN where units differ], `e_n_above_1`: share of readings with
-    E_n > 1, about 5 % of which are to be expected, and `ratio`: root mean square of residual over u, about 1."""
+    E_n > 1, about 5 % on average if the solution is right, and `ratio`: root mean square of residual over u, about 1."""
 
     sort: str
     what: str

@@ -18,6 +18,7 @@ from volid.observations.base import takes_large_errors
 from volid.plausibility.checks import check_campaign
 
 MOST = 40_000_000  # numbers of the readings' sensitivities, 320 MB: above, readings are thinned out
+REJECTED, OPEN_END = "the solution was rejected by its own readings", "the solution's own fit had not converged"
 SAME_AXIS = ("primed", "unit_vector", "point", "error_point")
 
 
@@ -80,9 +81,13 @@ def _doubts(solution: Solution) -> list[str]:
     """What the solution's own readings say against it."""
     found = []
     if solution.adequacy.rejected:
-        found.append(f"the solution was rejected by its own readings: {solution.adequacy.verdict}")
+        found.append(f"{REJECTED}: {solution.adequacy.verdict}")
     if not solution.statistics.converged:
-        found.append("the solution's own fit had not converged")
+        found.append(OPEN_END)
+    if solution.prior_root is not None:
+        found.append(
+            "an earlier solution is part of this one: readings that it was made of are no test, and are not recognised"
+        )
     if not solution.fully_determined or solution.held_tool_rotation:
         found.append("the solution does not determine everything: what the readings see of the rest is not tested")
     return found
@@ -91,7 +96,7 @@ def _doubts(solution: Solution) -> list[str]:
 def with_factor(held: HeldOut) -> HeldOut:
     """With the u of readings enlarged where the fit found that those of their kind are larger than stated (`Solution.factor`).
 
-    A fit whose residuals are κ times their u says the same of new readings of these kinds.
+    What made the fit enlarge its u by κ is to be expected of new readings of these kinds too.
     """
     factor, known = held.solution.factor, set(sets_by_kind(held.solution.campaign))
     concerned = [s.name for kind, sets in sets_by_kind(held.campaign).items() if kind in known for s in sets]
@@ -99,8 +104,8 @@ def with_factor(held: HeldOut) -> HeldOut:
         return held
     sets = tuple(replace(s, u=s.u * factor) if s.name in concerned else s for s in held.campaign.sets)
     note = (
-        f"the fit found residuals {factor:.3g} times their u, so u of readings of the same kind is taken {factor:.3g} times as "
-        f"large here too ({', '.join(concerned)})"
+        f"the fit enlarged every u by the factor {factor:.3g}, because its readings fitted worse than their u says, so u of "
+        f"readings of the same kind is taken {factor:.3g} times as large here too ({', '.join(concerned)})"
     )
     return held._replace(campaign=replace(held.campaign, sets=sets), notes=(*held.notes, note))
 

@@ -6,28 +6,59 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from volid.campaign import SAME_PLACE, SAME_TOOL, Campaign
+from volid.campaign import SAME_PLACE, SAME_TOOL, Campaign, ObservationSet
 from volid.compensation.control import Control
 from volid.fitting.solution import Solution
+from volid.fitting.streamed import STREAMED
 from volid.model.kinematics import nominal_point
+from volid.observations import KINDS, sets_by_kind
 from volid.observations.base import Nuisance
 from volid.observations.response import Key, PlaceOf
 from volid.plausibility.conditions import active_compensations
 
 SEEN, UNSTATED = "the fit has seen", "compensations were active"
 NEAR = 0.1  # of the diagonal of the volume: stations and spheres nearer to one of the fit's see the machine as that one did
+SAME_READING = 0.1  # of u
 FEW = 60  # levels: positions on more of them are scattered, and stand between those of the fit as well
 
 
 def same_readings(solution: Solution, campaign: Campaign) -> list[str]:
-    """Sets whose readings the fit has seen."""
-    seen = {(s.kind, round(float(v), 12)) for s in solution.campaign.sets for v in s.readings.ravel()}
+    """Sets more than half of whose readings the fit has seen: of a streamed fit, of which a sample is kept, half of that sample.
+
+    A reading is the same where position and tool are, and where it differs by less than a tenth of its u, the n-th of a place
+    compared with the n-th: digits that were cut off do not hide it, and readings of other places that happen to be the same
+    number, as rounded ones often are, are others.
+    """
+    theirs = {place: rows for s in solution.campaign.sets for place, rows in _by_place(s)}
+    sizes = {kind: sum(map(len, sets)) for kind, sets in sets_by_kind(solution.campaign).items()}
     found = []
     for s in campaign.sets:
-        known = np.mean([(s.kind, round(float(v), 12)) in seen for v in s.readings.ravel()])
-        if known > 0.5 and np.any(s.readings != 0.0):
+        n = sum(_in_common(rows, theirs.get(place, [])) for place, rows in _by_place(s))
+        whole = min(len(s), sizes.get(KINDS[s.kind], 0)) if STREAMED in solution.options else len(s)
+        if n > 0.5 * whole and np.any(s.readings != 0.0):
             found.append(s.name)
     return found
+
+
+_Rows = list[tuple[np.ndarray, np.ndarray]]  # readings and their u, (k,) each
+
+
+def _by_place(readings: ObservationSet) -> Iterator[tuple[tuple[object, ...], _Rows]]:
+    """Readings by kind, station, axis positions and tool vectors, those of one place in the order of the set."""
+    ends = readings.ends
+    places = np.hstack([np.hstack([np.round(e.positions, 6), np.round(e.tool, SAME_TOOL)]) for e in ends]) + 0.0
+    labels = list(zip(*(readings.labels[name] for name in sorted(readings.labels)), strict=True))
+    found: dict[tuple[object, ...], _Rows] = {}
+    for i, place in enumerate(places.tolist()):
+        key = (readings.kind, readings.readings.shape[1], *(labels[i] if labels else ()), *place)
+        found.setdefault(key, []).append((readings.readings[i], readings.u[i]))
+    yield from found.items()
+
+
+def _in_common(own: _Rows, theirs: _Rows) -> int:
+    """How many readings of one place are those of another campaign."""
+    pairs = zip(own, theirs, strict=False)
+    return sum(bool(np.all(np.abs(a - b) < SAME_READING * np.minimum(u, v))) for (a, u), (b, v) in pairs)
 
 
 def dependences(solution: Solution, campaign: Campaign, places: dict[tuple[Key, ...], np.ndarray]) -> tuple[str, ...]:
@@ -66,6 +97,13 @@ def active_notes(solution: Solution, campaign: Campaign, control: Control | None
             f"{UNSTATED} that were not when the solution was measured: {', '.join(sorted(now - before))}; state "
             "them with `compensation`, or the prediction is that of the machine without"
         )
+    if control is not None and now - before and not set(control.active) <= now:
+        yield (
+            f"the campaign records as active: {', '.join(sorted(now - before))}; what is stated is: {', '.join(control.active)}. "
+            "The prediction follows what is stated; look whether both are the same"
+        )
+    if control is not None:
+        yield from control.corrected_twice
     if control is not None and before:
         yield (
             f"the solution was measured with {', '.join(sorted(before))} active already: what is stated now counts on top of that"

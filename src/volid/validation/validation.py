@@ -16,13 +16,15 @@ from volid.fitting.stages import breakdown_named
 from volid.validation.causes import causes
 from volid.validation.chi_squares import Smallest, Split, Test, smallest_changes, tests, together
 from volid.validation.equations import linear
-from volid.validation.groups import Compared, Group, compared, groups
-from volid.validation.held_out import HeldOut, held_out, with_factor
+from volid.validation.groups import LEAST, Compared, Group, K, compared, groups
+from volid.validation.held_out import OPEN_END, REJECTED, HeldOut, held_out, with_factor
 from volid.validation.independence import SEEN, UNSTATED, active_notes, dependences, places_of, tools_in_common
-from volid.validation.verdict import verdict_of, weak_points
+from volid.validation.shares import usual_share
+from volid.validation.verdict import NO_TEST, far_smaller, untested, verdict_of, weak_points
 from volid.validation.whitened import Whitened
 
 LEVEL = 0.95
+UNFAIR = (SEEN, UNSTATED, REJECTED, OPEN_END, NO_TEST)  # how texts begin for which a confirmation means little
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +44,8 @@ class Validation:
         weak: What this campaign cannot tell, or hardly, in words.
         dependences: What it has in common with the fit, in words; empty where it is another set-up.
         left_out: Rows outside the measured range, by set.
+        usual_e_n_above_1: Shares of readings with E_n > 1 between which 95 % of right solutions lie; wide where what
+            readings have in common moves many of them together.
         notes: What else should be known.
 
     >>> import volid
@@ -63,6 +67,7 @@ class Validation:
     weak: tuple[str, ...]
     dependences: tuple[str, ...]
     left_out: dict[str, int]
+    usual_e_n_above_1: tuple[float, float]
     notes: tuple[str, ...]
 
     @property
@@ -72,8 +77,8 @@ class Validation:
 
     @property
     def attention(self) -> list[str]:
-        """Why somebody should look: not confirmed, or no test at all."""
-        doubtful = [text for text in (*self.dependences, *self.notes) if text.startswith((SEEN, UNSTATED))]
+        """Why somebody should look: not confirmed, no test at all, or a solution that its own readings reject."""
+        doubtful = [text for text in (*self.dependences, *self.weak, *self.notes) if text.startswith(UNFAIR)]
         return [*([] if self.confirmed else [self.verdict]), *doubtful]
 
     @property
@@ -84,7 +89,7 @@ class Validation:
 
     @property
     def e_n_above_1(self) -> float:
-        """Share of readings with E_n > 1; about 5 % are to be expected."""
+        """Share of readings with E_n > 1; `usual_e_n_above_1` is to be expected, about 5 % on average."""
         return float(np.mean(self.e_n > 1.0)) if len(self.e_n) else float("nan")
 
 
@@ -153,11 +158,12 @@ def _judged(held: HeldOut, split: Split, level: float, control: Control | None) 
     parameters = np.asarray(held.solution.parameters)
     why = () if confirmed else tuple(causes(whitened, split.changes, parameters, control))
     smallest = smallest_changes(split, level)
+    nothing = untested(split, smallest, parameters, level)
     linear_ = whitened.linear
     own = places_of(linear_.problem.nuisance, linear_.z[linear_.problem.model.layout.n_coefficients :])
     return Validation(
         confirmed,
-        verdict_of(found, by_group, why, level),
+        verdict_of(found, by_group, why, level, nothing),
         level,
         together(found),
         found,
@@ -165,8 +171,13 @@ def _judged(held: HeldOut, split: Split, level: float, control: Control | None) 
         by_group,
         why,
         smallest,
-        (*weak_points(smallest), *filter(None, [tools_in_common(held.solution, held.campaign)])),
+        (
+            *filter(None, [nothing]),
+            *weak_points(smallest),
+            *filter(None, [tools_in_common(held.solution, held.campaign)]),
+        ),
         dependences(held.solution, held.campaign, own),
         held.left_out,
-        (*held.notes, *active_notes(held.solution, held.campaign, control)),
+        usual_share(whitened, K, LEAST),
+        (*held.notes, *filter(None, [far_smaller(split)]), *active_notes(held.solution, held.campaign, control)),
     )

@@ -4,18 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+from scipy.special import chdtr
+
 from volid.fitting.diagnosis.adequacy import Cause
-from volid.validation.chi_squares import Smallest, Test
+from volid.validation.changes import function_columns
+from volid.validation.chi_squares import Smallest, Split, Test, smallest
 from volid.validation.groups import Group
 
 COARSE = 0.010  # mm at the functional point: a change that is found only from there on is hardly tested
 WORSE = 1.3  # times the ratio of all readings, from which a group is where a disagreement is
+NO_TEST = "nothing is tested"
+FAR_SMALLER, CHANCE = 0.7, 1e-3  # times u: residuals that are smaller, not by chance, have an u that is too large
 LISTED, MEMBERS = 3, 10  # groups that are named, and readings that one needs for it
 
 
-def verdict_of(found: Sequence[Test], groups: Sequence[Group], causes: Sequence[Cause], level: float) -> str:
-    """One or two sentences: confirmed or not, by what, where, and what it looks like."""
+def verdict_of(
+    found: Sequence[Test], groups: Sequence[Group], causes: Sequence[Cause], level: float, untested: str = ""
+) -> str:
+    """One or two sentences: confirmed or not, by what, where, and what it looks like. `untested`: why nothing is tested."""
     failed = [t for t in found if not t.passed]
+    if not failed and untested:
+        return f"confirmed, but {untested}"
     if not failed:
         return f"confirmed: the readings agree with the solution's predictions (a right solution does so in {100 * level:g} %)"
     parts = ", ".join(f"{t.what} (chi-square {t.chi_square:.4g}, limit {t.limit:.4g})" for t in failed)
@@ -52,3 +62,31 @@ def weak_points(smallest: Sequence[Smallest]) -> tuple[str, ...]:
         sizes = ", ".join(f"{s.name} from {1e3 * s.at_point:.0f} µm at the functional point on" for s in coarse)
         found.append(f"this campaign would find with 90 % only large changes: {sizes}")
     return tuple(found)
+
+
+def untested(split: Split, smallest_: Sequence[Smallest], parameters: np.ndarray, level: float) -> str:
+    """Why the readings are no test of the solution; empty where they are one.
+
+    They are none where they would not tell the solution from a machine without errors, nor find any change below `COARSE`.
+    """
+    if any(s.at_point <= COARSE for s in smallest_):
+        return ""
+    whole = np.sum([column for _, column in function_columns(split.whitened.linear, parameters)], axis=0)
+    if smallest(split, np.asarray(whole), level) <= 1.0:
+        return ""
+    return (
+        f"{NO_TEST}: these readings would hardly tell the machine of the solution from one without errors, and find no change "
+        f"below {1e3 * COARSE:g} µm at the functional point; take more readings, or look whether their u is right"
+    )
+
+
+def far_smaller(split: Split) -> str:
+    """A sentence where residuals are smaller than u says, beyond chance; empty else."""
+    freedom, whole = split.whitened.freedom, float(np.sum(split.whitened.v**2))
+    ratio = float(np.sqrt(whole / freedom))
+    if ratio > FAR_SMALLER or chdtr(freedom, whole) > CHANCE:
+        return ""
+    return (
+        f"residuals are {ratio:.2g} times what their u lets expect: u of readings or solution is too large, so that changes are "
+        "found only when they are larger than need be"
+    )
