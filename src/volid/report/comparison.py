@@ -188,16 +188,30 @@ def holding_words(found: Series, times: Times) -> str:
     if not np.isfinite(hold.rate):
         return f"not determined: no two surveys determine the whole deviation field, so its change is not judged against {limit}"
     if not hold.significant:
-        return (
-            f"no function drifts significantly, and the change of the field stays within {limit}; a drift that these surveys "
-            f"cannot exclude reaches it not before {times.words(hold.earliest)}"
-        )
+        return f"{_within_words(found, limit)}; {_excluded_words(found, times, limit)}"
     latest = f"and {times.words(hold.latest)}" if np.isfinite(hold.latest) else "and an open end"
     return (
         f"not exceeded within the series; going on at {1e3 * hold.rate:.3g} µm per {'day' if times.dated else 'unit of time'} "
         f"the change of the field reaches {limit} on {times.words(hold.until)} (extrapolated; between "
         f"{times.words(hold.earliest)} {latest}, k = {K:g})"
     )
+
+
+def _within_words(found: Series, limit: str) -> str:
+    sizes = [c.largest for c in found.volume if np.isfinite(c.largest)]
+    if max(sizes, default=0.0) <= found.holding.limit:
+        return f"no function drifts significantly, and the change of the field stays within {limit}"
+    return (
+        f"no function has changed significantly, so the change of the field, up to {1e3 * max(sizes):.2f} µm and above {limit}, "
+        "is not told from what noise alone makes"
+    )
+
+
+def _excluded_words(found: Series, times: Times, limit: str) -> str:
+    earliest = found.holding.earliest
+    if earliest <= found.times[-1]:
+        return f"nor do these surveys exclude that {limit} was reached"
+    return f"a drift that these surveys cannot exclude reaches it not before {times.words(earliest)}"
 
 
 def _series_verdict(found: Series) -> str:

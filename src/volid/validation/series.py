@@ -69,10 +69,11 @@ class FunctionDrift:
 class Holding(NamedTuple):
     """Until when a compensation made from the first survey holds, by the change of the field since then.
 
-    `limit`, `rate` with `u` [mm, mm per unit of time]. `exceeded`: number of the first survey that exceeds the limit, -1: none;
-    `clearly`: by more than its U. `until`, `earliest`, `latest`: extrapolated along the drift, in units of time from the first
-    survey; inf where none is seen, NaN where the surveys do not determine the field. `significant`: whether any function drifts.
-    `before`: number of the last survey before `exceeded` of which the field is determined.
+    `limit`, `rate` with `u` [mm, mm per unit of time]. `exceeded`: number of the first survey that exceeds the limit, -1: none,
+    or no function has changed significantly; `clearly`: by more than its U. `until`, `earliest`, `latest`: extrapolated along the
+    drift, in units of time from the first survey; inf where none is seen, NaN where the surveys do not determine the field.
+    `significant`: whether any function drifts. `before`: number of the last survey before `exceeded` of which the field is
+    determined.
     """
 
     limit: float
@@ -179,7 +180,7 @@ def series(
         functions=functions,
         volume=fields.changes,
         drift=fields.drift,
-        holding=_holding(line.times, fields, small, any(f.drift.significant for f in functions)),
+        holding=_holding(fields, small, functions),
         datum=describe_datum(states.machine, states.model.datum),
         notes=(*states.notes, *shared.notes, *left_out(called, functions, fields)),
         attention=doubts(shared),
@@ -219,10 +220,15 @@ def _of_function(line: Lines, outputs: Outputs, level: float) -> FunctionDrift:
     )
 
 
-def _holding(times: np.ndarray, fields: Fields, limit: float, significant: bool) -> Holding:
-    """The date from which the change of the field exceeds the limit."""
-    changes, drift = fields.changes, fields.drift
-    over = [i for i, c in enumerate(changes, start=1) if c.largest > limit]
+def _holding(fields: Fields, limit: float, functions: Sequence[FunctionDrift]) -> Holding:
+    """The date from which the change of the field exceeds the limit.
+
+    The largest of many noisy lengths exceeds any limit near its own U, so it says nothing unless some function has changed.
+    """
+    times, changes, drift = fields.line.times, fields.changes, fields.drift
+    significant = any(f.drift.significant for f in functions)
+    has_changed = significant or any(not f.steady for f in functions)
+    over = [i for i, c in enumerate(changes, start=1) if has_changed and c.largest > limit]
     exceeded = over[0] if over else -1
     clearly = bool(over) and changes[exceeded - 1].largest - K * changes[exceeded - 1].u > limit
     known = [0, *(i for i, c in enumerate(changes, start=1) if np.isfinite(c.largest) and i < exceeded)]
