@@ -62,7 +62,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=[],
         help="effect that was another one each time, although all campaigns name it alike; repeatable",
     )
-    parser.add_argument("--dates", metavar="D1,D2,…", help="of three solutions or more: dates, or numbers")
+    parser.add_argument(
+        "--dates", metavar="D1,D2,…", help="of three solutions or more: dates, with time of day if need be, or numbers"
+    )
     parser.add_argument(
         "--limit",
         metavar="L",

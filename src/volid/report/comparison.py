@@ -153,8 +153,7 @@ def series_lines(found: Series, times: Times) -> list[str]:
     span = f"{times.words(0.0)} to {times.words(float(found.times[-1]))}"
     lines = [f"{len(found.names)} surveys, {span}", *paragraph(_series_verdict(found)), ""]
     for name, when, change in zip(found.names[1:], found.times[1:].tolist(), found.volume, strict=True):
-        text = f"{times.words(when)}: since the first up to {1e3 * change.largest:.2f} µm (u {1e3 * change.u:.2f} µm)"
-        lines += paragraph(f"{text}, {1e3 * change.rms:.2f} µm RMS; {name}", "volume")
+        lines += paragraph(f"{times.words(when)}: {_since_words(change)}; {name}", "volume")
     lines += paragraph(holding_words(found, times), "holds")
     lines += paragraph(found.datum, "datum")
     lines += ["", *_change_table([f.drift for f in found.functions], "drift"), ""]
@@ -166,28 +165,53 @@ def series_lines(found: Series, times: Times) -> list[str]:
     return [*lines, *_ends(not_tested, found.notes)]
 
 
+def _since_words(change: VolumeChange) -> str:
+    if not np.isfinite(change.largest):
+        return "the change of the field since the first survey is not determined"
+    size = f"{1e3 * change.largest:.2f} µm (u {1e3 * change.u:.2f} µm)"
+    return f"since the first up to {size}, {1e3 * change.rms:.2f} µm RMS"
+
+
 def holding_words(found: Series, times: Times) -> str:
     """The date from which a compensation made from the first survey no longer holds."""
     hold = found.holding
+    if not np.isfinite(hold.limit):
+        return "not determined: the first survey does not determine the deviation field that a compensation would be made from"
     limit = f"the limit of {1e3 * hold.limit:.2f} µm"
     if hold.exceeded > 0:
-        between = f"between {times.words(float(found.times[hold.exceeded - 1]))} and"
+        between = f"between {times.words(float(found.times[hold.before]))} and"
         sure = "" if hold.clearly else ", though by less than its U"
         return (
             f"a compensation made from the first survey no longer holds: {between} "
             f"{times.words(float(found.times[hold.exceeded]))} the change of the field exceeded {limit}{sure}"
         )
+    if not np.isfinite(hold.rate):
+        return f"not determined: no two surveys determine the whole deviation field, so its change is not judged against {limit}"
     if not hold.significant:
-        return (
-            f"no function drifts significantly, and the change of the field stays within {limit}; a drift that these surveys "
-            f"cannot exclude reaches it not before {times.words(hold.earliest)}"
-        )
+        return f"{_within_words(found, limit)}; {_excluded_words(found, times, limit)}"
     latest = f"and {times.words(hold.latest)}" if np.isfinite(hold.latest) else "and an open end"
     return (
         f"not exceeded within the series; going on at {1e3 * hold.rate:.3g} µm per {'day' if times.dated else 'unit of time'} "
         f"the change of the field reaches {limit} on {times.words(hold.until)} (extrapolated; between "
         f"{times.words(hold.earliest)} {latest}, k = {K:g})"
     )
+
+
+def _within_words(found: Series, limit: str) -> str:
+    sizes = [c.largest for c in found.volume if np.isfinite(c.largest)]
+    if max(sizes, default=0.0) <= found.holding.limit:
+        return f"no function drifts significantly, and the change of the field stays within {limit}"
+    return (
+        f"no function has changed significantly, so the change of the field, up to {1e3 * max(sizes):.2f} µm and above {limit}, "
+        "is not told from what noise alone makes"
+    )
+
+
+def _excluded_words(found: Series, times: Times, limit: str) -> str:
+    earliest = found.holding.earliest
+    if earliest <= found.times[-1]:
+        return f"nor do these surveys exclude that {limit} was reached"
+    return f"a drift that these surveys cannot exclude reaches it not before {times.words(earliest)}"
 
 
 def _series_verdict(found: Series) -> str:
@@ -201,7 +225,7 @@ def _series_verdict(found: Series) -> str:
 def _step_words(function: FunctionDrift, names: Sequence[str]) -> str:
     step = function.step_change
     return (
-        f"{step.name} did not change steadily, most between {names[function.step - 1]} and {names[function.step]}: "
+        f"{step.name} did not change steadily, most between {names[function.before_step]} and {names[function.step]}: "
         f"{_size(step)}{_place(step)}"
     )
 
@@ -249,8 +273,13 @@ def series_data(found: Series, times: Times) -> dict[str, Any]:
 
 
 def _steadiness(function: FunctionDrift, names: Sequence[str]) -> dict[str, Any]:
-    step = None if function.steady else {"before": names[function.step], **change_data(function.step_change)}
-    return {"steady": function.steady, "probability_steady": function.probability, "step": step}
+    step = (
+        None
+        if function.steady
+        else {"before": names[function.step], "after": names[function.before_step], **change_data(function.step_change)}
+    )
+    own = [names[i] for i in function.surveys]
+    return {"steady": function.steady, "probability_steady": function.probability, "step": step, "surveys": own}
 
 
 def series_rows(found: Series, times: Times) -> Iterator[tuple[Any, ...]]:

@@ -133,12 +133,20 @@ def _field_panel(panel: Any, found: Series) -> None:
     sizes = 1e3 * np.array([c.largest for c in found.volume])
     u = 1e3 * np.array([c.u for c in found.volume])
     panel.errorbar(found.times[1:], sizes, yerr=K * u, fmt="o", ms=4, color=SAME, capsize=3)
-    panel.axhline(1e3 * found.holding.limit, color=CHANGED, lw=1.0, ls="--")
-    panel.annotate(
-        "limit", (1.0, 1e3 * found.holding.limit), xycoords=("axes fraction", "data"), xytext=(-3, 3),
-        textcoords="offset points", ha="right", fontsize=7, color=CHANGED,
-    )  # fmt: skip
-    panel.set_ylim(bottom=0.0, top=1.25 * max(float(np.nanmax(sizes + K * u)), 1e3 * found.holding.limit))
+    for time in found.times[1:][np.isnan(sizes)]:
+        panel.annotate(
+            "not determined", (time, 0.0), xycoords=("data", "axes fraction"), xytext=(0, 4), textcoords="offset points",
+            ha="center", rotation=90, fontsize=7, color="0.5",
+        )  # fmt: skip
+    limit = 1e3 * found.holding.limit
+    if np.isfinite(limit):
+        panel.axhline(limit, color=CHANGED, lw=1.0, ls="--")
+        panel.annotate(
+            "limit", (1.0, limit), xycoords=("axes fraction", "data"), xytext=(-3, 3), textcoords="offset points",
+            ha="right", fontsize=7, color=CHANGED,
+        )  # fmt: skip
+    highest = np.append(sizes + K * u, limit)
+    panel.set_ylim(0.0, 1.25 * float(np.max(highest[np.isfinite(highest)], initial=1e-3)))
     panel.set_title("largest change of the functional point / µm", fontsize=8, loc="left", color="0.25")
 
 
@@ -151,10 +159,12 @@ def _drift_panel(panel: Any, found: Series, function: FunctionDrift) -> None:
     panel.axhline(0.0, color="0.75", lw=0.8)
     panel.errorbar(found.times, values, yerr=K * u, fmt="o", ms=4, color=CHANGED, capsize=3)
     if function.steady:
-        slope = scale * function.drift.values[own] / found.times[-1]
-        weights = 1.0 / np.maximum(u, np.max(u[1:], initial=1e-12)) ** 2
-        middle = np.sum(weights * (values - slope * found.times)) / np.sum(weights)
-        panel.plot(found.times, middle + slope * found.times, color=LINE, lw=1.0)
+        who = np.array(function.surveys)
+        at = found.times[who]
+        slope = scale * function.drift.values[own] / (at[-1] - at[0])
+        weights = 1.0 / np.maximum(u[who], np.max(u[who[1:]], initial=1e-12)) ** 2
+        middle = np.sum(weights * (values[who] - slope * at)) / np.sum(weights)
+        panel.plot(at, middle + slope * at, color=LINE, lw=1.0)
     place = f" at {shown.at:.4g}" if np.isfinite(shown.at) else ""
     words = "drifts" if function.drift.significant and function.steady else "steps" if not function.steady else ""
     panel.set_title(f"{shown.name}{place} / {unit}   {words}", fontsize=8, loc="left", color="0.25")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from datetime import date, timedelta
+from datetime import UTC, date, datetime, timedelta
 from math import isfinite
 from typing import Any, NamedTuple
 
@@ -14,6 +14,7 @@ from volid.fitting.solution import Solution
 
 KEY = "date"  # of [conditions]
 LATEST = 365.25 * 100.0  # days: beyond, a date says nothing
+MINUTES = 24 * 60  # of a day
 
 
 class Times(NamedTuple):
@@ -35,7 +36,10 @@ class Times(NamedTuple):
             return f"{first + since_first:.4g}"
         if since_first > LATEST:
             return "more than 100 years after the first"
-        return (date.fromordinal(1) + timedelta(days=first - 1.0 + since_first)).isoformat()
+        if all(v == int(v) for v in self.values):
+            return (date.fromordinal(1) + timedelta(days=first - 1.0 + since_first)).isoformat()
+        minutes = timedelta(minutes=round(MINUTES * (first - 1.0 + since_first)))
+        return (datetime(1, 1, 1) + minutes).isoformat(" ", "minutes")
 
 
 def stated_times(text: str, count: int) -> Times:
@@ -48,9 +52,9 @@ def stated_times(text: str, count: int) -> Times:
         raise InputError(
             f"`dates={text}`: {len(parts)} dates for {count} solutions; expected one for each, in their order"
         )
-    days = [_day(p) for p in parts]
-    if all(d is not None for d in days):
-        return Times(tuple(float(d) for d in days if d is not None), True)
+    days = [d for d in map(_day, parts) if d is not None]
+    if len(days) == len(parts):
+        return Times(tuple(days), True)
     try:
         numbers = tuple(float(p) for p in parts)
     except ValueError:
@@ -72,7 +76,7 @@ def recorded_times(solutions: Sequence[Solution], names: Sequence[str]) -> Times
                 f"{name}: [conditions] {KEY} {what}; expected the day of the survey, such as {KEY} = 2026-03-01 in the "
                 "campaign's manifest, or give the days of all solutions by `dates`"
             )
-        found.append(float(min(d for d in days if d is not None)))
+        found.append(min(d for d in days if d is not None))
     return Times(tuple(found), True)
 
 
@@ -82,9 +86,20 @@ def _texts(conditions: Mapping[str, Any]) -> list[str]:
     return [*([str(conditions[KEY])] if KEY in conditions else []), *nested]
 
 
-def _day(text: str) -> int | None:
-    """Ordinal of the day of an ISO date, with or without a time of day; None for another text."""
-    try:
-        return date.fromisoformat(text[:10]).toordinal()
-    except ValueError:
+def _day(text: str) -> float | None:
+    """Ordinal of the day of an ISO date, with the part of the day where it says a time (UTC, where it says a zone); None for
+    another text.
+
+    >>> _day("2026-07-13T12:00") - _day("2026-07-13")
+    0.5
+    """
+    for words in (text, text[:10]):
+        try:
+            at = datetime.fromisoformat(words)
+            break
+        except ValueError:
+            continue
+    else:
         return None
+    at = at if at.tzinfo is None else at.astimezone(UTC).replace(tzinfo=None)
+    return at.toordinal() + (at.hour * 60 + at.minute + at.second / 60) / MINUTES

@@ -40,6 +40,7 @@ BESIDE = 7  # places of the second axis of a function of two
 NOWHERE = np.array([np.nan])
 KNOWN = 0.5  # share of the variance from the smoothness above which a contrast says nothing of the readings
 NEGLIGIBLE = 1e-10  # of the largest eigenvalue: rounding
+ROUNDING = 1e-9  # of the largest singular value of a function's rows
 SAME = 1e-3  # share of the variance as if nothing were shared, below which a difference is none (one solution holds the other)
 OPEN = 1e-4  # of what its parameters can: a change of an open direction that leaves a value determined
 FIXED = 1e-6  # of the largest u of a function: the datum fixes the value
@@ -171,8 +172,8 @@ class Combination:
 
     @cached_property
     def open_directions(self) -> np.ndarray:
-        """What some solution does not determine, in units of 0.1 mm and 0.1 mrad, orthonormal, (n', d)."""
-        return self.shared.of.open_directions()
+        """What some solution that takes part does not determine, in units of 0.1 mm and 0.1 mrad, orthonormal, (n', d)."""
+        return self.shared.of.open_directions(np.flatnonzero(self.weights))
 
 
 def is_open(combination: Combination, rows: np.ndarray) -> np.ndarray:
@@ -186,12 +187,13 @@ def contrasts(combination: Combination, outputs: Outputs) -> np.ndarray:
     """T (r, m): independent contrasts of the values of a function that the readings determine, each with unit variance as if
     nothing were shared."""
     units, rows = parameter_units(combination.shared.of.model), outputs.rows
-    open_part = (rows * units) @ combination.open_directions
-    left = np.eye(len(rows))
-    if open_part.shape[1]:
-        vectors, sizes, _ = np.linalg.svd(open_part, full_matrices=True)
-        scale = float(np.max(np.linalg.norm(rows * units, axis=1), initial=1e-12))
-        left = vectors[:, int(np.sum(sizes > OPEN * scale)) :].T
+    own, sizes, ways = np.linalg.svd(rows * units, full_matrices=False)
+    kept = sizes > ROUNDING * max(float(sizes.max(initial=0.0)), 1e-300)
+    own, sizes, ways = own[:, kept], sizes[kept], ways[kept]  # beyond, rows are rounding, and would count as determined
+    along = ways @ combination.open_directions
+    vectors, shares, _ = np.linalg.svd(along, full_matrices=True)
+    free = vectors[:, int(np.sum(shares > OPEN)) :].T if along.shape[1] else np.eye(len(ways))
+    left = (free / sizes) @ own.T
     inner = left @ rows
     values, vectors = np.linalg.eigh(inner @ combination.total @ inner.T)
     kept = values > NEGLIGIBLE * max(float(values.max(initial=0.0)), 1e-300)
@@ -242,13 +244,13 @@ def function_change(combination: Combination, outputs: Outputs, level: float | N
     values, u = values_of(combination, outputs)
     test = whitened(combination, outputs)
     freedom, chi_square = len(test.rows), test.chi_square(combination.value)
-    worst = _largest(values, u)
+    worst = _largest(values, u, linear_uncertainty(outputs.rows, combination.total))
     return FunctionChange(
         name=outputs.name,
         unit=outputs.unit,
         largest_change=float(values[worst]),
         u=float(u[worst]),
-        at=float(outputs.positions[worst]),
+        at=float(outputs.positions[worst]) if np.isfinite(values[worst]) else np.nan,
         direction=int(outputs.directions[worst]),
         chi_square=chi_square,
         degrees_of_freedom=freedom,
@@ -262,10 +264,14 @@ def function_change(combination: Combination, outputs: Outputs, level: float | N
     )
 
 
-def _largest(values: np.ndarray, u: np.ndarray) -> int:
-    """Number of the largest value, those that the datum fixes left out."""
-    free = u > FIXED * np.nanmax(u) if np.isfinite(u).any() else np.zeros(len(u), dtype=bool)
-    size = np.where(np.isfinite(values) & free, np.abs(values), -1.0)
+def _largest(values: np.ndarray, u: np.ndarray, total: np.ndarray) -> int:
+    """Number of the largest value, those that the datum fixes left out; of one that is not determined if there is no other.
+
+    `total`: u as if nothing were shared, of values that are not determined too."""
+    free = total > FIXED * np.max(total)
+    if not free.any():  # nothing moves it, as in a comparison of a solution with itself
+        free = np.ones(len(values), dtype=bool)
+    size = np.where(free, np.where(np.isfinite(values), np.abs(values), -1.0), -2.0)
     return int(np.argmax(size))
 
 

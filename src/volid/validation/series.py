@@ -3,17 +3,18 @@
 The drift of a function is the slope of a weighted line through its values, θ'(t) = θ'₀ + (t - t₀) s: a combination Σ aᵢ θ'ᵢ with
 aᵢ = wᵢ (tᵢ - t̄) / Σ w (t - t̄)², wᵢ the inverse of the mean variance of the deviation field of solution i. So it has the same
 tests as a comparison of two, and what the solutions share counts once (`shared`). What a line leaves is tested likewise: a crash,
-or a repair, is no drift. Not modelled: drift that depends on the season, or within one survey.
+or a repair, is no drift. A survey that leaves something of a function undetermined takes no part in the line of that function,
+as long as two others are left (`lines`). Not modelled: drift that depends on the season, or within one survey.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import null_space
 
 from volid.backend.threads import one_blas_thread
 from volid.exceptions import InputError
@@ -23,7 +24,6 @@ from volid.model.machine import Datum
 from volid.validation.comparison import doubts
 from volid.validation.function_changes import (
     LEVEL,
-    Combination,
     FunctionChange,
     Outputs,
     by_holm,
@@ -31,9 +31,10 @@ from volid.validation.function_changes import (
     outputs_of,
     values_of,
 )
-from volid.validation.shared import Said, Shared, what_is_shared
+from volid.validation.lines import Fields, Lines, fields_of
+from volid.validation.shared import Said, what_is_shared
 from volid.validation.states import in_one_model
-from volid.validation.volume_change import Volume, VolumeChange, change_in, largest_u, volume_of
+from volid.validation.volume_change import VolumeChange
 
 FEWEST = 3
 K = 2.0  # coverage factor of limits and intervals
@@ -43,10 +44,13 @@ K = 2.0  # coverage factor of limits and intervals
 class FunctionDrift:
     """One function over time.
 
-    `drift`: its change from the first survey to the last along the line. `steady`: False where the line leaves a significant
-    rest, with `probability` of one as large by chance; `step`: number of the survey before which most of that rest happened, and
-    `step_change`: the change there. `since_first` (k, m), `since_first_u`: its values less those of the first survey.
+    `surveys`: numbers of those that its line goes through. `drift`: its change from the first to the last of these along it.
+    `steady`: False where the line leaves a significant rest, with `probability` of one as large by chance (NaN of two surveys);
+    `step`: number of the survey before which most of that rest happened, and `step_change`: the change there. `since_first`
+    (k, m), `since_first_u`: its values less those of the first of `surveys`, NaN where one of the two leaves them undetermined.
     """
+
+    surveys: tuple[int, ...]
 
     drift: FunctionChange
     steady: bool
@@ -56,13 +60,20 @@ class FunctionDrift:
     since_first: np.ndarray
     since_first_u: np.ndarray
 
+    @property
+    def before_step(self) -> int:
+        """Number of the survey from which `step_change` counts."""
+        return self.surveys[self.surveys.index(self.step) - 1]
+
 
 class Holding(NamedTuple):
     """Until when a compensation made from the first survey holds, by the change of the field since then.
 
-    `limit`, `rate` with `u` [mm, mm per unit of time]. `exceeded`: number of the first survey that exceeds the limit, -1: none;
-    `clearly`: by more than its U. `until`, `earliest`, `latest`: extrapolated along the drift, in units of time from the first
-    survey; inf where none is seen. `significant`: whether any function drifts.
+    `limit`, `rate` with `u` [mm, mm per unit of time]. `exceeded`: number of the first survey that exceeds the limit, -1: none,
+    or no function has changed significantly; `clearly`: by more than its U. `until`, `earliest`, `latest`: extrapolated along the
+    drift, in units of time from the first survey; inf where none is seen, NaN where the surveys do not determine the field.
+    `significant`: whether any function drifts. `before`: number of the last survey before `exceeded` of which the field is
+    determined.
     """
 
     limit: float
@@ -74,6 +85,7 @@ class Holding(NamedTuple):
     earliest: float
     latest: float
     significant: bool
+    before: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,8 +96,8 @@ class Series:
         names: What messages call them, in the order of time.
         times: From the first survey, shape (k,), in days or another unit.
         functions: Every function and constant, as `FunctionDrift`.
-        volume: Change of the field from the first to each other survey.
-        drift: Change of the field along the line, over the span.
+        volume: Change of the field from the first to each other survey; NaN where one of the two leaves some of it open.
+        drift: Change of the field along the line through the surveys that determine it, over the whole span.
         holding: Until when a compensation made from the first survey holds.
         datum: What functions refer to, in words.
         notes: What was assumed.
@@ -158,61 +170,28 @@ def series(
     called = [names[i] if names else f"survey {n + 1}" for n, i in enumerate(order)]
     states = in_one_model([solutions[i] for i in order], called, datum)
     shared = what_is_shared(states, Said(tuple(common), tuple(independent)))
-    volume, line = volume_of(states), _Line(shared, when - when[0])
-    weights = np.array([1.0 / max(_mean_variance(volume, s.covariance), 1e-300) for s in states.states])
-    slope = line.slope(weights)
-    functions = _functions(line, slope)
-    changes = tuple(change_in(volume, line.between(0, i)) for i in range(1, len(when)))
-    drift = change_in(volume, slope)
-    small = K * largest_u(volume, states.states[0].covariance) if limit is None else limit
+    line = Lines.of(shared, when - when[0])
+    functions = _functions(line)
+    fields = fields_of(line)
+    small = fields.limit(K) if limit is None else limit
     return Series(
         names=tuple(called),
         times=line.times,
         functions=functions,
-        volume=changes,
-        drift=drift,
-        holding=_holding(line.times, changes, drift, small, any(f.drift.significant for f in functions)),
+        volume=fields.changes,
+        drift=fields.drift,
+        holding=_holding(fields, small, functions),
         datum=describe_datum(states.machine, states.model.datum),
-        notes=(*states.notes, *shared.notes),
+        notes=(*states.notes, *shared.notes, *left_out(called, functions, fields)),
         attention=doubts(shared),
     )
 
 
-class _Line(NamedTuple):
-    """What the combinations of a series are made of. `times` (k,), from the first."""
-
-    shared: Shared
-    times: np.ndarray
-
-    def slope(self, w: np.ndarray) -> Combination:
-        """The change over the whole span along a line with weights w (k,)."""
-        span = self.times[-1]
-        away = self.times - np.sum(w * self.times) / np.sum(w)
-        return Combination(self.shared, span * w * away / np.sum(w * away**2), self.times / span)
-
-    def between(self, i: int, j: int) -> Combination:
-        """The change from survey i to survey j."""
-        weights = np.zeros(len(self.times))
-        weights[i], weights[j] = -1.0, 1.0
-        return Combination(self.shared, weights, (np.arange(len(weights)) >= j).astype(float))
-
-    def rests(self) -> list[Combination]:
-        """Combinations (k - 2) that are 0 for every line."""
-        lines = np.stack([np.ones_like(self.times), self.times / self.times[-1]])
-        return [Combination(self.shared, a, np.abs(a)) for a in null_space(lines).T]
-
-
-def _mean_variance(volume: Volume, covariance: np.ndarray) -> float:
-    flat = volume.rows.reshape(-1, volume.rows.shape[2])
-    return float(np.mean(np.sum((flat @ covariance) * flat, axis=1)))
-
-
-def _functions(line: _Line, slope: Combination) -> tuple[FunctionDrift, ...]:
+def _functions(line: Lines) -> tuple[FunctionDrift, ...]:
     """Every function, with Holm's rule over drifts and rests together."""
     outputs = outputs_of(line.shared.of.model)
-    level, last = LEVEL / (2 * max(len(outputs), 1)), range(1, len(line.times))
-    others = _Others(line.rests(), [line.between(i - 1, i) for i in last], [line.between(0, i) for i in last])
-    found = [_of_function(function_change(slope, own, level), own, others) for own in outputs]
+    level = LEVEL / (2 * max(len(outputs), 1))
+    found = [_of_function(line, own, level) for own in outputs]
     both = np.array([f.drift.probability for f in found] + [f.probability for f in found])
     passed = by_holm(both)
     return tuple(
@@ -221,44 +200,61 @@ def _functions(line: _Line, slope: Combination) -> tuple[FunctionDrift, ...]:
     )
 
 
-class _Others(NamedTuple):
-    """Combinations beside the slope: what a line leaves, changes from survey to survey, and from the first to each other."""
-
-    rests: list[Combination]
-    steps: list[Combination]
-    since: list[Combination]
-
-
-def _of_function(drift: FunctionChange, outputs: Outputs, others: _Others) -> FunctionDrift:
-    left = [function_change(c, outputs).probability for c in others.rests]
-    steps = [function_change(c, outputs) for c in others.steps]
+def _of_function(line: Lines, outputs: Outputs, level: float) -> FunctionDrift:
+    who = line.through(outputs.rows)
+    drift = function_change(line.slope(who), outputs, level)
+    left = [function_change(c, outputs).probability for c in line.rests(who)]
+    steps = [function_change(line.between(i, j), outputs) for i, j in pairwise(who)]
     step = int(np.argmin([s.probability if np.isfinite(s.probability) else 1.0 for s in steps]))
-    since = [values_of(c, outputs) for c in others.since]
+    since = [values_of(line.between(who[0], i), outputs) if i != who[0] else None for i in range(len(line.times))]
     nothing = np.zeros(len(outputs.rows))
     return FunctionDrift(
+        surveys=who,
         drift=drift,
         steady=True,
-        probability=float(min(1.0, len(left) * np.min(left))),
-        step=step + 1,
+        probability=float(min(1.0, len(left) * np.nanmin(left))) if np.isfinite(left).any() else np.nan,
+        step=who[step + 1],
         step_change=steps[step],
-        since_first=np.stack([nothing, *(values for values, _ in since)]),
-        since_first_u=np.stack([nothing, *(u for _, u in since)]),
+        since_first=np.stack([nothing if own is None else own[0] for own in since]),
+        since_first_u=np.stack([nothing if own is None else own[1] for own in since]),
     )
 
 
-def _holding(
-    times: np.ndarray, changes: Sequence[VolumeChange], drift: VolumeChange, limit: float, significant: bool
-) -> Holding:
-    """The date from which the change of the field exceeds the limit."""
-    over = [i for i, c in enumerate(changes, start=1) if c.largest > limit]
+def _holding(fields: Fields, limit: float, functions: Sequence[FunctionDrift]) -> Holding:
+    """The date from which the change of the field exceeds the limit.
+
+    The largest of many noisy lengths exceeds any limit near its own U, so it says nothing unless some function has changed.
+    """
+    times, changes, drift = fields.line.times, fields.changes, fields.drift
+    significant = any(f.drift.significant for f in functions)
+    has_changed = significant or any(not f.steady for f in functions)
+    over = [i for i, c in enumerate(changes, start=1) if has_changed and c.largest > limit]
     exceeded = over[0] if over else -1
     clearly = bool(over) and changes[exceeded - 1].largest - K * changes[exceeded - 1].u > limit
+    known = [0, *(i for i, c in enumerate(changes, start=1) if np.isfinite(c.largest) and i < exceeded)]
     span = float(times[-1])
     rate, u = drift.largest / span, drift.u / span
 
     def reached(speed: float) -> float:
+        if not np.isfinite(speed + limit):
+            return np.nan
         return limit / speed if speed > 0.0 else np.inf
 
-    until = reached(rate) if significant else np.inf
-    latest = reached(rate - K * u) if significant else np.inf
-    return Holding(limit, rate, u, exceeded, clearly, until, reached(rate + K * u), latest, significant)
+    until = reached(rate) if significant or not np.isfinite(rate) else np.inf
+    latest = reached(rate - K * u) if significant or not np.isfinite(rate) else np.inf
+    return Holding(limit, rate, u, exceeded, clearly, until, reached(rate + K * u), latest, significant, known[-1])
+
+
+def left_out(names: Sequence[str], functions: Sequence[FunctionDrift], fields: Fields) -> list[str]:
+    """Notes on surveys that take no part in something, because they leave some of it undetermined."""
+    notes = []
+    for i, name in enumerate(names):
+        whole = [f.drift.name for f in functions if i not in f.surveys]
+        if whole:
+            which = ", ".join(whole) if len(whole) < len(functions) else "any function"
+            notes.append(f"{name} does not determine all of {which}: the drift goes by the other surveys")
+        if i not in fields.surveys:
+            notes.append(
+                f"{name} does not determine the whole deviation field: how that changed, the other surveys tell"
+            )
+    return notes

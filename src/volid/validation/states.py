@@ -78,10 +78,16 @@ class States:
         """The machine over the common range."""
         return self.model.machine
 
-    def open_directions(self) -> np.ndarray:
-        """Orthonormal basis (n', d), in units of 0.1 mm and 0.1 mrad, of what some solution does not determine."""
-        null = np.hstack([s.null for s in self.states]) / parameter_units(self.model)[:, None]
+    def open_directions(self, who: Sequence[int] | np.ndarray | None = None) -> np.ndarray:
+        """Orthonormal basis (n', d), in units of 0.1 mm and 0.1 mrad, of what some solution does not determine; `who`: numbers of
+        the solutions that are asked, None: all."""
+        asked = self.states if who is None else [self.states[i] for i in who]
+        null = np.hstack([s.null for s in asked]) / parameter_units(self.model)[:, None]
         return column_space(null) if null.shape[1] else null
+
+    def only(self, who: Sequence[int]) -> States:
+        """Some of the solutions, in the same model."""
+        return replace(self, states=tuple(self.states[i] for i in who))
 
 
 def in_one_model(solutions: Sequence[Solution], names: Sequence[str], datum: Datum | None = None) -> States:
