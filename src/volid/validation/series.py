@@ -9,7 +9,7 @@ or a repair, is no drift. Not modelled: drift that depends on the season, or wit
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -99,7 +99,7 @@ class Series:
 
     names: tuple[str, ...]
     times: np.ndarray
-    functions: tuple[FunctionDrift, ...]
+    functions: tuple[FunctionDrift, ...] = field(repr=False)
     volume: tuple[VolumeChange, ...]
     drift: VolumeChange
     holding: Holding

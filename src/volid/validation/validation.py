@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from volid.validation.equations import linear
 from volid.validation.groups import Compared, Group, compared, groups
 from volid.validation.held_out import HeldOut, held_out, with_factor
 from volid.validation.independence import SEEN, UNSTATED, active_notes, dependences, places_of, tools_in_common
-from volid.validation.verdict import verdict_of, weak_points
+from volid.validation.verdict import Outcome, verdict_of, weak_points
 from volid.validation.whitened import Whitened
 
 LEVEL = 0.95
@@ -31,7 +31,8 @@ class Validation:
 
     Args:
         confirmed: Whether they agree with its predictions, at probability `level` if it is right.
-        verdict: That in words: whether, where not, and what the disagreement looks like.
+        verdict: That in words: whether, where not, and what the disagreement looks like; and that it was no test, where the fit
+            has seen the readings.
         level: With which probability a right solution is confirmed.
         probability: Of a disagreement at least as large, if the solution is right.
         tests: The chi-squares that were asked.
@@ -56,8 +57,8 @@ class Validation:
     level: float
     probability: float
     tests: tuple[Test, ...]
-    sets: tuple[Compared, ...]
-    groups: tuple[Group, ...]
+    sets: tuple[Compared, ...] = field(repr=False)
+    groups: tuple[Group, ...] = field(repr=False)
     causes: tuple[Cause, ...]
     smallest: tuple[Smallest, ...]
     weak: tuple[str, ...]
@@ -155,9 +156,10 @@ def _judged(held: HeldOut, split: Split, level: float, control: Control | None) 
     smallest = smallest_changes(split, level)
     linear_ = whitened.linear
     own = places_of(linear_.problem.nuisance, linear_.z[linear_.problem.model.layout.n_coefficients :])
+    common = dependences(held.solution, held.campaign, own)
     return Validation(
         confirmed,
-        verdict_of(found, by_group, why, level),
+        verdict_of(found, by_group, why, Outcome(level, seen=any(t.startswith(SEEN) for t in common))),
         level,
         together(found),
         found,
@@ -166,7 +168,7 @@ def _judged(held: HeldOut, split: Split, level: float, control: Control | None) 
         why,
         smallest,
         (*weak_points(smallest), *filter(None, [tools_in_common(held.solution, held.campaign)])),
-        dependences(held.solution, held.campaign, own),
+        common,
         held.left_out,
         (*held.notes, *active_notes(held.solution, held.campaign, control)),
     )

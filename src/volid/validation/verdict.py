@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from volid.fitting.diagnosis.adequacy import Cause
 from volid.validation.chi_squares import Smallest, Test
@@ -13,12 +14,20 @@ WORSE = 1.3  # times the ratio of all readings, from which a group is where a di
 LISTED, MEMBERS = 3, 10  # groups that are named, and readings that one needs for it
 
 
-def verdict_of(found: Sequence[Test], groups: Sequence[Group], causes: Sequence[Cause], level: float) -> str:
+class Outcome(NamedTuple):
+    """`level`: probability with which a right solution is confirmed; `seen`: whether the fit has seen the readings."""
+
+    level: float
+    seen: bool = False
+
+
+def verdict_of(found: Sequence[Test], groups: Sequence[Group], causes: Sequence[Cause], outcome: Outcome) -> str:
     """One or two sentences: confirmed or not, by what, where, and what it looks like."""
     failed = [t for t in found if not t.passed]
     if not failed:
-        return f"confirmed: the readings agree with the solution's predictions (a right solution does so in {100 * level:g} %)"
-    parts = ", ".join(f"{t.what} (chi-square {t.chi_square:.4g}, limit {t.limit:.4g})" for t in failed)
+        agree = f"the readings agree with the solution's predictions (a right solution does so in {100 * outcome.level:g} %)"
+        return f"no test: {agree}, but the fit has seen them already" if outcome.seen else f"confirmed: {agree}"
+    parts = ", ".join(f"{t.what} (chi-square {t.chi_square:.1f}, limit {t.limit:.1f})" for t in failed)
     where = _where(groups)
     looks = (
         f"; it looks like this: {causes[0].what}"
