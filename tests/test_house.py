@@ -37,6 +37,7 @@ MANY_PARAMETERS = {
     "compensation/residual/forecast.py:forecast": "public: its keywords become a request, the control options and the fields",
     "fitting/equations/optimistix_solver.py:postprocess": "optimistix calls it, with these arguments",
     "fitting/fit.py:fit": "public: each keyword goes to one stage of the fit",
+    "io/evaluations/evaluate.py:circular": "public: its keywords become one `Stated` at once",
     "multilateration/adjustment.py:adjust_network": "public: each keyword goes to one step of the adjustment",
     "planning/ball_bar.py:cone_frustum": "public: its arguments become one `_Test` at once",
     "planning/circles.py:circles": "public: its arguments become one `_Test` at once",

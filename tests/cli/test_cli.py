@@ -600,6 +600,8 @@ def test_parameters_of_the_library_are_shown_as_options():
     text = "`workers=0`: expected 1; go on with `resume=True`, or `overwrite=True`; `time` and `max_points=3` are no options"
     shown = "--workers 0: expected 1; go on with --resume, or --force; `time` and `max_points=3` are no options"
     assert in_options(text, args) == shown
+    args = _parser("compare").parse_args(["compare", "a.h5", "b.h5"])
+    assert in_options("say so with `independent=laser scale`", args) == 'say so with --independent "laser scale"'
 
 
 def test_the_library_does_not_speak_of_options():

@@ -94,3 +94,14 @@ def test_an_updated_solution_is_compared_with_the_one_it_came_from(folder, tmp_p
     run("check", folder / "a.h5", folder / "crashed.h5", "-o", tmp_path / "v.h5")
     status, out, err = run("compare", folder / "a.h5", tmp_path / "v.h5", "--json")
     assert status == 1 and json.loads(out)["changed"] == ["EC0Y"] and "attention: EC0Y" in err
+
+
+def test_places_have_axis_and_unit_and_columns_are_explained(folder, run):
+    _, out, _ = run("compare", folder / "a.h5", folder / "c.h5")
+    assert re.search(
+        r"most at (X|Y|Z) -?[\d.]+ mm, (X|Y|Z) -?[\d.]+ mm, (X|Y|Z) -?[\d.]+ mm with tool \(.*\) mm",
+        " ".join(out.split()),
+    )
+    assert re.search(r"^EXX .* µm +X -?[\d.]+ mm ", out, re.MULTILINE)
+    _, out, _ = run("compare", *(folder / f"2026-0{day}.h5" for day in ("1-10", "2-10", "3-12")))
+    assert "* significant" in out and "found: the size" in " ".join(out.split())

@@ -61,6 +61,7 @@ def test_another_machine_is_not_confirmed_and_named(files, run):
 def test_the_fits_own_readings_are_no_test(files, run):
     status, out, err = run("validate", files / "solution.h5", files / "first.h5")
     assert status == 1 and "the fit has seen the readings" in err and "Not independent of the fit" in out
+    assert "No test:" in out and "Confirmed" not in out
 
 
 def test_after_compensation_and_with_its_tables_stated(files, run):

@@ -27,6 +27,7 @@ from volid.fitting.diagnosis.identifiability import parameter_units
 from volid.fitting.fit import fit
 from volid.fitting.nominal import check_nominal
 from volid.io import load_campaign, write_manifest
+from volid.io.machines import read_machine
 from volid.observations.base import NuisanceTable, with_large_errors
 from volid.observations.beam_lines import beams_of
 from volid.observations.projection import PROJECTION
@@ -193,7 +194,10 @@ def test_a_tilted_mirror_leaks_into_the_functions_unless_its_tilt_is_unknown():
     (the verdict accepts), and the functions are: 1 mrad times a step of 30 mm is 30 µm.
     """
     machine = machine_of(THREE + '[model.functions]\n"E?0S" = false\n')
-    campaign, truth = simulate(step_diagonals(machine, 6, TOOLS[0]), exact_truth(machine), seed=4)
+    plan = step_diagonals(machine, 6, TOOLS[0])
+    drawn = simulate(plan, exact_truth(machine), seed=4)[1].instruments
+    tilted = {name: 50.0 * value for name, value in drawn.items() if name.startswith("mirror")}
+    campaign, truth = simulate(plan, replace(exact_truth(machine), instruments=tilted), seed=4)
     (own,) = campaign.sets
     known = fit(replace(campaign, sets=(replace(own, options={**own.options, "misalignment": False}),)))
     solution = fit(campaign)
@@ -468,3 +472,11 @@ def test_positions_all_over_the_volume_are_no_beam():
     )
     with pytest.raises(InputError, match=r"mm beside the beam of line 'D'.*at most 300 mm with mirror = 'flat'"):
         check_campaign(read(Campaign(machine, (), (own,))))
+
+
+def test_virtual_mirrors_stand_where_an_interferometer_reads_them():
+    """Tilts of mirrors of a planned path, as the simulation draws them, against the tolerance of plane-mirror optics."""
+    plan = step_diagonals(read_machine("models/wYXbZt_vertical.toml"), 3)
+    _, truth = simulate(plan, seed=1)
+    tilts = [abs(value) for name, value in truth.instruments.items() if name.startswith("mirror")]
+    assert len(tilts) == 8 and 1e-6 < max(tilts) < 1e-4

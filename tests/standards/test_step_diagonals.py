@@ -129,7 +129,7 @@ def test_the_leak_of_a_mirror_and_of_a_beam_is_predicted(tmp_path):
 
 
 def test_the_leak_of_a_simulation_holds_its_mirrors(tmp_path):
-    """`volid.simulate` tilts mirrors by up to 1 mrad: 100 µm and more, which leak_of finds in the truth beside the campaign."""
+    """`volid.simulate` tilts mirrors by up to 20 µrad: some µm, which leak_of finds in the truth beside the campaign."""
     case = case_of("w Y' b X Z t")
     truth = random_truth(case.machine, np.random.default_rng(7))
     plan = step_diagonals(volid_machine(case.machine), case.n)
@@ -138,7 +138,7 @@ def test_the_leak_of_a_simulation_holds_its_mirrors(tmp_path):
     leak = leak_of(nine, known)
     there = [v - e for v, e in zip(nine.values, along_middle(case, truth), strict=True)]
     size = max(np.abs(x).max() for x in there)
-    assert size > 0.1 and leak.mirrors is not None
+    assert leak.mirrors is not None and max(np.abs(m).max() for m in leak.mirrors) > 0.002
     assert largest_difference(leak.total, there) < 0.01 * size
     rows = [row[0] for row in leak.section().rows]
     assert rows[-4:-2] == ["mirrors as simulated", "all together"]

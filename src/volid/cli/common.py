@@ -64,7 +64,7 @@ def add_solution(parser: argparse.ArgumentParser) -> None:
 def in_options(text: str, args: argparse.Namespace) -> str:
     """A message of the library with its parameters as options of the verb: "`resume=True`" becomes "--resume".
 
-    A value other than True follows its option; what is no option of the verb stays as it is.
+    A value other than True follows its option, in quotes where it has blanks; what is no option of the verb stays as it is.
     """
     parser = getattr(args, "usage", None)  # set where the command line was parsed
     known = set(re.findall(r"--[a-z-]+", parser.format_usage())) if parser is not None else set()
@@ -74,7 +74,9 @@ def in_options(text: str, args: argparse.Namespace) -> str:
         found = "--" + _CALLED.get(name, name).replace("_", "-")
         if found not in known:
             return match.group()
-        return found if value in (None, "True") else f"{found} {value}"
+        if value in (None, "True"):
+            return found
+        return f'{found} "{value}"' if " " in value else f"{found} {value}"
 
     for function, command in _COMMANDS.items():
         text = text.replace(f"`volid.{function}`", command)
@@ -102,12 +104,17 @@ def check_figure(path: str | Path | None) -> None:
 
 
 def write_figure(figure: Figure, path: str | Path, overwrite: bool) -> None:
-    """A figure of matplotlib as the file's ending says; it appears completely or not at all. Raises `OutputError`."""
+    """A figure of matplotlib as the file's ending says, and closed; it appears completely or not at all. Raises `OutputError`."""
+    from matplotlib import pyplot
+
     from volid.io.basics.atomic import atomic_output
 
     kind = Path(path).suffix.lstrip(".").lower() or "png"
-    with atomic_output(path, overwrite) as temporary:
-        figure.savefig(temporary, format=kind, dpi=150)
+    try:
+        with atomic_output(path, overwrite) as temporary:
+            figure.savefig(temporary, format=kind, dpi=150)
+    finally:
+        pyplot.close(figure)
 
 
 class _Stop(Exception):

@@ -44,7 +44,7 @@ example:
 
 exit status: 0 good; 1 a limit is exceeded or not proved to be kept, or the result needs attention, which is named; 2 bad input
 """
-_LIMITS = "largest values allowed, TOML: E = 0.010 (mm or degrees); [X] E = 0.008 for one axis or plane"
+_LIMITS = "largest values allowed, TOML, in mm (degrees of a rotary axis, rad of squareness): "
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -64,7 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             "--set", metavar="NAME", action="append", help="set of a campaign; repeatable; default: all that fit"
         )
         standard.add_arguments(own)
-        own.add_argument("--limits", metavar="LIMITS.toml", help=_LIMITS)
+        own.add_argument("--limits", metavar="LIMITS.toml", help=_LIMITS + standard.LIMITS)
         own.add_argument("--figure", metavar="FIGURE", help="the usual figure, .svg, .pdf or .png")
         add_unusual(own)
         add_allow_outside(own)
@@ -112,7 +112,7 @@ def _say(evaluations: Sequence[Evaluation], args: argparse.Namespace) -> int:
         print_json(evaluations_data(evaluations))
     else:
         print("\n\n".join("\n".join(evaluation_lines(e)) for e in evaluations))
-        for path in filter(None, (args.output, args.figure)):
+        for path in filter(None, (args.output, args.figure, getattr(args, "tables", None))):
             print(f"written: {path}")
     said = {FAIL: "exceeds its limit", UNDECIDED: "is within U of its limit, so that neither pass nor fail is proved"}
     exceeded = [

@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 HELP = "a solution tested by readings of another campaign: agreement with the prediction, E_n, what would be found"
 
 _EPILOG = """\
-The campaign is another set-up on the same machine (ISO/TR 16907 11.3); volid plan MACHINE validate
---solution SOLUTION.h5 makes one. Its own stations, dead paths, offsets and alignments are found
+The campaign is another set-up on the same machine (ISO/TR 16907 11.3); volid plan --validate
+SOLUTION.h5 -o PLAN.toml plans one. Its own stations, dead paths, offsets and alignments are found
 anew; the machine is held, and may differ from the solution only as far as the solution's
 uncertainty allows. A right solution is confirmed in 95 of 100 cases. E_n is the residual over its
 expanded uncertainty (k = 2), of reading and prediction together. What the campaign would have found

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import degrees
+from math import degrees, isfinite
 from pathlib import Path
 
 import numpy as np
@@ -105,6 +105,12 @@ def table_header(
     return lines | closing_lines(solution, source, table.datum, command, table.notes)
 
 
+def _between(table: ErrorTable) -> str:
+    if not isfinite(table.interpolation):
+        return "; nothing is known between the points"
+    return f"; largest deviation between the points {table.interpolation:.6g} {table.unit}"
+
+
 def table_lines(table: ErrorTable, form: TableForm, machine: Machine) -> dict[str, str]:
     """What the numbers of a table are; where they come from is for the maker of the table to say."""
     unit, axis_unit = table.unit, "mm" if table.axis in LINEAR_AXES else "degrees"
@@ -122,8 +128,7 @@ def table_lines(table: ErrorTable, form: TableForm, machine: Machine) -> dict[st
         "units": f"{table.axis} {axis_unit}; {table.function} {unit}; u_… standard uncertainty (k = 1)",
         "applied": table.applied,
         "applied means": _APPLIED[table.applied],
-        "interpolation": f"linear, end values held outside; largest deviation between the points "
-        f"{table.interpolation:.6g} {unit}",
+        "interpolation": f"linear, end values held outside{_between(table)}",
         "zero": table.zero,
         "reversal": _reversal_text(table, form),
         "least increment": "all digits"

@@ -10,7 +10,8 @@ from volid.observations.beam_lines import BeamLine
 from volid.observations.response import TOOL_VECTORS, DirectionOf, Key, Response, TurnOf, as_rows
 
 LINE, RUN = "line", "run"  # what has an offset of its own
-SPREAD = {"offset": 0.1, "angle": 1e-3}  # mm, rad: of a virtual instrument
+# mm, rad: of a virtual instrument; a flat mirror that stands off its beam by more than about 0.1 mrad loses it
+SPREAD = {"offset": 0.1, "beam": 1e-3, "mirror": 2e-5}
 
 
 def counted_by(observations: ObservationSet) -> tuple[str, ...]:
@@ -53,14 +54,14 @@ def angle_slots(line: BeamLine, table: NuisanceTable) -> list[int]:
     """Numbers of the unknown angles of a line."""
     keys, found = angle_keys(line), []
     body, frame = (TOOL_VECTORS, line.normals) if line.mirrored else (line.on, line.frame)
+    what = "mirror" if line.mirrored and len(keys) < 3 else "beam"
     for i, key in enumerate(keys):
         response: Response
         if len(keys) == 3:
             name, response = " ".join(key), TurnOf(body, of=keys, component=i, sense=1.0)
         else:
-            what = "mirror" if line.mirrored else "beam"
             name = f"{what} {line.observations.name} line {line.name} angle {key[-1]}"
             response = DirectionOf(body, of=keys, component=i, frame=as_rows(frame))
         known_u = float(line.observations.options["misalignment_u"])
-        found.append(table.index(key, name, "rad", prior_u=known_u, spread=SPREAD["angle"], response=response))
+        found.append(table.index(key, name, "rad", prior_u=known_u, spread=SPREAD[what], response=response))
     return found

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from volid.model.iso230 import describe
-from volid.report.text import bullets, micro, paragraph, table, unit_of, vector
+from volid.model.iso230 import LINEAR_AXES, describe, parse
+from volid.report.text import bullets, micro, paragraph, probability_words, table, unit_of, vector
 from volid.validation.comparison import Comparison
 from volid.validation.dates import Times
 from volid.validation.function_changes import LEVEL, FunctionChange
@@ -18,6 +18,13 @@ from volid.validation.volume_change import VolumeChange
 DIGITS = 2
 CHANGE_COLUMNS = ("function", "position", "direction", "beside", "change", "u", "unit", "significant")
 SERIES_COLUMNS = ("function", "position", "direction", "beside", "survey", "time", "change_since_first", "u", "unit")
+_PROBABILITY = (
+    f"probability: of a test value as large without change; * significant: at most {100 * LEVEL:g} % false alarms"
+)
+_COLUMNS = (
+    "u: standard uncertainty (k = 1). found: the size that nine of ten such comparisons find; of a function, of a bump over half "
+    "of its range at the least favourable place"
+)
 _WAYS = {1: " +", -1: " -", 0: ""}
 
 
@@ -30,11 +37,7 @@ def comparison_lines(found: Comparison) -> list[str]:
     lines += paragraph(_volume_words(found.volume), "volume")
     lines += paragraph(found.datum, "datum")
     lines += ["", *_change_table(found.functions, "change"), ""]
-    lines += paragraph(
-        f"probability: of a test value as large without any change; * significant, with at most {100 * LEVEL:g} % false alarms "
-        "over all functions together (Holm). found: the size that nine of ten such comparisons find; of a function, of a bump "
-        "over half of its range at the least favourable place"
-    )
+    lines += paragraph(f"{_PROBABILITY} over all functions together (Holm). {_COLUMNS}")
     return [*lines, *_ends(found.not_tested, found.notes)]
 
 
@@ -94,9 +97,14 @@ def _volume_words(volume: VolumeChange) -> str:
         return "the change of the deviation field is not determined by both solutions"
     return (
         f"the functional point changed by {1e3 * volume.rms:.2f} µm RMS, rigid motion removed, where noise alone makes "
-        f"{1e3 * volume.expected_rms:.2f} µm; most at {vector([round(v, 1) for v in volume.position])} with tool "
-        f"{vector(volume.tool)}: {1e3 * volume.largest:.2f} µm, u {1e3 * volume.u:.2f} µm"
+        f"{1e3 * volume.expected_rms:.2f} µm; most at {_position_words(volume)} with tool {vector(volume.tool)} mm: "
+        f"{1e3 * volume.largest:.2f} µm, u {1e3 * volume.u:.2f} µm"
     )
+
+
+def _position_words(volume: VolumeChange) -> str:
+    where = zip(volume.axes, volume.position, strict=True)
+    return ", ".join(f"{a} {round(v, 1):g}{' mm' if a in LINEAR_AXES else '°'}" for a, v in where)
 
 
 def _change_table(functions: Sequence[FunctionChange], word: str) -> list[str]:
@@ -107,7 +115,7 @@ def _change_table(functions: Sequence[FunctionChange], word: str) -> list[str]:
             size_cell(f.largest_change, f.unit),
             size_cell(f.u, f.unit),
             unit_of(f.unit),
-            "" if not np.isfinite(f.at) else f"{f.at:.4g}{_WAYS[f.direction]}",
+            "" if not np.isfinite(f.at) else f"{place_words(f)}{_WAYS[f.direction]}",
             probability_cell(f.probability),
             size_cell(f.smallest_found, f.unit),
             "*" if f.significant else "",
@@ -125,8 +133,8 @@ def size_cell(value: float, unit: str) -> str:
 
 
 def probability_cell(value: float) -> str:
-    """A probability with as many digits as matter."""
-    return "n.d." if not np.isfinite(value) else f"{value:.3f}" if value >= 1e-3 else f"{value:.0e}"
+    """A probability with as many digits as matter; "n.d." where it is not determined."""
+    return probability_words(value) if np.isfinite(value) else "n.d."
 
 
 def _size(change: FunctionChange) -> str:
@@ -137,7 +145,13 @@ def _size(change: FunctionChange) -> str:
 
 
 def _place(change: FunctionChange) -> str:
-    return f" at {change.at:.4g}" if np.isfinite(change.at) else ""
+    return f" at {place_words(change)}" if np.isfinite(change.at) else ""
+
+
+def place_words(change: FunctionChange) -> str:
+    """Where a function changed most: "X 950 mm"."""
+    axis = parse(change.name).axis
+    return f"{axis} {change.at:.4g}{' mm' if axis in LINEAR_AXES else '°'}"
 
 
 def _ends(not_tested: Sequence[str], notes: Sequence[str]) -> list[str]:
@@ -158,8 +172,8 @@ def series_lines(found: Series, times: Times) -> list[str]:
     lines += paragraph(found.datum, "datum")
     lines += ["", *_change_table([f.drift for f in found.functions], "drift"), ""]
     lines += paragraph(
-        "drift: the change from the first survey to the last along a line; the rest as for two solutions, with at most "
-        f"{100 * LEVEL:g} % false alarms over all functions, drifts and steps together"
+        f"drift: the change from the first survey to the last along a line. {_PROBABILITY} over all functions, drifts and steps "
+        f"together. {_COLUMNS}"
     )
     not_tested = [f.drift.name for f in found.functions if not f.drift.degrees_of_freedom]
     return [*lines, *_ends(not_tested, found.notes)]

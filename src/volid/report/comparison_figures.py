@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from volid.model.iso230 import DIRECTIONS, ROTARY_AXES, parse
+from volid.report.comparison import place_words
 from volid.validation.comparison import Comparison
 from volid.validation.dates import Times
 from volid.validation.function_changes import FunctionChange
@@ -165,7 +166,7 @@ def _drift_panel(panel: Any, found: Series, function: FunctionDrift) -> None:
         weights = 1.0 / np.maximum(u[who], np.max(u[who[1:]], initial=1e-12)) ** 2
         middle = np.sum(weights * (values[who] - slope * at)) / np.sum(weights)
         panel.plot(at, middle + slope * at, color=LINE, lw=1.0)
-    place = f" at {shown.at:.4g}" if np.isfinite(shown.at) else ""
+    place = f" at {place_words(shown)}" if np.isfinite(shown.at) else ""
     words = "drifts" if function.drift.significant and function.steady else "steps" if not function.steady else ""
     panel.set_title(f"{shown.name}{place} / {unit}   {words}", fontsize=8, loc="left", color="0.25")
 

@@ -27,6 +27,15 @@ def micro(value: float | None, unit: str, digits: int) -> str:
     return f"{round(value * _MICRO.get(unit, (1.0, unit))[0], digits) + 0.0:.{digits}f}"
 
 
+def probability_words(value: float) -> str:
+    """A probability with as many digits as matter.
+
+    >>> probability_words(0.8847), probability_words(4.2e-5), probability_words(1e-135)
+    ('0.885', '4e-05', '< 1e-09')
+    """
+    return f"{value:.3f}" if value >= 1e-3 else f"{value:.0e}" if value >= 1e-9 else "< 1e-09"
+
+
 def vector(values: Sequence[float]) -> str:
     """A vector as people write it: (0, 0, -150)."""
     return "(" + ", ".join(f"{v:g}" for v in values) + ")"

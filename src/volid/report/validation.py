@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from volid.report.text import bullets, micro, paragraph, table, unit_of
+from volid.report.text import bullets, micro, paragraph, probability_words, table, unit_of
 from volid.validation.chi_squares import Smallest
 from volid.validation.groups import Compared, Group
 from volid.validation.validation import Validation
@@ -63,7 +63,7 @@ GROUP_HEADER = ("readings", "n", "RMS", "expected", "unit", "E_n > 1 / %")
 
 
 def _test(t: Any) -> tuple[str, ...]:
-    return t.what, f"{t.chi_square:.1f}", str(t.freedom), f"{t.limit:.1f}", f"{t.probability:.3g}"
+    return t.what, f"{t.chi_square:.1f}", str(t.freedom), f"{t.limit:.1f}", probability_words(t.probability)
 
 
 def _listed(found: Validation) -> list[Group]:
@@ -140,7 +140,7 @@ def validation_figure(found: Validation) -> Figure:
     _over_readings(left, found.sets)
     _distribution(middle, found)
     _worst(right, found)
-    verdict = "confirmed" if found.confirmed else "not confirmed"
+    verdict = found.verdict.split(":")[0].split(",")[0]
     figure.suptitle(f"Validation: {verdict}; E_n > 1 for {100 * found.e_n_above_1:.1f} % of {len(found.e_n)} readings")
     return figure
 

@@ -91,17 +91,17 @@ class Evaluation:
     quantities: tuple[Quantity, ...]
     remarks: tuple[str, ...] = ()
     attention: tuple[str, ...] = ()
-    table: Table = field(default_factory=Table)
+    table: Table = field(default_factory=Table, repr=False)
     source: str = ""
-    details: Any = None
-    sections: tuple[Section, ...] = ()
+    details: Any = field(default=None, repr=False)
+    sections: tuple[Section, ...] = field(default=(), repr=False)
 
     def __getitem__(self, symbol: str) -> Quantity:
-        """The quantity of this symbol. Raises `KeyError` where there is none."""
+        """The quantity of this symbol. Raises `KeyError`, which names those that there are, where there is none."""
         for quantity in self.quantities:
             if quantity.symbol == symbol:
                 return quantity
-        raise KeyError(symbol)
+        raise KeyError(f"{symbol}; expected one of {', '.join(q.symbol for q in self.quantities)}")
 
 
 def verdict_of(value: float, limit: float, U: float | None = None) -> str:

@@ -18,7 +18,7 @@ the new one back.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -95,7 +95,7 @@ class Check:
     findings: tuple[Finding, ...]
     rest: float
     smallest_found: dict[str, float]
-    updated: Solution
+    updated: Solution = field(repr=False)
     left_out: dict[str, int]
     notes: tuple[str, ...]
 

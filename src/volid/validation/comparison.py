@@ -6,7 +6,7 @@ d = θ'_B - θ'_A,   covariance of what A and B do not share (`shared`).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -40,7 +40,7 @@ class Comparison:
     """
 
     names: tuple[str, str]
-    functions: tuple[FunctionChange, ...]
+    functions: tuple[FunctionChange, ...] = field(repr=False)
     volume: VolumeChange
     datum: str
     notes: tuple[str, ...]

@@ -10,7 +10,7 @@ as long as two others are left (`lines`). Not modelled: drift that depends on th
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -111,7 +111,7 @@ class Series:
 
     names: tuple[str, ...]
     times: np.ndarray
-    functions: tuple[FunctionDrift, ...]
+    functions: tuple[FunctionDrift, ...] = field(repr=False)
     volume: tuple[VolumeChange, ...]
     drift: VolumeChange
     holding: Holding

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from volid.validation.groups import LEAST, Compared, Group, K, compared, groups
 from volid.validation.held_out import OPEN_END, REJECTED, HeldOut, held_out, with_factor
 from volid.validation.independence import SEEN, UNSTATED, active_notes, dependences, places_of, tools_in_common
 from volid.validation.shares import usual_share
-from volid.validation.verdict import NO_TEST, far_smaller, untested, verdict_of, weak_points
+from volid.validation.verdict import NO_TEST, Outcome, far_smaller, untested, verdict_of, weak_points
 from volid.validation.whitened import Whitened
 
 LEVEL = 0.95
@@ -33,7 +33,8 @@ class Validation:
 
     Args:
         confirmed: Whether they agree with its predictions, at probability `level` if it is right.
-        verdict: That in words: whether, where not, and what the disagreement looks like.
+        verdict: That in words: whether, where not, and what the disagreement looks like; and that it was no test, where the fit
+            has seen the readings.
         level: With which probability a right solution is confirmed.
         probability: Of a disagreement at least as large, if the solution is right.
         tests: The chi-squares that were asked.
@@ -60,8 +61,8 @@ class Validation:
     level: float
     probability: float
     tests: tuple[Test, ...]
-    sets: tuple[Compared, ...]
-    groups: tuple[Group, ...]
+    sets: tuple[Compared, ...] = field(repr=False)
+    groups: tuple[Group, ...] = field(repr=False)
     causes: tuple[Cause, ...]
     smallest: tuple[Smallest, ...]
     weak: tuple[str, ...]
@@ -161,9 +162,10 @@ def _judged(held: HeldOut, split: Split, level: float, control: Control | None) 
     nothing = untested(split, smallest, parameters, level)
     linear_ = whitened.linear
     own = places_of(linear_.problem.nuisance, linear_.z[linear_.problem.model.layout.n_coefficients :])
+    common = dependences(held.solution, held.campaign, own)
     return Validation(
         confirmed,
-        verdict_of(found, by_group, why, level, nothing),
+        verdict_of(found, by_group, why, Outcome(level, any(t.startswith(SEEN) for t in common), nothing)),
         level,
         together(found),
         found,
@@ -176,7 +178,7 @@ def _judged(held: HeldOut, split: Split, level: float, control: Control | None) 
             *weak_points(smallest),
             *filter(None, [tools_in_common(held.solution, held.campaign)]),
         ),
-        dependences(held.solution, held.campaign, own),
+        common,
         held.left_out,
         usual_share(whitened, K, LEAST),
         (*held.notes, *filter(None, [far_smaller(split)]), *active_notes(held.solution, held.campaign, control)),

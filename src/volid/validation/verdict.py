@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import chdtr
@@ -19,16 +20,24 @@ FAR_SMALLER, CHANCE = 0.7, 1e-3  # times u: residuals that are smaller, not by c
 LISTED, MEMBERS = 3, 10  # groups that are named, and readings that one needs for it
 
 
-def verdict_of(
-    found: Sequence[Test], groups: Sequence[Group], causes: Sequence[Cause], level: float, untested: str = ""
-) -> str:
-    """One or two sentences: confirmed or not, by what, where, and what it looks like. `untested`: why nothing is tested."""
+class Outcome(NamedTuple):
+    """`level`: probability with which a right solution is confirmed; `seen`: whether the fit has seen the readings; `untested`:
+    why nothing is tested, empty where something is."""
+
+    level: float
+    seen: bool = False
+    untested: str = ""
+
+
+def verdict_of(found: Sequence[Test], groups: Sequence[Group], causes: Sequence[Cause], outcome: Outcome) -> str:
+    """One or two sentences: confirmed or not, by what, where, and what it looks like."""
     failed = [t for t in found if not t.passed]
-    if not failed and untested:
-        return f"confirmed, but {untested}"
+    if not failed and outcome.untested:
+        return f"confirmed, but {outcome.untested}"
     if not failed:
-        return f"confirmed: the readings agree with the solution's predictions (a right solution does so in {100 * level:g} %)"
-    parts = ", ".join(f"{t.what} (chi-square {t.chi_square:.4g}, limit {t.limit:.4g})" for t in failed)
+        agree = f"the readings agree with the solution's predictions (a right solution does so in {100 * outcome.level:g} %)"
+        return f"no test: {agree}, but the fit has seen them already" if outcome.seen else f"confirmed: {agree}"
+    parts = ", ".join(f"{t.what} (chi-square {t.chi_square:.1f}, limit {t.limit:.1f})" for t in failed)
     where = _where(groups)
     looks = (
         f"; it looks like this: {causes[0].what}"

@@ -26,17 +26,19 @@ EVEN = 256  # positions spread evenly, over which the RMS is taken
 
 class Volume(NamedTuple):
     """Places over the common range, with the tool vectors of all campaigns in turn. `positions` (m, axes), `tool` (m, 3); `rows`
-    (m, 3, n'): the change of the field there by θ', without the gauge. The first `EVEN` places are spread evenly."""
+    (m, 3, n'): the change of the field there by θ', without the gauge.
+    `axes`: their letters. The first `EVEN` places are spread evenly."""
 
     positions: np.ndarray
     tool: np.ndarray
     rows: np.ndarray
+    axes: tuple[str, ...]
 
 
 class VolumeChange(NamedTuple):
     """Numbers of the change of the field [mm]: the `largest` length of the change with its standard uncertainty `u` along its own
-    direction, at `position` with `tool`; `rms` over the volume, and `expected_rms` without any change. NaN where the solutions do
-    not determine the field."""
+    direction, at `position` of `axes` with `tool`; `rms` over the volume, and `expected_rms` without any change. NaN
+    where the solutions do not determine the field."""
 
     largest: float
     u: float
@@ -44,6 +46,7 @@ class VolumeChange(NamedTuple):
     tool: tuple[float, ...]
     rms: float
     expected_rms: float
+    axes: tuple[str, ...] = ()
 
 
 NOTHING = VolumeChange(np.nan, np.nan, (), (), np.nan, np.nan)
@@ -58,7 +61,7 @@ def volume_of(of: States) -> Volume:
     gradient = gradient_matrix(of.model, nominal, positions, tool, np.zeros_like(positions))[:, :3]
     gauge = np.hstack([gauge_basis(s.solution, positions, tool) for s in of.states])
     rows = without(column_space(gauge), gradient.reshape(-1, of.model.n_parameters))
-    return Volume(positions, tool, rows.reshape(len(positions), 3, -1))
+    return Volume(positions, tool, rows.reshape(len(positions), 3, -1), tuple(a.letter for a in of.machine.axes))
 
 
 def change_in(volume: Volume, combination: Combination) -> VolumeChange:
@@ -77,6 +80,7 @@ def change_in(volume: Volume, combination: Combination) -> VolumeChange:
         tuple(volume.tool[worst].tolist()),
         float(np.sqrt(np.mean(sizes[:EVEN] ** 2))),
         float(np.sqrt(np.sum(root[:EVEN] ** 2) / EVEN)),
+        volume.axes,
     )
 
 

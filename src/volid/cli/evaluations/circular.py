@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from volid.standards.results import Evaluation
 
 HELP = "circular tests with a double ball bar, ISO 230-4"
+LIMITS = "G_XY = 0.010; [YZ] F_max = 0.008 for one plane"
 
 EPILOG = """\
 FILE: a campaign (manifest or HDF5) with sets of distances on circles of two axes, as
@@ -26,6 +27,8 @@ spikes, which are told apart from them.
 example:
   volid evaluate iso230-4 datasets/ball_bar_circles/campaign.toml --figure circles.svg
   volid evaluate iso230-4 circle.csv --plane XY --radius 150 --feed 1000 -o readings.csv
+
+exit status: 0 good; 1 a limit is exceeded, or the result needs attention, which is named; 2 bad input
 """
 
 
@@ -50,10 +53,8 @@ def _length(text: str) -> float:
 
 def options(args: argparse.Namespace) -> dict[str, Any]:
     """Those of the standard, for the library."""
-    from volid.io.evaluations.circular import Stated
-
-    stated = Stated(args.plane, args.radius, args.feed, args.u, args.length_u)
-    return {"stated": stated, "window": args.spike_window, "setup_centre": args.setup_centre}
+    stated = {name: getattr(args, name) for name in ("plane", "radius", "feed", "u", "length_u")}
+    return {**stated, "window": args.spike_window, "setup_centre": args.setup_centre}
 
 
 def draw(evaluations: Sequence[Evaluation]) -> Any:

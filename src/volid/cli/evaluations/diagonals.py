@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from volid.standards.results import Evaluation
 
 HELP = "ISO 230-6: displacements along body and face diagonals"
+LIMITS = "E_d = 0.020; [face] E_d = 0.015 for face diagonals"
 
 EPILOG = """\
 FILE is a campaign with beams along diagonals (volid plan MACHINE diagonals; of steps the readings on

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from volid.standards.results import Evaluation
 
 HELP = "ISO 230-2: accuracy and repeatability of positioning, linear and rotary axes"
+LIMITS = "E = 0.010; [X] E = 0.008 for one axis"
 
 EPILOG = """\
 FILE: a campaign (.toml, .h5; kind component along the axis that moves, or projection along an axis), a file of a laser

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from volid.standards.results import Evaluation
 
 HELP = "sequential step diagonals: nine displacement functions of X, Y, Z, squareness, compensation tables"
+LIMITS = 'EYX = 0.005; EC0Y = 20e-6; "Dx(x)" = 0.010'
 
 EPILOG = """\
 FILE is a campaign with a projection set along the four body diagonals in steps of X, Y, Z (volid plan

@@ -20,6 +20,7 @@ from volid.exceptions import InputError
 from volid.io.basics.csv_table import CsvTable, read_csv
 from volid.io.basics.hdf5_values import is_hdf5
 from volid.io.campaign.files import load_campaign
+from volid.io.evaluations.sizes import ask_size
 from volid.io.instruments.base import EvaluatedFormat
 from volid.io.instruments.base import Evaluation as Vendors
 from volid.io.instruments.recognition import known_as, open_foreign
@@ -192,9 +193,11 @@ def _deviations(table: CsvTable, known: Stated) -> tuple[float, np.ndarray]:
         raise InputError(
             f"{table.source}: the nominal radius is missing; add a line '# radius: 150', or state `radius`, in mm"
         )
-    if "deviation" in table:
-        return known.radius, table.numbers("deviation", "mm", "every reading has a deviation")
-    return known.radius, table.numbers("radius", "mm", "every reading has a radius") - known.radius
+    column = "deviation" if "deviation" in table else "radius"
+    nominal = known.radius if column == "radius" else 0.0
+    deviation = table.numbers(column, "mm", f"every reading has a {column}") - nominal
+    ask_size(table.source, column, deviation)
+    return known.radius, deviation
 
 
 def _senses(table: CsvTable) -> np.ndarray:

@@ -13,6 +13,7 @@ import numpy as np
 
 from volid.exceptions import InputError
 from volid.io.basics.csv_table import CsvTable, read_csv
+from volid.io.evaluations.sizes import ask_size
 from volid.io.record import read_header
 from volid.standards.diagonals.evaluation import contributions_from
 from volid.standards.diagonals.lines import BODY_NAMES, FACE_NAMES, Diagonal
@@ -63,6 +64,7 @@ def _one(table: CsvTable, name: str, rows: np.ndarray, reading: str) -> Diagonal
         for column, unit in (("target", "mm"), ("direction", "steps of one"), (reading, "mm"))
     )
     values = values - target if reading == READINGS[1] else values
+    ask_size(table.source, reading, values)
     run = (
         table.labels("run", "expected a name")[rows].tolist()
         if "run" in table

@@ -93,14 +93,19 @@ def positioning(
 def circular(
     files: Files,
     *,
+    plane: str | None = None,
+    radius: float | None = None,
+    feed: float | None = None,
+    u: float | None = None,
+    length_u: float | None = None,
     sets: Sequence[str] | None = None,
-    stated: Stated | None = None,
     window: float | None = None,
     setup_centre: bool = False,
     allow_outside: bool = False,
 ) -> list[Evaluation]:
-    """By ISO 230-4. `stated`: what a table does not say; `window`: of spikes [°]; `setup_centre`: F from the centre as set up."""
-    stated = stated or Stated()
+    """By ISO 230-4. `plane`, `radius` [mm], `feed` [mm/min], `u` of a reading and `length_u` of the bar's length [mm]: of a table
+    that does not say them; `window`: of spikes [°]; `setup_centre`: F from the centre as set up."""
+    stated = Stated(plane, radius, feed, u, length_u)
     found: list[Evaluation] = []
     for path in files:
         vendors = vendors_evaluations(path)

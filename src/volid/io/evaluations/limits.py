@@ -1,4 +1,4 @@
-"""Limits (TOML) that evaluated quantities are judged by: the largest size that is allowed, mm or degrees.
+"""Limits (TOML) that evaluated quantities are judged by: the largest size that is allowed, in mm, degrees, rad or mm/mm.
 
 ```
 E = 0.010            # of every evaluated axis, plane or diagonal
@@ -11,19 +11,16 @@ R_up = 0.005
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from math import inf
 from pathlib import Path
 
 from volid.backend.consent import ask
 from volid.exceptions import InputError
-from volid.io.basics.toml_table import Table, read_toml
-from volid.standards.results import Evaluation, judged
+from volid.io.basics.toml_table import Table, is_finite, read_toml
+from volid.standards.results import Evaluation, Quantity, judged
 
-_LARGE = {
-    "mm": (1.0, "µm"),
-    "°": (1.0, "arc sec"),
-    "rad": (0.01, "µrad"),
-    "mm/mm": (0.01, "µm/m"),
-}  # asked about: meant in
+# unit of a quantity: the limit above which another unit is likely, and which
+_LARGE = {"mm": (1.0, "µm"), "°": (0.1, "arcsec"), "rad": (0.01, "µrad"), "mm/mm": (0.01, "µm/m")}
 
 
 def read_limits(path: str | Path) -> dict[str, dict[str, float]]:
@@ -35,9 +32,26 @@ def read_limits(path: str | Path) -> dict[str, dict[str, float]]:
     subjects = [key for key, value in top.data.items() if isinstance(value, Mapping)]
     tables = {"": top, **{subject: top.table(subject) for subject in subjects}}
     return {
-        subject: {key: table.number(key, above=0.0) for key in table.data if subject or key not in subjects}
+        subject: {key: _limit(table, key) for key in table.data if subject or key not in subjects}
         for subject, table in tables.items()
     }
+
+
+def _limit(table: Table, key: str) -> float:
+    value = table.get(key)
+    if not is_finite(value) or value <= 0.0:
+        raise table.wrong(key, "a number above 0 in mm (degrees of a rotary axis, rad of squareness), such as 0.010")
+    return float(table.number(key))
+
+
+def _ask_size(path: str | Path, quantity: Quantity) -> None:
+    """Raises `InputError` for a limit that everything would pass, outside `accept_unusual`."""
+    largest, likely = _LARGE.get(quantity.unit, (inf, ""))
+    if quantity.limit is not None and quantity.limit >= largest:
+        ask(
+            f"{path}: {quantity.symbol} = {quantity.limit:g} is a limit of {quantity.limit:g} {quantity.unit}. Expected "
+            f"{quantity.unit}: is it in {likely}?"
+        )
 
 
 def judge_all(evaluations: Iterable[Evaluation], path: str | Path | None) -> list[Evaluation]:
@@ -57,17 +71,9 @@ def judge_all(evaluations: Iterable[Evaluation], path: str | Path | None) -> lis
         known = {q.symbol for q in evaluation.quantities}
         mine = {key: value for key, value in general.items() if key in known} | own.get(evaluation.subject, {})
         result.append(judged(evaluation, mine))
-    _ask_unit(path, result)
+        for quantity in result[-1].quantities:
+            _ask_size(path, quantity)
     return result
-
-
-def _ask_unit(path: str | Path, found: Iterable[Evaluation]) -> None:
-    """Raises `InputError` for a limit that nothing exceeds, because it is meant in a smaller unit."""
-    for evaluation in found:
-        for q in evaluation.quantities:
-            most, smaller = _LARGE.get(q.unit, (float("inf"), ""))
-            if q.limit is not None and q.limit >= most:
-                ask(f"{path}: {q.symbol} = {q.limit:g} is a limit in {q.unit}. Expected less: is it in {smaller}?")
 
 
 def _require_known(

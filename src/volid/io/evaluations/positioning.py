@@ -15,7 +15,7 @@ from volid.io.basics.hdf5_values import is_hdf5
 from volid.io.basics.toml_table import Table
 from volid.io.campaign.files import load_campaign
 from volid.io.campaign.foreign import AS, RECOGNISE, read_foreign
-from volid.io.evaluations.positioning_tables import is_runs_table, runs_of_table
+from volid.io.evaluations.positioning_tables import FORMS, is_runs_table, runs_of_table
 from volid.io.instruments.recognition import known_as
 from volid.io.layouts import function_of
 from volid.io.record import COMPENSATION, read_header
@@ -28,7 +28,7 @@ from volid.standards.positioning.sets import Found, positioning_of
 FAR = 1e6  # mm or degrees: travel of an axis of which nothing else is known
 _EXPECTED = (
     "expected a campaign (.toml, .h5), a file of a laser interferometer (.rtl, .rta, .pos), a table of targets and approaches "
-    "(.csv), or a compensation table of positioning (.csv)"
+    f"(.csv), or a compensation table of positioning (.csv); of a table {FORMS}"
 )
 
 

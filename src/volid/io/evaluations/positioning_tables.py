@@ -18,13 +18,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from volid.backend.consent import ask
 from volid.exceptions import InputError
 from volid.io.basics.csv_rows import names_shown
 from volid.io.basics.csv_table import CsvTable
 from volid.io.basics.units import conversion, split_unit
+from volid.io.evaluations.sizes import ask_size
 from volid.model.iso230 import ROTARY_AXES
-from volid.standards.positioning.runs import LARGE, Approaches, PositioningRuns, arranged, run_numbers
+from volid.standards.positioning.runs import Approaches, PositioningRuns, arranged, run_numbers
 
 TARGET, DIRECTION, RUN, ACTUAL, DEVIATION, AXIS = "target", "direction", "run", "actual", "deviation", "axis"
 FORMS = (
@@ -105,7 +105,7 @@ def _runs_of(csv: CsvTable, axis: str, rows: np.ndarray) -> PositioningRuns:
         actual = csv.numbers(ACTUAL, unit.words, _PURPOSE)[rows]
         deviation = _difference(actual, target, unit)
         _check_actual(csv, target, target + deviation)
-        _ask_size(csv, deviation, unit)
+        ask_size(csv.source, DEVIATION, deviation, unit.symbol)
     run = csv.labels(RUN, _PURPOSE)[rows].tolist() if RUN in csv else run_numbers(target, direction, unit.symbol)
     where = [csv.where(int(i)) for i in rows]
     found = Approaches(target, direction, run, deviation, where)
@@ -140,7 +140,7 @@ def _wide(csv: CsvTable, cells: Mapping[str, re.Match[str]], axis: str | None) -
     grid = np.stack([csv.numbers(name, unit.words, "or an empty cell", gaps=True) for name in cells], axis=1)
     actual, notes = _are_actual(csv, cells, target, grid)
     deviation = _difference(grid, target[:, None], unit) if actual else grid
-    _ask_size(csv, deviation, unit)
+    ask_size(csv.source, next(iter(cells)), deviation, unit.symbol)
     there = np.isfinite(deviation)
     if not there.any(axis=1).all():
         raise InputError(
@@ -246,15 +246,4 @@ def _check_deviations(csv: CsvTable, name: str, target: np.ndarray, deviation: n
             f"{csv.source}: the column {name} follows the targets; expected actual - target; call the column actual if it holds "
             "the positions reached"
         )
-    _ask_size(csv, deviation, unit)
-
-
-def _ask_size(csv: CsvTable, deviation: np.ndarray, unit: _Unit) -> None:
-    """Raises `InputError` for deviations that look like another unit, outside `accept_unusual`."""
-    size = float(np.nanmax(np.abs(deviation - np.nanmedian(deviation))))
-    if size > LARGE[unit.symbol]:
-        other = "µm" if unit.symbol == "mm" else "arcsec"
-        ask(
-            f"{csv.source}: deviations reach {size:.4g} {unit.symbol} from their median. Expected {unit.words}: is it in "
-            f"{other}? Then the header should say so, such as deviation [{other}]."
-        )
+    ask_size(csv.source, DEVIATION, deviation, unit.symbol)

@@ -28,6 +28,7 @@ import numpy as np
 from volid.campaign import Campaign, ObservationSet
 from volid.exceptions import InputError
 from volid.io.basics.csv_table import CsvTable, read_csv
+from volid.io.evaluations.sizes import ask_size
 from volid.io.machines import parse_machine
 from volid.io.record import read_header
 from volid.model.iso230 import LINEAR_AXES
@@ -172,6 +173,7 @@ def _displacements(table: CsvTable, name: str, header: Mapping[str, str], nomina
         )
     if len(found) < len(nominal):
         found = np.concatenate([[np.nan if back else 0.0], found])
-    if values == VALUES[2]:
-        return np.asarray(np.cumsum(found))
-    return found + nominal if values == VALUES[1] else found
+    if values == VALUES[1]:
+        ask_size(table.source, name, found)
+        return found + nominal
+    return np.asarray(np.cumsum(found)) if values == VALUES[2] else found

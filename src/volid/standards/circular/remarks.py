@@ -40,7 +40,7 @@ def remarks(details: CircularDetails, blank: list[str], window: float, setup_cen
     test = details.test
     x, y = 1e3 * details.circle.centre
     found = [
-        f"{len(test.runs)} runs of {test.arc:.0f}° with radius {test.radius:g} mm"
+        f"{len(test.runs)} {'run' if len(test.runs) == 1 else 'runs'} of {test.arc:.0f}° with radius {test.radius:g} mm"
         f"{f', feed {test.feed:g} mm/min' if test.feed else ''}; anticlockwise is from +{test.plane[0]} to +{test.plane[1]}",
         f"the least-squares circle of all readings, spikes with them, says that the socket stands {x:.1f} µm in "
         f"{test.plane[0]} and {y:.1f} µm in {test.plane[1]} from the programmed centre"

@@ -147,7 +147,8 @@ def _contradiction(nine: NineFunctions) -> Iterator[str]:
     if dof and chi2.sf(squares, dof) < CHANCE:
         yield (
             f"the four diagonals contradict each other: {1e3 * found:.2f} µm RMS per step instead of {1e3 * noise:.2f} µm. "
-            "The axes rotate, a mirror is not square to its beam, or u is stated too small; the nine functions hold it too"
+            "The axes rotate, a mirror is not square to its beam, or u is stated too small; the nine functions hold it too, and "
+            "so do tables made of them: measure plain diagonals (ISO 230-6) before and after a control applies such tables"
         )
 
 
