@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from volid.standards.diagonals.lines import BODY_NAMES, FACE_NAMES, Diagonal
 from volid.standards.positioning.evaluation import quantities_of
 from volid.standards.positioning.rules import APPROACHES
 from volid.standards.positioning.runs import statistics_of
-from volid.standards.positioning.uncertainty import Contribution, expanded
+from volid.standards.positioning.uncertainty import PROBABILITY, Contribution, expanded
 from volid.standards.results import Evaluation, Quantity, Table
 
 STANDARD = "ISO 230-6"
@@ -46,7 +46,7 @@ def _evaluation(subject: str, diagonals: Sequence[Diagonal], source: str) -> Eva
     return Evaluation(
         STANDARD,
         subject,
-        (*singles, *_largest(singles, subject)),
+        (*singles, *_largest(singles, diagonals, subject)),
         tuple(_remarks(subject, diagonals, singles)),
         table=Table(COLUMNS, tuple(row for d in diagonals for row in _rows(d))),
         source=source or diagonals[0].runs.source.partition(",")[0],
@@ -56,22 +56,31 @@ def _evaluation(subject: str, diagonals: Sequence[Diagonal], source: str) -> Eva
 
 def _quantities(diagonal: Diagonal) -> Iterator[Quantity]:
     """E, R and B of one diagonal, with U where something is known of its uncertainty."""
-    runs, known = diagonal.runs, diagonal.contributions
-    values = quantities_of(statistics_of(runs.deviations))
-    U = expanded(runs, known, quantities_of).U if known else {}
+    values, U = quantities_of(statistics_of(diagonal.runs.deviations)), _U(diagonal)
     for symbol, text in SYMBOLS.items():
         if np.isfinite(values[symbol]):
             name = f"{symbol}_{diagonal.name}"
             yield Quantity(name, float(values[symbol]), "mm", U.get(symbol), text=f"{text}, along {diagonal.name}")
 
 
-def _largest(singles: Sequence[Quantity], subject: str) -> Iterator[Quantity]:
-    """E_d, R_d, B_d; U is the largest of the diagonals, because the largest of several changes by no more than one of them."""
+def _U(diagonal: Diagonal, probability: float = PROBABILITY) -> Mapping[str, float]:
+    """U by symbol of ISO 230-2; none where nothing is known of the uncertainty."""
+    known = diagonal.contributions
+    return expanded(diagonal.runs, known, quantities_of, probability=probability).U if known else {}
+
+
+def _largest(singles: Sequence[Quantity], diagonals: Sequence[Diagonal], subject: str) -> Iterator[Quantity]:
+    """E_d, R_d, B_d: the largest of the diagonals.
+
+    The largest of several changes by no more than one of them, and with k = 2 (95.45 %) none of n diagonals changes by more than
+    its U for the probability 0.9545^(1/n): the largest of these is U. Noise raises the largest of alike diagonals; that is in it.
+    """
+    found = [_U(d, PROBABILITY ** (1.0 / len(diagonals))) for d in diagonals]
     for symbol in SYMBOLS:
         own = [q for q in singles if q.symbol.startswith(f"{symbol}_")]
         if own:
             largest = max(own, key=lambda q: q.value)
-            known = [q.U for q in own if q.U is not None]
+            known = [U[symbol] for U in found if symbol in U]
             text = f"largest of the {subject} diagonals: {largest.symbol}"
             yield Quantity(
                 f"{symbol}_d", largest.value, "mm", max(known) if len(known) == len(own) else None, text=text
