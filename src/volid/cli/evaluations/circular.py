@@ -26,6 +26,8 @@ spikes, which are told apart from them.
 example:
   volid evaluate iso230-4 datasets/ball_bar_circles/campaign.toml --figure circles.svg
   volid evaluate iso230-4 circle.csv --plane XY --radius 150 --feed 1000 -o readings.csv
+
+exit status: 0 good; 1 a limit is exceeded, or the result needs attention, which is named; 2 bad input
 """
 
 
