@@ -231,6 +231,12 @@ def test_tables_are_written_in_one_place():
     assert {line.split(":")[0] for line in lines_with(r"csv\.(writer|DictWriter)\(")} == {"io/basics/cells.py"}
 
 
+def test_figures_are_made_where_pyplot_does_not_keep_them():
+    """It would hold every figure until somebody closes it; those of a solution are shown by notebooks through it."""
+    kept = {"report/figures.py", "report/figures_uncertainty.py"}
+    assert {line.split(":")[0] for line in lines_with(r"\bpyplot\b")} == kept
+
+
 def test_the_library_does_not_speak_of_options_of_the_command_line():
     assert lines_with(r"(?<![\w-])--(?!xla_)[a-z]", but=("cli",)) == []
 

@@ -135,7 +135,7 @@ def test_text_fits_on_a_screen(name, request):
 
 
 def test_active_compensations_are_named_and_what_the_errors_are_relative_to(solution):
-    """REQUIREMENTS A6, 10.4: the fit says which state its result is relative to."""
+    """ISO/TR 16907 10.4: the fit says which state its result is relative to."""
     stated = {
         "active_compensations": ["L-POS: tables of EXX, EYY", "thermal"],
         "second.h5": {"active_compensations": "L-POS"},

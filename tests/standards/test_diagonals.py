@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from exact_chain import ExactMachine, Truth, random_truth
 from exact_chain.diagonals import BODY, FACE, displacements, straight
+from scipy.stats import binom
 from support.machines import volid_machine
 
 from volid.campaign import Campaign
@@ -16,8 +17,10 @@ from volid.cli import main
 from volid.exceptions import InputError
 from volid.io.evaluations.diagonals import read_diagonals
 from volid.planning.diagonals import diagonals
-from volid.standards.diagonals.evaluation import evaluate_diagonals
-from volid.standards.diagonals.lines import diagonals_of, standard_name
+from volid.standards.diagonals.evaluation import contributions_from, evaluate_diagonals
+from volid.standards.diagonals.lines import Diagonal, diagonals_of, standard_name
+from volid.standards.positioning.runs import PositioningRuns
+from volid.standards.positioning.uncertainty import PROBABILITY
 from volid.virtual.simulate import simulate
 from volid.virtual.truth import Truth as VolidTruth
 
@@ -148,6 +151,19 @@ def test_repeatability_is_that_of_five_runs(tmp_path):
     (single,) = evaluated(tmp_path, Truth())
     assert {q.symbol for q in single.quantities} == {f"{s}_{n}" for s in "EB" for n in (*BODY, "d")}
     assert any("of one approach R is not determined" in r for r in single.remarks)
+
+
+def test_u_of_the_largest_covers_four_alike_diagonals(monkeypatch):
+    """Each has E = 10 µm; noise of 0.5 µm raises the largest of the four, on the average by about one u of each."""
+    monkeypatch.setattr("volid.standards.positioning.uncertainty.TRIALS", 400)
+    rng, targets, u, tests, inside = np.random.default_rng(1), np.linspace(0.0, 1200.0, 4), 5e-4, 100, 0
+    true = 0.010 * targets[:, None, None] / 1200.0
+    for _ in range(tests):
+        runs = [PositioningRuns(name, targets, true + u * rng.standard_normal((4, 2, 5))) for name in BODY]
+        lines = [Diagonal(r.axis, True, r) for r in runs]
+        (found,) = evaluate_diagonals([d._replace(contributions=(contributions_from(u, d),)) for d in lines])
+        inside += abs(found["E_d"].value - 0.010) <= found["E_d"].U
+    assert inside >= binom.ppf(1e-3, tests, PROBABILITY)
 
 
 def test_missing_diagonals_and_ways_are_said(tmp_path):

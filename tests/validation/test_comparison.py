@@ -24,6 +24,7 @@ from volid.validation.shared import Said, what_is_shared
 from volid.validation.states import in_one_model
 
 PAIR = np.array([-1.0, 1.0])
+MODELS = [STATED, pytest.param("", marks=pytest.mark.slow)]  # segments as stated, and smoothness as the fit finds it
 CRASH = 25e-6  # rad, 10.7 µm over the travel of Y
 
 
@@ -37,7 +38,7 @@ def by_name(found):
     return {f.name: f for f in found.functions}
 
 
-@pytest.mark.parametrize("extra", [STATED, ""])
+@pytest.mark.parametrize("extra", MODELS)
 def test_nothing_is_called_changed_where_nothing_changed(extra):
     found = compare(surveyed(1, extra=extra), surveyed(2, extra=extra))
     assert found.significant == () and found.attention == ()
@@ -47,7 +48,7 @@ def test_nothing_is_called_changed_where_nothing_changed(extra):
     assert set(data["EXX"]) >= {"largest_change", "u", "significant", "at"} and data["changed"] == []
 
 
-@pytest.mark.parametrize("extra", [STATED, ""])
+@pytest.mark.parametrize("extra", MODELS)
 def test_a_squareness_that_changed_is_found_alone_and_right(extra):
     found = compare(surveyed(1, extra=extra), surveyed(3, ("EC0Y", CRASH), extra))
     (only,) = found.significant
@@ -55,6 +56,7 @@ def test_a_squareness_that_changed_is_found_alone_and_right(extra):
     assert only.u < CRASH / 5 and np.isnan(only.at)
 
 
+@pytest.mark.slow
 def test_a_bump_is_found_where_it_is():
     """The datum has EXX 0 at 380 mm; a bump of 10 µm there is a fall of 10 µm on both sides, beyond a quarter of the travel."""
     found = by_name(compare(surveyed(1, extra=""), surveyed(4, ("EXX", 0.010), "")))["EXX"]
@@ -63,6 +65,7 @@ def test_a_bump_is_found_where_it_is():
     assert np.all(np.abs(found.values[away] + 0.010) < 4 * found.values_u[away])
 
 
+@pytest.mark.slow
 def test_the_datum_moves_what_changed_between_functions_and_not_in_the_volume():
     first, second = surveyed(1), surveyed(3, ("EC0Y", CRASH))
     datum = parse_datum(first.machine, "primary=Y,secondary=X")
@@ -101,7 +104,7 @@ def draws(pair, rng, count):
     return found
 
 
-@pytest.mark.parametrize("extra", [STATED, ""])
+@pytest.mark.parametrize("extra", MODELS)
 def test_false_alarms_are_5_percent_over_all_functions_and_powers_as_stated(extra):
     """2000 draws of what both fits would have found; for smooth functions the u of the smoothness is left out of truth and test
     alike, since the draws know it."""
@@ -182,6 +185,7 @@ def test_a_solution_that_has_the_other_as_prior_holds_its_readings():
     assert compare(first, second).significant == ()
 
 
+@pytest.mark.slow
 def test_ranges_that_differ_are_compared_where_both_measured():
     """X up to 80 %: squareness and reference lines of both refer to that part."""
     truth = truth_of_tests()
@@ -208,6 +212,7 @@ def test_a_rejected_solution_is_named(solution, rejected_solution):
     assert any(text.startswith("B: the model is rejected") for text in found.attention)
 
 
+@pytest.mark.slow
 def test_other_machines_and_other_models_are_refused(solution):
     other, *_ = simulated(GANTRY, 3, extra=STATED, n_per_station=50, every_station_sees_every_tool=True)
     with pytest.raises(InputError, match=r"B: its machine is .*expected solutions of one machine"):

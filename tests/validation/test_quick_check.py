@@ -86,6 +86,7 @@ def test_a_function_that_changed_is_named():
     assert 0.008 < abs(found.findings[0].size) < 0.013
 
 
+@pytest.mark.slow
 def test_a_wrong_tool_is_not_taken_for_the_machine():
     """Two tools are read, the length of one of them is wrong by 40 µm."""
     campaigns = [few_distances(truth_of_tests(), seed) for seed in (12, 13)]

@@ -6,7 +6,7 @@ import json
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from support.surveys import changed, survey, surveyed, truth_of_tests
+from support.surveys import EXACT, changed, survey, surveyed, truth_of_tests
 
 from volid.exceptions import InputError
 from volid.fitting.fit import fit
@@ -46,9 +46,13 @@ def test_the_order_of_the_files_does_not_matter(drifting):
 
 
 def test_the_date_from_which_a_compensation_no_longer_holds(drifting):
-    """The functional point moves with y: by RATE · y at the far end, less a rotation of the workpiece of about half of that."""
+    """A shear RATE of X over Y: the best rotation takes RATE · b²/(a² + b²) of it (sides a, b), and the corners move farthest."""
     found = series(drifting, DAYS, limit=0.012)
     hold = found.holding
+    a, b = (float(np.ptp(EXACT.travel[axis])) for axis in "XY")
+    turned = b**2 / (a**2 + b**2)
+    assert abs(hold.rate - RATE * np.hypot((1.0 - turned) * b / 2.0, turned * a / 2.0)) < 3 * hold.u
+    assert hold.u < hold.rate / 5.0
     assert hold.exceeded == -1 and hold.until == pytest.approx(0.012 / hold.rate) and hold.until > DAYS[-1]
     assert hold.earliest < hold.until < hold.latest
     times = Times(tuple(738000.0 + d for d in DAYS), True)

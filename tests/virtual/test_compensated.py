@@ -1,7 +1,8 @@
 """A compensated machine under instruments, against the exact chain driven by an exact control, and against closed forms.
 
-REQUIREMENTS A2 (after ANG and VOL types, direct angular measurements still see the rotation, indirect ones its effect at the
-functional point), A6 (resting axes, least increment, clamped axes, wrong tool length; spindle against the compensated Z).
+ISO/TR 16907 11.3 (after ANG and VOL types, direct angular measurements still see the rotation, indirect ones its effect at the
+functional point; the spindle against the compensated Z), 4 e, 9.2 and 11.2 d (resting axes, least increment, clamped axes, wrong
+tool length).
 """
 
 from dataclasses import replace

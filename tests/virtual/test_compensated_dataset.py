@@ -115,5 +115,4 @@ def test_the_mandrel_sees_the_spindle_against_the_compensated_z(states):
         assert np.std(values[here] - expected) < 1.3 * 3e-4  # mm: the indicator's u; the tables are rounded to 0.1 µm
         assert np.std(values[here] - expected + lost) > 3.0 * 3e-4
         slope = np.polyfit(t[here], values[here] - lost, 1)[0]
-        print(component, sign * slope, tilt, np.std(values[here] - expected), np.std(values[here] - expected + lost))
         assert abs(sign * slope - tilt) < 0.1 * abs(tilt)

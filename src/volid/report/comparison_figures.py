@@ -11,6 +11,7 @@ import numpy as np
 
 from volid.model.iso230 import DIRECTIONS, ROTARY_AXES, parse
 from volid.report.comparison import place_words
+from volid.report.panels import figure_with_panels
 from volid.validation.comparison import Comparison
 from volid.validation.dates import Times
 from volid.validation.function_changes import FunctionChange
@@ -25,12 +26,6 @@ MOST = 12  # functions over time
 _SCALE = {"mm": (1e3, "µm"), "rad": (1e6, "µrad")}
 
 
-def _subplots(*args: Any, **kwargs: Any) -> Any:
-    import matplotlib.pyplot as plt
-
-    return plt.subplots(*args, layout="constrained", **kwargs)
-
-
 def changes_figure(found: Comparison) -> Figure:
     """Error motions of every axis as small panels, one row per direction, and constants as bars; changed ones in red."""
     motions = [f for f in found.functions if np.isfinite(f.positions).all()]
@@ -39,7 +34,7 @@ def changes_figure(found: Comparison) -> Figure:
     letters.sort(key=DIRECTIONS.index)
     rows = (6 if motions else 0) + (1 if constants else 0)
     columns = max(len(letters), 2)
-    figure, panels = _subplots(rows, columns, figsize=(3.9 * columns, 1.75 * rows + 0.8), squeeze=False)
+    figure, panels = figure_with_panels(rows, columns, figsize=(3.9 * columns, 1.75 * rows + 0.8), squeeze=False)
     for panel in panels.ravel():
         panel.set_visible(False)
     for f in motions:
@@ -113,7 +108,7 @@ def series_figure(found: Series, times: Times) -> Figure:
     shown = (changed or shown)[:MOST]
     columns = 3 if len(shown) > 1 else 2
     rows = -(-(len(shown) + 1) // columns)
-    figure, panels = _subplots(rows, columns, figsize=(4.0 * columns, 2.6 * rows + 0.6), squeeze=False)
+    figure, panels = figure_with_panels(rows, columns, figsize=(4.0 * columns, 2.6 * rows + 0.6), squeeze=False)
     for panel in panels.ravel()[len(shown) + 1 :]:
         panel.set_visible(False)
     _field_panel(panels.ravel()[0], found)

@@ -16,6 +16,7 @@ from volid.compensation.residual.fields import ANGLES, LENGTHS, QUANTITIES
 from volid.compensation.residual.forecast import Column, Forecast
 from volid.compensation.residual.prediction import Prediction
 from volid.model.machine import Machine
+from volid.report.panels import figure_with_panels
 from volid.report.repeats import repeats_data, repeats_lines
 from volid.report.text import paragraph, table, vector
 
@@ -167,9 +168,7 @@ def forecast_rows(found: Forecast) -> list[tuple[Any, ...]]:
 def forecast_figure(found: Forecast, machine_name: str) -> Figure:
     """Largest and RMS length and the orientation after each type, with 95 % intervals, for the first tool vector; lengths by tool
     vector when there are several. Needs matplotlib."""
-    import matplotlib.pyplot as plt
-
-    figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4.4), layout="constrained", width_ratios=(3, 2))
+    figure, (left, right) = figure_with_panels(1, 2, figsize=(11, 4.4), width_ratios=(3, 2))
     names = [c.name for c in found.columns]
     x = np.arange(len(names))
     _draw_lengths(left, found, x)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from volid.report.panels import figure_with_panels
 from volid.report.text import bullets, micro, paragraph, probability_words, table, unit_of
 from volid.validation.chi_squares import Smallest
 from volid.validation.groups import Compared, Group
@@ -132,11 +133,7 @@ def validation_data(found: Validation) -> dict[str, Any]:
 
 def validation_figure(found: Validation) -> Figure:
     """Residuals over U of every reading by set, the distribution of E_n beside what is to be expected, and where it is worst."""
-    import matplotlib.pyplot as plt
-
-    figure, (left, middle, right) = plt.subplots(
-        1, 3, figsize=(13, 4.2), layout="constrained", width_ratios=(1.6, 1.0, 1.3)
-    )
+    figure, (left, middle, right) = figure_with_panels(1, 3, figsize=(13, 4.2), width_ratios=(1.6, 1.0, 1.3))
     _over_readings(left, found.sets)
     _distribution(middle, found)
     _worst(right, found)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from volid.exceptions import InputError
+from volid.report.panels import figure_with_panels
 from volid.standards.circular.evaluation import CircularDetails
 from volid.standards.results import Evaluation, Quantity
 
@@ -38,22 +39,14 @@ def polar_plot(evaluations: Sequence[Evaluation]) -> Figure:
     Deviations are those about the centre that was chosen. The magnification is that of a deviation against the circle as drawn.
     Raises `InputError` where nothing was evaluated from readings, as in a vendor's file.
     """
-    import matplotlib.pyplot as plt
-
     drawn = [e for e in evaluations if isinstance(e.details, CircularDetails)]
     if not drawn:
         raise InputError("there are no readings to draw: the file holds another program's evaluation alone")
     columns = min(len(drawn), 3)
     rows, texts = -(-len(drawn) // columns), [_text_lines(e) for e in drawn]
     below = _LINE * (max(map(len, texts)) + 1)
-    figure, panels = plt.subplots(
-        2 * rows,
-        columns,
-        figsize=(_WIDE * columns, (_TALL + below) * rows),
-        height_ratios=[_TALL, below] * rows,
-        squeeze=False,
-        layout="constrained",
-    )
+    size, heights = (_WIDE * columns, (_TALL + below) * rows), [_TALL, below] * rows
+    figure, panels = figure_with_panels(2 * rows, columns, figsize=size, height_ratios=heights, squeeze=False)
     for panel in panels.ravel():
         panel.set_axis_off()
     for i, evaluation in enumerate(drawn):

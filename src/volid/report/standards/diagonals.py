@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from volid.report.figures import COLUMNS
+from volid.report.panels import figure_with_panels
 from volid.standards.diagonals.lines import Diagonal
 from volid.standards.positioning.runs import WAY_NAMES, statistics_of
 from volid.standards.results import Evaluation
@@ -21,14 +22,11 @@ ACROSS = {1: 1, 2: 2, 4: 2}  # panels side by side; more: 3
 
 def diagonals_figure(evaluations: Sequence[Evaluation]) -> Figure:
     """Deviations in µm over the distance from the start of each diagonal in mm, all panels at one scale."""
-    from matplotlib.figure import Figure
-
     found = [(evaluation, diagonal) for evaluation in evaluations for diagonal in evaluation.details]
     across = ACROSS.get(len(found), 4 if len(found) > 9 else 3)
     down = ceil(len(found) / across)
     size = (3.4 * across + 1.0, 2.5 * down + 0.8)
-    figure = Figure(figsize=size, layout="constrained")  # not one of pyplot's, which would keep it
-    panels = figure.subplots(down, across, sharey=True, squeeze=False)
+    figure, panels = figure_with_panels(down, across, figsize=size, sharey=True, squeeze=False)
     for panel, (evaluation, diagonal) in zip(panels.ravel(), found, strict=False):
         _draw(panel, diagonal)
         shown = [f"{s} {1e3 * v:.1f}" for s, v in _values(evaluation, diagonal).items()]

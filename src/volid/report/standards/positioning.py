@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from volid.report.figures import COLUMNS
+from volid.report.panels import figure_with_panels
 from volid.standards.positioning.evaluation import PositioningResult
 from volid.standards.positioning.runs import WAY_NAMES
 from volid.standards.results import FAIL, Evaluation, Quantity
@@ -26,11 +27,9 @@ def positioning_figure(evaluations: Sequence[Evaluation]) -> Figure:
 
     Lengths in µm, angles in arc seconds. Needs matplotlib. `evaluations`: as `evaluate_positioning` gives them.
     """
-    from matplotlib.figure import Figure
-
     n = len(evaluations)
-    figure = Figure(figsize=(9.5, 4.4 * n), layout="constrained")  # not one of pyplot's, which would keep it
-    panels = figure.subplots(n, 2, squeeze=False, sharey="row", width_ratios=(4, 1.5))
+    sides = (4, 1.5)
+    figure, panels = figure_with_panels(n, 2, figsize=(9.5, 4.4 * n), squeeze=False, sharey="row", width_ratios=sides)
     for (left, right), evaluation in zip(panels, evaluations, strict=True):
         result: PositioningResult = evaluation.details
         scale, unit = (1e3, "µm") if result.runs.unit == "mm" else (3600.0, "arc sec")

@@ -10,6 +10,7 @@ import numpy as np
 
 from volid.model.iso230 import LINEAR_AXES
 from volid.report.figures import COLUMNS, K
+from volid.report.panels import figure_with_panels
 from volid.standards.results import Evaluation
 from volid.standards.step_diagonals.separation import NAMES, NineFunctions
 
@@ -19,10 +20,7 @@ if TYPE_CHECKING:
 
 def nine_figure(evaluations: Sequence[Evaluation]) -> Figure:
     """The nine functions of every evaluation, values in µm over positions in mm; bands are ± U (k = 2)."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(10.5, 7.2), layout="constrained")  # not one of pyplot's, which would keep it
-    panels = figure.subplots(3, 3, sharex="col", sharey=True)
+    figure, panels = figure_with_panels(3, 3, figsize=(10.5, 7.2), sharex="col", sharey=True)
     for colour, evaluation in zip(_colours(len(evaluations)), evaluations, strict=True):
         for i, panel in enumerate(panels.T.ravel()):
             _function(panel, evaluation.details, NAMES[i], colour, Path(evaluation.source).name or evaluation.subject)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from volid.standards.diagonals.lines import BODY_NAMES, FACE_NAMES, Diagonal
 from volid.standards.positioning.evaluation import quantities_of
 from volid.standards.positioning.rules import APPROACHES
 from volid.standards.positioning.runs import WAY_NAMES, ask_size, statistics_of
-from volid.standards.positioning.uncertainty import Contribution, expanded
+from volid.standards.positioning.uncertainty import PROBABILITY, Contribution, expanded
 from volid.standards.results import Evaluation, Quantity, Table
 
 STANDARD = "ISO 230-6"
@@ -49,7 +49,7 @@ def _evaluation(subject: str, diagonals: Sequence[Diagonal], source: str) -> Eva
     return Evaluation(
         STANDARD,
         subject,
-        (*singles, *_largest(by_symbol, subject)),
+        (*singles, *_largest(by_symbol, diagonals, subject)),
         tuple(_remarks(subject, diagonals, singles)),
         table=Table(COLUMNS, tuple(row for d in diagonals for row in _rows(d))),
         source=source or diagonals[0].runs.source.partition(",")[0],
@@ -59,10 +59,8 @@ def _evaluation(subject: str, diagonals: Sequence[Diagonal], source: str) -> Eva
 
 def _quantities(diagonal: Diagonal) -> Iterator[tuple[str, Quantity]]:
     """E, R and B of one diagonal, or E_up … of one way, with U where something is known of its uncertainty."""
-    runs, known = diagonal.runs, diagonal.contributions
-    ask_size(runs)
-    values = quantities_of(statistics_of(runs.deviations))
-    U = expanded(runs, known, quantities_of).U if known else {}
+    ask_size(diagonal.runs)
+    values, U = quantities_of(statistics_of(diagonal.runs.deviations)), _U(diagonal)
     for symbol, text in _symbols(diagonal).items():
         if np.isfinite(values[symbol]):
             name, words = f"{symbol}_{diagonal.name}", f"{text}, along {diagonal.name}"
@@ -77,18 +75,29 @@ def _symbols(diagonal: Diagonal) -> dict[str, str]:
     return {f"{symbol}_{way}": f"{text}, {WORDS[way]}" for symbol, text in ONE_WAY.items()}
 
 
-def _largest(found: Sequence[tuple[str, Quantity]], subject: str) -> Iterator[Quantity]:
-    """E_d, R_d, B_d, or E_up_d … of diagonals that were run one way.
+def _U(diagonal: Diagonal, probability: float = PROBABILITY) -> Mapping[str, float]:
+    """U by symbol of ISO 230-2; none where nothing is known of the uncertainty."""
+    known = diagonal.contributions
+    return expanded(diagonal.runs, known, quantities_of, probability=probability).U if known else {}
 
-    U is the largest of the diagonals, because the largest of several changes by no more than one of them.
+
+def _largest(
+    by_symbol: Sequence[tuple[str, Quantity]], diagonals: Sequence[Diagonal], subject: str
+) -> Iterator[Quantity]:
+    """E_d, R_d, B_d: the largest of the diagonals; E_up_d … of diagonals that were run one way.
+
+    The largest of several changes by no more than one of them, and with k = 2 (95.45 %) none of n diagonals changes by more than
+    its U for the probability 0.9545^(1/n): the largest of these is U. Noise raises the largest of alike diagonals; that is in it.
     """
-    for symbol in dict.fromkeys(symbol for symbol, _ in found):
-        own = [q for of, q in found if of == symbol]
+    found = [_U(d, PROBABILITY ** (1.0 / len(diagonals))) for d in diagonals]
+    for symbol in dict.fromkeys(symbol for symbol, _ in by_symbol):
+        own = [q for of, q in by_symbol if of == symbol]
         largest = max(own, key=lambda q: q.value)
-        known = [q.U for q in own if q.U is not None]
+        known = [U[symbol] for U in found if symbol in U]
         U = max(known) if len(known) == len(own) else None
-        text = f"largest of the {subject} diagonals: {largest.symbol}"
-        yield Quantity(f"{symbol}_d", largest.value, "mm", U, text=text)
+        yield Quantity(
+            f"{symbol}_d", largest.value, "mm", U, text=f"largest of the {subject} diagonals: {largest.symbol}"
+        )
 
 
 def _remarks(subject: str, diagonals: Sequence[Diagonal], singles: Sequence[Quantity]) -> Iterator[str]:

@@ -60,9 +60,17 @@ class Uncertainty(NamedTuple):
 
 
 def expanded(
-    runs: PositioningRuns, contributions: Sequence[Contribution], quantities: Quantities, seed: int = 0
+    runs: PositioningRuns,
+    contributions: Sequence[Contribution],
+    quantities: Quantities,
+    seed: int = 0,
+    probability: float = PROBABILITY,
 ) -> Uncertainty:
-    """U of all quantities by the contributions together, and by each alone. `seed`: of the random numbers."""
+    """U of all quantities by the contributions together, and by each alone.
+
+    `seed`: of the random numbers. `probability`: with which a change by the contributions stays within U, above that of k = 2
+    where several tests have to do so together.
+    """
     rng = np.random.default_rng(seed)
     trials = int(np.clip(NUMBERS // runs.deviations.size, FEWEST, TRIALS))
     shape = (trials, *runs.deviations.shape)
@@ -72,12 +80,12 @@ def expanded(
     alone, total = {}, np.zeros(shape)
     for contribution in contributions:
         drawn = np.broadcast_to(contribution.draw(rng, trials), shape)
-        alone[contribution.name] = _changes(runs.deviations, drawn, quantities)
+        alone[contribution.name] = _changes(runs.deviations, drawn, quantities, probability)
         total = total + drawn
     start = shrunk(runs.deviations, total)
-    U = _changes(start, total, quantities)
+    U = _changes(start, total, quantities, probability)
     nothing = np.where(np.isfinite(runs.deviations), 0.0, np.nan)
-    return Uncertainty(U, alone, _changes(nothing, total, quantities), _remarks(U, alone))
+    return Uncertainty(U, alone, _changes(nothing, total, quantities, probability), _remarks(U, alone))
 
 
 def shrunk(deviations: np.ndarray, drawn: np.ndarray) -> np.ndarray:
@@ -105,11 +113,11 @@ def _parts(deviations: np.ndarray) -> tuple[np.ndarray, ...]:
     return about[..., None], common[..., None], (half - common)[..., None], deviations - mean[..., None]
 
 
-def _changes(start: np.ndarray, drawn: np.ndarray, quantities: Quantities) -> dict[str, float]:
-    """The size that each quantity's change by the draws keeps within, with `PROBABILITY`."""
+def _changes(start: np.ndarray, drawn: np.ndarray, quantities: Quantities, probability: float) -> dict[str, float]:
+    """The size that each quantity's change by the draws keeps within, with `probability`."""
     before, after = quantities(statistics_of(start)), quantities(statistics_of(start + drawn))
     sizes = {name: np.abs(after[name] - value) for name, value in before.items() if np.isfinite(value)}
-    return {name: float(np.quantile(size, PROBABILITY)) for name, size in sizes.items()}
+    return {name: float(np.quantile(size, probability)) for name, size in sizes.items()}
 
 
 def _remarks(U: Mapping[str, float], alone: Mapping[str, Mapping[str, float]]) -> tuple[str, ...]:

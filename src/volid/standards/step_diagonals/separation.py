@@ -16,8 +16,8 @@ mirror that is not square to its beam, and these leak into the nine functions to
 
 Dx(x) is positioning; Dy(x) and its like hold straightness, squareness and whatever rotations the readings saw. Reversal changes
 readings where axes turn back, between the steps: the nine functions are those of the mean of both senses, and reversal values
-cannot be separated. Not modelled: rotations of the axes, tilt of the mirror. REQUIREMENTS C; M. A. V. Chapman, Precision
-Engineering 27 (2003) 401 (what is not modelled).
+cannot be separated. Not modelled: rotations of the axes, tilt of the mirror. C. Wang, Review of Scientific
+Instruments 71 (2000) 3933 (the test); M. A. V. Chapman, Precision Engineering 27 (2003) 401 (what is not modelled).
 """
 
 from __future__ import annotations
