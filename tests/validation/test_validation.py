@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from exact_chain import random_truth
+from exact_chain.control import ExactControl
 from exact_chain.tracker import tracker_campaign
 from scipy.stats import binom, norm
 from support.machines import MACHINES, STRUCTURES, exact_machine, volid_machine
@@ -21,7 +22,8 @@ from volid.compensation.package import compensate
 from volid.exceptions import InputError
 from volid.fitting.datum import parse_datum
 from volid.fitting.fit import fit
-from volid.validation.causes import ALL, SIGN, TABLE
+from volid.io.compensations import load_control, save_compensation
+from volid.validation.causes import ALL, CONTROL_TOOL, SIGN, TABLE
 from volid.validation.independence import same_readings
 from volid.validation.shares import usual_share
 from volid.validation.validation import validate
@@ -157,6 +159,19 @@ def test_a_table_of_the_wrong_sign_and_one_that_does_not_act_are_named(known, ta
         known.solution, second_campaign(known.truth, drive=tables.drive({"Y": 0.0})), control=tables.control
     )
     assert found.causes[0].what == "table EYY does not act"
+
+
+def test_a_control_that_uses_another_tool_vector_is_named(known, tmp_path):
+    """L-ANG by the exact control, with a tool 150 mm shorter than stated."""
+    made = compensate(known.solution, ["L-ANG"], base_of(known.solution, BASE_TOOL), points=21)
+    save_compensation(made, known.solution, tmp_path / "tables")
+    at_work = ExactControl.of(EXACT, [tmp_path / "tables"], tool=np.zeros(3))
+    campaign = second_campaign(known.truth, drive=lambda q: at_work.command(q, None))
+    stated = load_control(MACHINE, [tmp_path / "tables"], tool=BASE_TOOL)
+    found = validate(known.solution, campaign, control=stated)
+    assert not found.confirmed and found.causes[0].cause == CONTROL_TOOL
+    assert abs(float(found.causes[0].what.split(" mm in Z")[0].split()[-1]) - 150.0) < 15.0
+    assert validate(known.solution, campaign, control=replace(stated, tool=(0.0, 0.0, 0.0))).confirmed
 
 
 def test_a_stale_compensation_is_found(known, tables):

@@ -24,12 +24,14 @@ from volid.fitting.diagnosis.outcome import Outcome
 from volid.model.error_model import ROWS
 from volid.model.iso230 import DIRECTIONS
 from volid.validation.changes import ORDER, Change, function_columns
-from volid.validation.compensated import parts_of, shifts
+from volid.validation.compensated import OtherTool, parts_of, shifts
 from volid.validation.equations import Linear
 from volid.validation.whitened import Whitened
 
 SIGN, CHANGED, SHAPE = "sign of a function", "change of the machine", "change of a function"
 TABLE, ALL = "compensation that does not act as it should", "compensation that is not stated"
+CONTROL_TOOL = "tool vector that the control uses"
+TOOL_STEP, LEAST_SEEN = 10.0, 1e-3  # mm, and what that must do to some reading, over its u
 NAMED = 3
 CARRIED = 1e-6  # share of a reading that the others check, below which nothing does
 # what a function of the opposite sign adds to itself, one that does not act at all, and how near an estimate must come
@@ -41,6 +43,7 @@ CURES = {
     SHAPE: "identify the machine anew, or look for what has moved",
     ALL: "state the tables and grids that were active",
     TABLE: "look at its sign and whether it is switched on",
+    CONTROL_TOOL: "look at the tool data of the control, or state with `control_tool` what it uses",
     OUTLIERS: "look at it; leave it out where it is a mistake",
     TOOL: "measure the tool again, and correct its vector in the campaign",
 }
@@ -55,7 +58,9 @@ def causes(
     """
     now, found = around_of(whitened), list[Judged]()
     own = [*_of_changes(changes), *_of_functions(whitened.linear, parameters)]
-    own += [] if control is None else [*_of_the_control(whitened.linear, control)]
+    own += (
+        [] if control is None else [*_of_the_control(whitened.linear, control), *_of_its_tool(whitened.linear, control)]
+    )
     for _ in range(NAMED):
         tested = list(judged(now, [*own, *_of_the_diagnosis(now, whitened.linear)]))
         limit = float(np.log(CHANCE / max(len(tested), 1)))
@@ -103,6 +108,18 @@ def _of_the_control(linear: Linear, control: Control) -> Iterator[Alternative]:
         yield Alternative(TABLE, name, CURES[TABLE], ((whole - _joined(shifts(*place, without))) / linear.u)[:, None])
     if len(control.tables) + len(control.grids) > 1:
         yield Alternative(TABLE, "the compensation as a whole", CURES[TABLE], (whole / linear.u)[:, None])
+
+
+def _of_its_tool(linear: Linear, control: Control) -> Iterator[Alternative]:
+    """Tool vectors that differ by the same from those that the control is said to use."""
+    place = linear.problem, linear.campaign, linear.z
+    whole = _joined(shifts(*place, control))
+    steps = [_joined(shifts(*place, OtherTool(control, by))) - whole for by in TOOL_STEP * np.eye(3)]
+    columns = np.stack(steps, axis=1) / linear.u[:, None]
+    seen = np.abs(columns).max(axis=0) > LEAST_SEEN
+    if seen.any():
+        letters = "".join(np.array([*DIRECTIONS[:3]])[seen])
+        yield Alternative(CONTROL_TOOL, letters, CURES[CONTROL_TOOL], columns[:, seen] / TOOL_STEP)
 
 
 def _joined(parts: tuple[np.ndarray, ...]) -> np.ndarray:
@@ -171,6 +188,9 @@ def _words(j: Judged) -> str:
     if j.alternative.cause in (SIGN, TABLE):
         is_opposite = abs(float(j.values[0]) - OPPOSITE) < NEAR
         return f"{what} acts with the opposite sign" if is_opposite else f"{what} does not act"
+    if j.alternative.cause == CONTROL_TOOL:
+        by = ", ".join(f"{float(v):+.0f} mm in {a}" for a, v in zip(what, j.values.tolist(), strict=True))
+        return f"the control uses another tool vector, by about {by}"
     if j.alternative.cause == ALL:
         return "the readings are those of a machine whose errors are compensated"
     if not unit:

@@ -8,7 +8,7 @@ reading. The solution's own uncertainty is that at q: s is micrometres.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,8 +19,9 @@ from volid.fitting.equations.problem import Problem
 from volid.model.error_model import ErrorModel
 from volid.model.error_values import error_values, evaluate_bases
 from volid.model.kinematics import chain_of
+from volid.model.machine import Machine
 from volid.observations.base import NuisanceTable
-from volid.virtual.drives import driven_ends, with_steps
+from volid.virtual.drives import Drives, driven_ends, with_steps
 
 
 def parts_of(control: Control) -> Iterator[tuple[str, Control]]:
@@ -31,7 +32,33 @@ def parts_of(control: Control) -> Iterator[tuple[str, Control]]:
         yield f"grid {grid.type}", replace(control, grids=control.grids[:i] + control.grids[i + 1 :])
 
 
-def shifts(problem: Problem, campaign: Campaign, z: np.ndarray, control: Control) -> tuple[np.ndarray, ...]:
+@dataclass(frozen=True, eq=False)
+class OtherTool:
+    """The drives of a control that uses tool vectors which are longer by `by` (3,) [mm] than it is said to use."""
+
+    control: Control
+    by: np.ndarray
+
+    @property
+    def machine(self) -> Machine:
+        """The machine whose axes it moves."""
+        return self.control.machine
+
+    @property
+    def active(self) -> tuple[str, ...]:
+        """Its active compensations, in words."""
+        return self.control.active
+
+    def command(
+        self, positions: np.ndarray, tool: np.ndarray | None, directions: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Where the drives go, (m, n_axes)."""
+        own = self.control.tool if self.control.tool is not None else tool
+        used = None if own is None else np.broadcast_to(np.asarray(own) + self.by, (len(positions), 3))
+        return np.asarray(replace(self.control, tool=None).command(positions, used, directions))
+
+
+def shifts(problem: Problem, campaign: Campaign, z: np.ndarray, control: Drives) -> tuple[np.ndarray, ...]:
     """What the control does to every reading, one array (m, k) per set [unit of the reading]; z: unknowns of the problem."""
     n = problem.model.layout.n_coefficients
     table = NuisanceTable.of(problem.nuisance)
@@ -59,7 +86,7 @@ def shifts(problem: Problem, campaign: Campaign, z: np.ndarray, control: Control
 
 
 def _errors(
-    model: ErrorModel, coefficients: np.ndarray, readings: ObservationSet, control: Control | None
+    model: ErrorModel, coefficients: np.ndarray, readings: ObservationSet, control: Drives | None
 ) -> np.ndarray:
     """Error values at the programmed positions of a set, those of all ends below each other."""
     found = []
