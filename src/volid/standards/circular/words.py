@@ -57,8 +57,16 @@ def _names(test: CircularReadings) -> dict[str, tuple[str, str, str]]:
         "lag": (f"lag_{test.plane}", "mm", f"lag of {a} less that of {b} makes an ellipse at 45°, of this half-range"),
         "bow ba": (f"bow_E{b}{a}", "mm", f"parabola of straightness E{b}{a} over the diameter"),
         "bow ab": (f"bow_E{a}{b}", "mm", f"parabola of straightness E{a}{b} over the diameter"),
-        "centre a": (f"centre_{a}", "mm", f"socket from the centre of the path in {a}; errors of the axes move that too"),
-        "centre b": (f"centre_{b}", "mm", f"socket from the centre of the path in {b}; errors of the axes move that too"),
+        "centre a": (
+            f"centre_{a}",
+            "mm",
+            f"socket from the centre of the path in {a}; errors of the axes move that too",
+        ),
+        "centre b": (
+            f"centre_{b}",
+            "mm",
+            f"socket from the centre of the path in {b}; errors of the axes move that too",
+        ),
     }
 
 
