@@ -256,3 +256,14 @@ def test_compensations_that_were_active_once_are_named():
         "B was measured with other compensations active (L-POS: table of EXX) than A (none): the change contains what they do"
     )
     assert compare(other, other).attention == ()
+
+
+def test_another_load_is_named_and_an_unstated_one_is_not():
+    def under(**conditions):
+        solution = surveyed(1)
+        return replace(solution, campaign=replace(solution.campaign, conditions=conditions))
+
+    note = "B was measured with another load (200 kg) than A (none): the change contains what it does"
+    assert note in compare(under(load="none"), under(load="200 kg")).notes
+    for one, other in ((under(load="none"), under(load="none")), (under(), under(load="200 kg"))):
+        assert not any("load" in text for text in compare(one, other).notes)

@@ -9,6 +9,7 @@ from volid.exceptions import InputError
 
 THERMAL = "thermal_limit"  # key of [conditions] [mm]
 ACTIVE = "active_compensations"  # key of [conditions]: a list of texts (ISO/TR 16907 9.1)
+LOAD = "load"  # key of [conditions]: a text (ISO/TR 16907 8.6, 9.1)
 LARGEST_THERMAL = 1.0  # mm: a number above is one of micrometres
 
 
@@ -31,8 +32,17 @@ def thermal_limit(conditions: Mapping[str, Any]) -> float | None:
 
 def active_compensations(conditions: Mapping[str, Any]) -> list[str]:
     """Texts of the compensations that were active, those of single files included, each once; a lone text counts as a list."""
-    stated = conditions.get(ACTIVE, [])
+    return _texts(conditions, ACTIVE)
+
+
+def loads(conditions: Mapping[str, Any]) -> list[str]:
+    """Texts of the loads on table and spindle, those of single files included, each once; none where none is stated."""
+    return _texts(conditions, LOAD)
+
+
+def _texts(conditions: Mapping[str, Any], key: str) -> list[str]:
+    stated = conditions.get(key, [])
     found = [str(v) for v in (stated if isinstance(stated, list | tuple) else [stated])]
     for value in conditions.values():
-        found += active_compensations(value) if isinstance(value, Mapping) else []
+        found += _texts(value, key) if isinstance(value, Mapping) else []
     return list(dict.fromkeys(found))

@@ -14,7 +14,7 @@ from volid.backend.threads import one_blas_thread
 from volid.fitting.solution import Solution
 from volid.model.error_functions import describe_datum
 from volid.model.machine import Datum
-from volid.plausibility.conditions import active_compensations
+from volid.plausibility.conditions import active_compensations, loads
 from volid.validation.function_changes import LEVEL, Combination, FunctionChange, by_holm, function_change, outputs_of
 from volid.validation.shared import Said, Shared, what_is_shared
 from volid.validation.states import in_one_model
@@ -104,7 +104,7 @@ def compare(
         functions=tested(pair),
         volume=change_in(volume_of(states), pair),
         datum=describe_datum(states.machine, states.model.datum),
-        notes=(*states.notes, *shared.notes),
+        notes=(*states.notes, *shared.notes, *_other_loads(shared)),
         attention=doubts(shared),
     )
 
@@ -143,3 +143,15 @@ def _other_compensations(shared: Shared) -> list[str]:
                 "the change contains what they do"
             )
     return found
+
+
+def _other_loads(shared: Shared) -> list[str]:
+    """That campaigns state other loads: workpieces and tools bend a machine (ISO/TR 16907 8.6)."""
+    before, now = (loads(s.solution.campaign.conditions) for s in shared.of.states)
+    if not before or not now or set(before) == set(now):
+        return []
+    first, second = (s.name for s in shared.of.states)
+    return [
+        f"{second} was measured with another load ({', '.join(now)}) than {first} ({', '.join(before)}): the change contains "
+        "what it does"
+    ]
