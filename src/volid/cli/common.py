@@ -104,17 +104,12 @@ def check_figure(path: str | Path | None) -> None:
 
 
 def write_figure(figure: Figure, path: str | Path, overwrite: bool) -> None:
-    """A figure of matplotlib as the file's ending says, and closed; it appears completely or not at all. Raises `OutputError`."""
-    from matplotlib import pyplot
-
+    """A figure of matplotlib as the file's ending says; it appears completely or not at all. Raises `OutputError`."""
     from volid.io.basics.atomic import atomic_output
 
     kind = Path(path).suffix.lstrip(".").lower() or "png"
-    try:
-        with atomic_output(path, overwrite) as temporary:
-            figure.savefig(temporary, format=kind, dpi=150)
-    finally:
-        pyplot.close(figure)
+    with atomic_output(path, overwrite) as temporary:
+        figure.savefig(temporary, format=kind, dpi=150)
 
 
 class _Stop(Exception):

@@ -165,7 +165,7 @@ def what_is_shared(states: States, said: Said) -> Shared:
             "campaigns without a prior to compare them"
         )
     note = f"counted as independent, as the fit with a prior has done: {', '.join(sorted(alike))}"
-    return Shared(states, tuple(np.zeros((len(s.map), 0)) for s in states.states), (note,))
+    return Shared(states, tuple(np.zeros((len(s.map), 0)) for s in states.states), (*_unknown_priors(found), note))
 
 
 def _check_names(what: str, names: tuple[str, ...], everywhere: dict[object, tuple[int, str, float]]) -> None:

@@ -42,8 +42,8 @@ def remarks(details: CircularDetails, blank: list[str], window: float, setup_cen
     found = [
         f"{len(test.runs)} {'run' if len(test.runs) == 1 else 'runs'} of {test.arc:.0f}° with radius {test.radius:g} mm"
         f"{f', feed {test.feed:g} mm/min' if test.feed else ''}; anticlockwise is from +{test.plane[0]} to +{test.plane[1]}",
-        f"the least-squares circle of all readings, spikes with them, says that the socket stands {x:.1f} µm in "
-        f"{test.plane[0]} and {y:.1f} µm in {test.plane[1]} from the programmed centre"
+        f"by the least-squares circle of all readings, spikes with them, the socket stands {x:.1f} µm in {test.plane[0]} and "
+        f"{y:.1f} µm in {test.plane[1]} from the centre of the path, which the machine's errors move too"
         f"{', which the radial deviations contain' if setup_centre else ', which is taken out of the radial deviations'}",
         f"geometry is taken from the readings outside {window:g}° behind changes of quadrant, spikes from those within",
     ]
