@@ -102,7 +102,7 @@ def _runs_of(csv: CsvTable, axis: str, rows: np.ndarray) -> PositioningRuns:
     run = csv.labels(RUN, _PURPOSE)[rows].tolist() if RUN in csv else run_numbers(target, direction, unit.symbol)
     where = [csv.where(int(i)) for i in rows]
     found = Approaches(target, direction, run, deviation, where)
-    return arranged(axis, found, unit.symbol, source=csv.source, notes=csv.notes)
+    return arranged(axis, found, unit.symbol, source=csv.source, notes=(*csv.notes, *_assumed(csv, axis, unit)))
 
 
 def _directions(csv: CsvTable) -> np.ndarray:
@@ -139,7 +139,9 @@ def _wide(csv: CsvTable, cells: Mapping[str, re.Match[str]], axis: str | None) -
     names = list(cells)
     where = [f"{csv.where(int(i))}, {names[j]}" for i, j in zip(rows, columns, strict=True)]
     found = Approaches(target[rows], ways[columns], [runs[j] for j in columns], deviation[rows, columns], where)
-    return arranged(axis, found, unit.symbol, source=csv.source, notes=(*_how(csv, list(cells)), *notes))
+    return arranged(
+        axis, found, unit.symbol, source=csv.source, notes=(*_how(csv, list(cells)), *notes, *_assumed(csv, axis, unit))
+    )
 
 
 def _how(csv: CsvTable, cells: list[str]) -> tuple[str, ...]:
@@ -185,6 +187,15 @@ def _unit(csv: CsvTable, axis: str) -> _Unit:
     angle = stated is not None and conversion(stated, "mm") is None
     rotary = axis[:1] in ROTARY_AXES and not axis[1:].strip("0123456789")  # C, and a second one C2
     return _Unit("°", "degrees") if rotary or (axis == AXIS and angle) else _Unit("mm", "mm")
+
+
+def _assumed(csv: CsvTable, axis: str, unit: _Unit) -> tuple[str, ...]:
+    """What was taken for granted, where neither the axis nor the unit of its targets is stated."""
+    if axis != AXIS or TARGET in csv.units:
+        return ()
+    return (
+        f"no axis is stated: targets and deviations were read in {unit.words}; state `axis`, such as C for degrees",
+    )
 
 
 def _difference(actual: np.ndarray, target: np.ndarray, unit: _Unit) -> np.ndarray:
