@@ -79,7 +79,7 @@ def test_what_is_refused(folder, run, arguments, words):
 
 def test_a_check_updates_the_old_solution(folder, tmp_path, run):
     status, out, err = run("check", folder / "a.h5", folder / "same.h5", "-o", tmp_path / "u.h5")
-    assert status == 0 and "attention" not in err and out.startswith("nothing has changed")
+    assert status == 0 and "attention" not in err and out.startswith("no change found")
     updated = volid.load_solution(tmp_path / "u.h5")
     assert "prior" in updated.provenance["options"] and updated.options["prior"]
     status, out, err = run("check", folder / "a.h5", folder / "crashed.h5", "--json", "-o", tmp_path / "v.h5")

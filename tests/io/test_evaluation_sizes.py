@@ -68,3 +68,12 @@ def test_what_python_shows_is_short_and_names_what_there_is(tmp_path):
     assert found["G_XY"].U is not None and "array(" not in repr(found)
     with pytest.raises(KeyError, match="G; expected one of G_XY"):
         found["G"]
+
+
+def test_what_was_taken_for_granted_is_said(tmp_path):
+    _, path = runs(tmp_path, "target,up_1 [µm],down_1 [µm]")
+    (found,) = volid.evaluate("iso230-2", path)
+    assert any("no axis is stated: targets and deviations were read in mm" in text for text in found.remarks)
+    assert any("U is left out" in text for text in found.remarks)
+    (found,) = volid.evaluate("iso230-2", path, axis="X")
+    assert not any("no axis is stated" in text for text in found.remarks)

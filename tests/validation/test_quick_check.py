@@ -36,7 +36,7 @@ SQUARENESS = {"EC0Y": CRASH / 430.0, "EA0Z": CRASH / 460.0, "EB0Z": -CRASH / 460
 def test_nothing_is_found_where_nothing_changed(readings):
     found = check(surveyed(1), readings(truth_of_tests(), 5))
     assert not found.changed and found.findings == () and found.probability > 0.025
-    assert check_attention(found) == [] and check_lines(found)[0].startswith("nothing has changed")
+    assert check_attention(found) == [] and check_lines(found)[0].startswith("no change found")
     assert found.updated.options["prior"]  # the old solution with the new readings
 
 

@@ -34,7 +34,7 @@ changed is released.
 example:
   volid check acceptance.h5 monday.toml -o updated.h5
 
-exit status: 0 nothing has changed; 1 written, and what changed is named; 2 bad input
+exit status: 0 no change found; 1 written, and what changed is named; 2 bad input
 """
 
 

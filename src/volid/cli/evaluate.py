@@ -13,6 +13,7 @@ from volid.cli.common import (
     check_output,
     conclude,
     explain,
+    in_options,
     named_by,
     print_json,
     write_figure,
@@ -111,7 +112,7 @@ def _say(evaluations: Sequence[Evaluation], args: argparse.Namespace) -> int:
     if args.json:
         print_json(evaluations_data(evaluations))
     else:
-        print("\n\n".join("\n".join(evaluation_lines(e)) for e in evaluations))
+        print(in_options("\n\n".join("\n".join(evaluation_lines(e)) for e in evaluations), args))
         for path in filter(None, (args.output, args.figure, getattr(args, "tables", None))):
             print(f"written: {path}")
     said = {FAIL: "exceeds its limit", UNDECIDED: "is within U of its limit, so that neither pass nor fail is proved"}

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from volid.model.iso230 import describe, parse
-from volid.report.comparison import probability_cell, size_cell
+from volid.report.comparison import place_words, probability_cell, size_cell
 from volid.report.text import bullets, paragraph, table, unit_of
 from volid.validation.check import Check, Finding
 from volid.validation.function_changes import POWER
@@ -69,7 +69,7 @@ def finding_words(finding: Finding) -> str:
         unit = "µm/m" if finding.unit == "mm/mm" else unit_of(finding.unit)
         cells = [size_cell(v, "rad" if finding.unit == "mm/mm" else finding.unit) for v in (finding.size, finding.u)]
         size = f" by {cells[0]} {unit} (u {cells[1]} {unit})"
-    place = f" at {finding.at:.4g}" if np.isfinite(finding.at) else ""
+    place = f" at {place_words(finding.name, finding.at)}" if np.isfinite(finding.at) else ""
     rivals = f"; these readings cannot tell it from {', '.join(finding.rivals)}" if finding.rivals else ""
     verb = "changed" if finding.is_machine else "differs"
     return f"{finding.name} {verb}{size}{place} ({finding.words}){rivals}"
@@ -77,7 +77,10 @@ def finding_words(finding: Finding) -> str:
 
 def _verdict(found: Check) -> str:
     if not found.changed:
-        return "nothing has changed: the new readings agree with the old solution"
+        return (
+            "no change found: the new readings agree with the old solution; they see a single change from the sizes below on, "
+            "and not several that cancel in these places"
+        )
     if not found.findings:
         return "something has changed, and no single function, constant, tool or scale explains it; measure the machine anew"
     return f"changed: {'; '.join(finding_words(f) for f in found.findings)}"

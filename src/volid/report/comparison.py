@@ -115,7 +115,7 @@ def _change_table(functions: Sequence[FunctionChange], word: str) -> list[str]:
             size_cell(f.largest_change, f.unit),
             size_cell(f.u, f.unit),
             unit_of(f.unit),
-            "" if not np.isfinite(f.at) else f"{place_words(f)}{_WAYS[f.direction]}",
+            "" if not np.isfinite(f.at) else f"{place_words(f.name, f.at)}{_WAYS[f.direction]}",
             probability_cell(f.probability),
             size_cell(f.smallest_found, f.unit),
             "*" if f.significant else "",
@@ -145,13 +145,13 @@ def _size(change: FunctionChange) -> str:
 
 
 def _place(change: FunctionChange) -> str:
-    return f" at {place_words(change)}" if np.isfinite(change.at) else ""
+    return f" at {place_words(change.name, change.at)}" if np.isfinite(change.at) else ""
 
 
-def place_words(change: FunctionChange) -> str:
+def place_words(name: str, at: float) -> str:
     """Where a function changed most: "X 950 mm"."""
-    axis = parse(change.name).axis
-    return f"{axis} {change.at:.4g}{' mm' if axis in LINEAR_AXES else '°'}"
+    axis = parse(name).axis
+    return f"{axis} {at:.4g}{' mm' if axis in LINEAR_AXES else '°'}"
 
 
 def _ends(not_tested: Sequence[str], notes: Sequence[str]) -> list[str]:

@@ -161,7 +161,7 @@ def _drift_panel(panel: Any, found: Series, function: FunctionDrift) -> None:
         weights = 1.0 / np.maximum(u[who], np.max(u[who[1:]], initial=1e-12)) ** 2
         middle = np.sum(weights * (values[who] - slope * at)) / np.sum(weights)
         panel.plot(at, middle + slope * at, color=LINE, lw=1.0)
-    place = f" at {place_words(shown)}" if np.isfinite(shown.at) else ""
+    place = f" at {place_words(shown.name, shown.at)}" if np.isfinite(shown.at) else ""
     words = "drifts" if function.drift.significant and function.steady else "steps" if not function.steady else ""
     panel.set_title(f"{shown.name}{place} / {unit}   {words}", fontsize=8, loc="left", color="0.25")
 

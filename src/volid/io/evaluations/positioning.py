@@ -28,7 +28,7 @@ from volid.standards.positioning.sets import Found, positioning_of
 FAR = 1e6  # mm or degrees: travel of an axis of which nothing else is known
 _EXPECTED = (
     "expected a campaign (.toml, .h5), a file of a laser interferometer (.rtl, .rta, .pos), a table of targets and approaches "
-    f"(.csv), or a compensation table of positioning (.csv); of a table {FORMS}"
+    f"(.csv), or a compensation table of positioning (.csv); a table needs {FORMS.removeprefix('expected ')}"
 )
 
 

@@ -109,7 +109,7 @@ def _runs_of(csv: CsvTable, axis: str, rows: np.ndarray) -> PositioningRuns:
     run = csv.labels(RUN, _PURPOSE)[rows].tolist() if RUN in csv else run_numbers(target, direction, unit.symbol)
     where = [csv.where(int(i)) for i in rows]
     found = Approaches(target, direction, run, deviation, where)
-    return arranged(axis, found, unit.symbol, source=csv.source, notes=(*csv.notes, *_assumed(csv, axis)))
+    return arranged(axis, found, unit.symbol, source=csv.source, notes=(*csv.notes, *_assumed(csv, axis, unit)))
 
 
 def _directions(csv: CsvTable) -> np.ndarray:
@@ -153,7 +153,7 @@ def _wide(csv: CsvTable, cells: Mapping[str, re.Match[str]], axis: str | None) -
     where = [f"{csv.where(int(i))}, {names[j]}" for i, j in zip(rows, columns, strict=True)]
     found = Approaches(target[rows], ways[columns], [runs[j] for j in columns], deviation[rows, columns], where)
     return arranged(
-        axis, found, unit.symbol, source=csv.source, notes=(*_how(csv, list(cells)), *notes, *_assumed(csv, axis))
+        axis, found, unit.symbol, source=csv.source, notes=(*_how(csv, list(cells)), *notes, *_assumed(csv, axis, unit))
     )
 
 
@@ -212,11 +212,13 @@ def _unit(csv: CsvTable, axis: str) -> _Unit:
     return _Unit("°", "degrees") if rotary or (axis == AXIS and angle) else _Unit("mm", "mm")
 
 
-def _assumed(csv: CsvTable, axis: str) -> tuple[str, ...]:
-    """That positions were taken for mm, where neither axis nor unit says it."""
+def _assumed(csv: CsvTable, axis: str, unit: _Unit) -> tuple[str, ...]:
+    """What was taken for granted, where neither the axis nor the unit of its targets is stated."""
     if axis != AXIS or TARGET in csv.units:
         return ()
-    return ("neither the axis nor a unit is stated: positions were read as mm; state `axis` if they are degrees",)
+    return (
+        f"no axis is stated: targets and deviations were read in {unit.words}; state `axis`, such as C for degrees",
+    )
 
 
 def _difference(actual: np.ndarray, target: np.ndarray, unit: _Unit) -> np.ndarray:

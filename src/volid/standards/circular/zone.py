@@ -71,8 +71,8 @@ def minimum_zone(direction: np.ndarray, deviation: np.ndarray, radius: float) ->
 
 class LeastSquaresCircle(NamedTuple):
     """`centre` (2,): place of the bar's socket from the centre of the path, which errors move too; `radius`: mean radius less the
-    nominal one, by part (k,); `direction` (m, 2): from the socket to the commanded points; `deviation` (m,): radii about it, less the
-    nominal one [mm]. `gain` (2 + k, m): ∂(centre, radius)/∂reading."""
+    nominal one, by part (k,); `direction` (m, 2): from the socket to the commanded points; `deviation` (m,): radii about it, less
+    the nominal one [mm]. `gain` (2 + k, m): ∂(centre, radius)/∂reading."""
 
     centre: np.ndarray
     radius: np.ndarray

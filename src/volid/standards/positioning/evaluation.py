@@ -30,6 +30,9 @@ from volid.standards.positioning.uncertainty import Contribution, Uncertainty, e
 from volid.standards.results import Evaluation, Quantity, Table
 
 STANDARD = "ISO 230-2"
+WITHOUT_U = (
+    "nothing is known of the uncertainty of the test: U is left out; `uncertainty` reads the conditions it follows from"
+)
 MEANINGS = {
     "E": "systematic positional deviation, both directions",
     "E_up": "systematic positional deviation, approached in +",
@@ -79,7 +82,12 @@ def evaluate_positioning(runs: PositioningRuns, contributions: Sequence[Contribu
         Quantity(name, value, runs.unit, uncertainty.U.get(name) if uncertainty else None, text=MEANINGS[name])
         for name, value in values.items()
     )
-    remarks = (*rules(runs), *_mixed(runs, statistics), *runs.notes, *(uncertainty.remarks if uncertainty else ()))
+    remarks = (
+        *rules(runs),
+        *_mixed(runs, statistics),
+        *runs.notes,
+        *(uncertainty.remarks if uncertainty else (WITHOUT_U,)),
+    )
     return Evaluation(
         STANDARD,
         runs.axis,
