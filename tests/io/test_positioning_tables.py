@@ -148,5 +148,7 @@ def test_a_unit_of_some_approaches_only_is_refused(tmp_path):
 
 def test_mm_of_nobody_are_said(tmp_path):
     for text in (LONG, WIDE):
-        assert any("targets and deviations were read in mm" in note for note in read(tmp_path, text, axis=None)[0].notes)
+        assert any(
+            "targets and deviations were read in mm" in note for note in read(tmp_path, text, axis=None)[0].notes
+        )
         assert not any("targets and deviations were read in mm" in note for note in read(tmp_path, text)[0].notes)

@@ -6,7 +6,7 @@ import argparse
 from typing import TYPE_CHECKING, Any
 
 from volid.cli.common import add_output, check_output, conclude, explain, print_json
-from volid.cli.numbers import add_unusual, finite, number, place, seed, tool_vector
+from volid.cli.numbers import add_unusual, count, finite, number, place, seed, tool_vector
 from volid.cli.progress import Progress
 from volid.report.text import vector
 
@@ -87,6 +87,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--tool", metavar="x,y,z", type=tool_vector, action="append", help="tool vector, mm; repeatable"
     )
     parser.add_argument("--points", metavar="N[,N2]", type=counts, help="numbers of positions")
+    parser.add_argument("--runs", metavar="N", type=count(1, 100), help="how often lines are measured there and back")
     _add_lengths(parser)
     _add_angles(parser)
     parser.add_argument("--sensor-on", choices=("tool", "workpiece"), help="where the R-test's sensors sit")

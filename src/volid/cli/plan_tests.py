@@ -62,23 +62,23 @@ DESCRIBED = (
     Description(
         "body-diagonals",
         "laser displacements along the four body diagonals of ISO 230-6, there and back, retro-reflector",
-        {"points": "11 of a line", **_BEAM},
+        {"points": "11 of a line", "runs": "1", **_BEAM},
     ),
     Description(
         "diagonals",
         "the same with two diagonals of each of three planes in the middle of the volume",
-        {"points": "11 of a line", **_BEAM},
+        {"points": "11 of a line", "runs": "1", **_BEAM},
     ),
     Description(
         "step-diagonals",
         "sequential step diagonals: along the body diagonals by steps of X, then Y, then Z, there and\n"
         "back, flat mirror of unknown tilt; points: steps of each axis",
-        {"points": "10", **_BEAM},
+        {"points": "10", "runs": "1", **_BEAM},
     ),
     Description(
         "parallel-lines",
         "laser displacements along every linear axis, on four parallel lines, there and back",
-        {"points": "11 of a line", **_BEAM},
+        {"points": "11 of a line", "runs": "1", **_BEAM},
     ),
     Description(
         "circles",

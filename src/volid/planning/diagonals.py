@@ -34,6 +34,14 @@ class _Line(NamedTuple):
     positions: np.ndarray
 
 
+class _Way(NamedTuple):
+    """How lines are measured: tool vectors [mm], u of a reading [mm], runs there and back."""
+
+    tools: Sequence[Sequence[float]]
+    u: float
+    runs: int
+
+
 def diagonals(
     machine: Machine,
     n: int = 11,
@@ -41,6 +49,7 @@ def diagonals(
     *,
     faces: bool = True,
     height: float = 0.5,
+    runs: int = 1,
     u: float = U,
 ) -> Campaign:
     """Plan of displacements along the four body diagonals and the six face diagonals of the working volume, there and back.
@@ -56,10 +65,11 @@ def diagonals(
         tool: Tool vector to the apex of the reflector, (x, y, z) [mm].
         faces: Whether face diagonals are measured too.
         height: Where the third axis stands for a face diagonal, as a share of its travel, 0 to 1.
+        runs: How often each line is measured there and back; ISO 230-6 asks for five, as ISO 230-2 does.
         u: Standard uncertainty of a displacement [mm].
 
     Returns:
-        A campaign with one `projection` set without readings, of ten lines (four without faces) of 2 n rows.
+        A campaign with one `projection` set without readings, of ten lines (four without faces) of 2 n rows a run.
 
     Raises:
         InputError: the machine lacks a linear axis, or a number is none.
@@ -76,14 +86,17 @@ def diagonals(
     checked_count("n", n, 2, LARGEST)
     if checked_number("height", height, least=0.0) > 1.0:
         raise InputError(f"`height={height:g}`: expected a share of the travel, 0 to 1")
-    ask_plan("diagonals", 20 * n)
+    checked_count("runs", runs, 1, LARGEST)
+    ask_plan("diagonals", 20 * n * runs)
     share, corners = np.linspace(0.0, 1.0, n), _Corners(machine)
     lines = [_Line(name, corners.between(name, share)) for name in BODY]
     lines += [line for a, b in combinations(LINEAR_AXES, 2) if faces for line in corners.face(a + b, share, height)]
-    return _plan(machine, "Diagonals", lines, (tool,), u)
+    return _plan(machine, "Diagonals", lines, _Way((tool,), u, runs))
 
 
-def step_diagonals(machine: Machine, n: int = 10, tool: Sequence[float] = TOOL, *, u: float = U) -> Campaign:
+def step_diagonals(
+    machine: Machine, n: int = 10, tool: Sequence[float] = TOOL, *, runs: int = 1, u: float = U
+) -> Campaign:
     """Plan of sequential step diagonals: along the four body diagonals in steps of X, then Y, then Z, each an n-th of its travel.
 
     The tool stops after each step, at 3 n positions after the first, and goes back the same way. A flat mirror on the tool, whose
@@ -93,10 +106,11 @@ def step_diagonals(machine: Machine, n: int = 10, tool: Sequence[float] = TOOL, 
         machine: A machine with the linear axes X, Y, Z.
         n: Number of steps of each axis.
         tool: Tool vector to the point of the mirror that the beam meets in the first row, (x, y, z) [mm].
+        runs: How often each diagonal is measured there and back.
         u: Standard uncertainty of a displacement [mm].
 
     Returns:
-        A campaign with one `projection` set without readings, of four lines of 2 (3 n + 1) rows.
+        A campaign with one `projection` set without readings, of four lines of 2 (3 n + 1) rows a run.
 
     Raises:
         InputError: the machine lacks a linear axis, or a number is none.
@@ -110,12 +124,13 @@ def step_diagonals(machine: Machine, n: int = 10, tool: Sequence[float] = TOOL, 
         248
     """
     checked_count("n", n, 1, LARGEST)
-    ask_plan("step diagonals", 8 * (3 * n + 1))
+    checked_count("runs", runs, 1, LARGEST)
+    ask_plan("step diagonals", 8 * (3 * n + 1) * runs)
     steps = np.arange(3 * n + 1)
     shares = np.stack([(steps + 2 - i) // 3 for i in range(3)], axis=1) / n  # of X, Y, Z
     corners = _Corners(machine)
     lines = [_Line(name, corners.between(name, shares)) for name in BODY]
-    return _plan(machine, "Step diagonals", lines, (tool,), u, mirror="flat", misalignment=True)
+    return _plan(machine, "Step diagonals", lines, _Way((tool,), u, runs), mirror="flat", misalignment=True)
 
 
 def parallel_lines(
@@ -124,6 +139,7 @@ def parallel_lines(
     tools: Sequence[Sequence[float]] = (TOOL,),
     *,
     lines: int = 4,
+    runs: int = 1,
     u: float = U,
 ) -> Campaign:
     """Plan of displacements along every linear axis, on parallel lines at the corners of the face across it, there and back.
@@ -133,10 +149,11 @@ def parallel_lines(
         n: Number of positions of a line, both ends included.
         tools: Tool vectors to the apex of the reflector, each of which measures all lines, shape (k, 3) [mm].
         lines: Lines of every axis, 1 to 4; one goes through the middle of the other travels, more are corners of the face.
+        runs: How often each line is measured there and back; ISO 230-2 asks for five.
         u: Standard uncertainty of a displacement [mm].
 
     Returns:
-        A campaign with one `projection` set without readings, of 3 k · `lines` lines of 2 n rows.
+        A campaign with one `projection` set without readings, of 3 k · `lines` lines of 2 n rows a run.
 
     Raises:
         InputError: the machine lacks a linear axis, or a number is none.
@@ -149,13 +166,14 @@ def parallel_lines(
     """
     checked_count("n", n, 2, LARGEST)
     checked_count("lines", lines, 1, 4)
-    ask_plan("parallel lines", 24 * n * max(len(tools), 1))
+    checked_count("runs", runs, 1, LARGEST)
+    ask_plan("parallel lines", 24 * n * max(len(tools), 1) * runs)
     share, corners, found = np.linspace(0.0, 1.0, n), _Corners(machine), []
     places = np.array([(0.5, 0.5)] if lines == 1 else list(product((0.0, 1.0), repeat=2)))
     for axis in LINEAR_AXES:
         for number, place in enumerate(places[:lines], start=1):
             found.append(_Line(f"{axis}_{number}", corners.along(axis, place, share)))
-    return _plan(machine, "Parallel lines", found, tools, u)
+    return _plan(machine, "Parallel lines", found, _Way(tools, u, runs))
 
 
 class _Corners:
@@ -198,21 +216,19 @@ class _Corners:
         return self.at(shares)
 
 
-def _plan(
-    machine: Machine, title: str, lines: Sequence[_Line], tools: Sequence[Sequence[float]], u: float, **options: object
-) -> Campaign:
+def _plan(machine: Machine, title: str, lines: Sequence[_Line], way: _Way, **options: object) -> Campaign:
     """The lines there and back, with every tool vector."""
-    ask_tools(machine, tools)
-    ask_uncertainty("u", u)
-    vectors = np.asarray(tools, dtype=float).reshape(-1, 3)
+    ask_tools(machine, way.tools)
+    ask_uncertainty("u", way.u)
+    vectors = np.asarray(way.tools, dtype=float).reshape(-1, 3)
     parts, described = [], {}
     for k, tool in enumerate(vectors):
         for line in lines:
             name = line.name if len(vectors) == 1 else f"{line.name}_T{k + 1}"
             ends = nominal_point(machine, line.positions[[0, -1]], tool)
             described[name] = [round(float(c), 9) for c in _unit(ends[1] - ends[0])]
-            parts.append(_readings(name, line.positions, tool))
-    positions, directions, names, vectors = (np.concatenate(p) for p in zip(*parts, strict=True))
+            parts += [_readings(name, line.positions, tool, run) for run in range(1, way.runs + 1)]
+    positions, directions, names, vectors, runs = (np.concatenate(p) for p in zip(*parts, strict=True))
     readings = ObservationSet(
         name=title.lower(),
         kind="projection",
@@ -220,9 +236,9 @@ def _plan(
         directions=directions,
         tool=vectors,
         readings=np.full((len(positions), 1), np.nan),
-        u=np.full((len(positions), 1), u),
-        labels={"line": names, "run": np.full(len(names), "1"), "segment": np.full(len(names), "1")},
-        options={**PROJECTION.options, "lines": described, "u": u, **options},
+        u=np.full((len(positions), 1), way.u),
+        labels={"line": names, "run": runs, "segment": np.full(len(names), "1")},
+        options={**PROJECTION.options, "lines": described, "u": way.u, **options},
         source=f"{title.lower()} plan",
     )
     return Campaign(machine, (), (readings,), title, source=f"{title.lower()} plan")
@@ -232,9 +248,10 @@ def _unit(vector: np.ndarray) -> np.ndarray:
     return np.asarray(vector / np.linalg.norm(vector))
 
 
-def _readings(name: str, there: np.ndarray, tool: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Positions, directions, names and tool vectors of a line there and back; each row is approached as the line goes."""
+def _readings(name: str, there: np.ndarray, tool: np.ndarray, run: int) -> tuple[np.ndarray, ...]:
+    """Positions, directions, names, tool vectors and runs of a line there and back; rows are approached as the line goes."""
     positions = np.concatenate([there, there[::-1]])
     senses = np.sign(there[-1] - there[0])
     directions = np.concatenate([np.tile(senses, (len(there), 1)), np.tile(-senses, (len(there), 1))])
-    return positions, directions, np.full(len(positions), name), np.tile(tool, (len(positions), 1))
+    m = len(positions)
+    return positions, directions, np.full(m, name), np.tile(tool, (m, 1)), np.full(m, str(run))
