@@ -37,14 +37,18 @@ Files = Sequence[str | Path]
 
 
 def evaluate(
-    standard: str, *files: str | Path, limits: str | Path | None = None, allow_outside: bool = False, **options: Any
+    standard: str,
+    *files: str | Path,
+    limits: str | Path | Mapping[str, Any] | None = None,
+    allow_outside: bool = False,
+    **options: Any,
 ) -> list[Evaluation]:
     """Tests evaluated by a standard, without an error model.
 
     Args:
         standard: "iso230-2" (positioning), "iso230-4" (ball bar), "iso230-6" (diagonals), "step-diagonal".
         files: Campaigns, tables or files of instruments, as `volid evaluate STANDARD --help` lists them.
-        limits: A file of the largest values allowed (`volid.io.evaluations.limits`).
+        limits: Largest values allowed, a file or a mapping of its form, `{"E": 0.010, "X": {"E": 0.008}}` [mm, °, rad, mm/mm].
         allow_outside: As of `volid.load_campaign`.
         options: `sets`, names of a campaign's sets, and those of the standard: `positioning`, `circular`, `diagonals`,
             `step_diagonals` in `volid.io.evaluations.evaluate`.

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from math import inf
 from pathlib import Path
+from typing import Any
 
 from volid.backend.consent import ask
 from volid.exceptions import InputError
@@ -23,12 +24,18 @@ from volid.standards.results import Evaluation, Quantity, judged
 _LARGE = {"mm": (1.0, "µm"), "°": (0.1, "arcsec"), "rad": (0.01, "µrad"), "mm/mm": (0.01, "µm/m")}
 
 
-def read_limits(path: str | Path) -> dict[str, dict[str, float]]:
-    """Limits by subject and symbol; those for every subject stand under "".
+Limits = Mapping[str, Any]  # what the file above holds
+
+
+def read_limits(limits: str | Path | Limits) -> dict[str, dict[str, float]]:
+    """Limits by subject and symbol, from a file or a mapping of its form; those for every subject stand under "".
 
     Raises `InputError` naming file and key for what is no positive number.
+
+    >>> read_limits({"E": 0.010, "X": {"E": 0.008}})
+    {'': {'E': 0.01}, 'X': {'E': 0.008}}
     """
-    top = Table(read_toml(path), str(path))
+    top = Table(dict(limits), "limits") if isinstance(limits, Mapping) else Table(read_toml(limits), str(limits))
     subjects = [key for key, value in top.data.items() if isinstance(value, Mapping)]
     tables = {"": top, **{subject: top.table(subject) for subject in subjects}}
     return {
@@ -54,17 +61,17 @@ def _ask_size(path: str | Path, quantity: Quantity) -> None:
         )
 
 
-def judge_all(evaluations: Iterable[Evaluation], path: str | Path | None) -> list[Evaluation]:
-    """Evaluations with the verdicts of the limits of a file; as they are without one.
+def judge_all(evaluations: Iterable[Evaluation], limits: str | Path | Limits | None) -> list[Evaluation]:
+    """Evaluations with the verdicts of limits, from a file or a mapping of its form; as they are without them.
 
     A limit for every subject counts where a subject has its quantity. Raises `InputError` naming file and key for a subject or
     quantity that is not there, and outside `accept_unusual` for a limit that looks like another unit.
     """
     evaluations = list(evaluations)
-    if path is None:
+    if limits is None:
         return evaluations
-    limits = read_limits(path)
-    general, own = limits.pop(""), limits
+    own, path = read_limits(limits), "limits" if isinstance(limits, Mapping) else limits
+    general = own.pop("")
     _require_known(path, general, own, evaluations)
     result = []
     for evaluation in evaluations:
