@@ -51,7 +51,9 @@ def test_a_crash_of_10_micrometres_in_a_squareness_is_found_with_forty_distances
     assert only.name == name and abs(only.size - SQUARENESS[name]) < 3 * only.u and found.rest > 0.01
     assert found.smallest_found[name] < abs(SQUARENESS[name])  # so it is found in nine of ten such crashes and more
     now, before = found.updated.location(name), old.location(name)
-    assert abs(now.value - truth.constants[name]) < 3 * now.u and abs(before.value - truth.constants[name]) > 4 * before.u
+    assert (
+        abs(now.value - truth.constants[name]) < 3 * now.u and abs(before.value - truth.constants[name]) > 4 * before.u
+    )
     held = fit(campaign, prior=old).location(name)  # with the old value in, the new one is held back
     assert abs(held.value - truth.constants[name]) > 3 * before.u or held.u > 3 * before.u
     assert now.u < 2 * before.u or only.rivals == ("EAZ",)  # of which the readings hardly tell a squareness of Z

@@ -2,7 +2,6 @@
 
 import json
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from support.surveys import changed, few_distances, survey, truth_of_tests
@@ -33,7 +32,7 @@ def one_tool():
 
 def words(found):
     times = Times(tuple(738000.0 + d for d in DAYS), True)
-    plt.close(series_figure(found, times))
+    series_figure(found, times)
     json.dumps(plain(series_data(found, times)), allow_nan=False)
     text = " ".join([*series_lines(found, times), *series_attention(found, times)])
     assert "nan" not in text and "on never" not in text
@@ -48,7 +47,7 @@ def test_what_one_of_two_leaves_undetermined_is_not_called_changed(whole, one_to
         assert np.isnan(f.largest_change) == np.isnan(f.at) or len(f.positions) == 1
         assert not f.degrees_of_freedom or np.isnan(f.u) or f.u > 1e-8  # not the reference, where the datum has 0
     assert "nan" not in " ".join(comparison_lines(found))
-    plt.close(changes_figure(found))
+    changes_figure(found)
 
 
 def test_a_survey_that_leaves_something_open_takes_no_part_in_its_line(whole, one_tool):

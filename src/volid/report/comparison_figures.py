@@ -24,10 +24,11 @@ MOST = 12  # functions over time
 _SCALE = {"mm": (1e3, "µm"), "rad": (1e6, "µrad")}
 
 
-def _subplots(*args: Any, **kwargs: Any) -> Any:
-    import matplotlib.pyplot as plt
+def _subplots(rows: int, columns: int, figsize: tuple[float, float]) -> Any:
+    from matplotlib.figure import Figure
 
-    return plt.subplots(*args, layout="constrained", **kwargs)
+    figure = Figure(figsize=figsize, layout="constrained")  # not one of pyplot's, which would keep it
+    return figure, figure.subplots(rows, columns, squeeze=False)
 
 
 def changes_figure(found: Comparison) -> Figure:
@@ -38,7 +39,7 @@ def changes_figure(found: Comparison) -> Figure:
     letters.sort(key=DIRECTIONS.index)
     rows = (6 if motions else 0) + (1 if constants else 0)
     columns = max(len(letters), 2)
-    figure, panels = _subplots(rows, columns, figsize=(3.9 * columns, 1.75 * rows + 0.8), squeeze=False)
+    figure, panels = _subplots(rows, columns, figsize=(3.9 * columns, 1.75 * rows + 0.8))
     for panel in panels.ravel():
         panel.set_visible(False)
     for f in motions:
@@ -112,7 +113,7 @@ def series_figure(found: Series, times: Times) -> Figure:
     shown = (changed or shown)[:MOST]
     columns = 3 if len(shown) > 1 else 2
     rows = -(-(len(shown) + 1) // columns)
-    figure, panels = _subplots(rows, columns, figsize=(4.0 * columns, 2.6 * rows + 0.6), squeeze=False)
+    figure, panels = _subplots(rows, columns, figsize=(4.0 * columns, 2.6 * rows + 0.6))
     for panel in panels.ravel()[len(shown) + 1 :]:
         panel.set_visible(False)
     _field_panel(panels.ravel()[0], found)
