@@ -3,7 +3,6 @@
 import copy
 import json
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from support.surveys import EXACT, changed, survey, surveyed, truth_of_tests
@@ -79,7 +78,6 @@ def test_nothing_drifts_on_a_machine_that_stays():
     times = Times((0.0, 1.0, 2.0), False)
     figure = series_figure(found, times)
     assert len(figure.axes) > 3
-    plt.close(figure)
     # the largest of many noisy lengths is above U of one survey although nothing has changed
     assert max(c.largest for c in found.volume) > found.holding.limit and found.holding.exceeded == -1
     assert series_attention(found, times) == []

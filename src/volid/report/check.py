@@ -9,7 +9,7 @@ import numpy as np
 from volid.model.iso230 import describe, parse
 from volid.report.comparison import place_words, probability_cell, size_cell
 from volid.report.text import bullets, paragraph, table, unit_of
-from volid.validation.check import Check, Finding
+from volid.validation.check import LEVEL, Check, Finding
 from volid.validation.function_changes import POWER
 
 
@@ -59,7 +59,17 @@ def check_attention(found: Check) -> list[str]:
     """What changed, one sentence each."""
     if found.changed and not found.findings:
         return [_verdict(found)]
-    return [finding_words(f) for f in found.findings]
+    return [*(finding_words(f) for f in found.findings), *_unexplained(found)]
+
+
+def _unexplained(found: Check) -> list[str]:
+    """A sentence where what was found leaves more than chance does."""
+    if not found.findings or not found.rest <= 0.5 * LEVEL:
+        return []
+    chance = probability_cell(found.rest)
+    return [
+        f"this does not explain all that the new readings show (probability of the rest {chance}); measure the machine anew"
+    ]
 
 
 def finding_words(finding: Finding) -> str:
@@ -83,7 +93,7 @@ def _verdict(found: Check) -> str:
         )
     if not found.findings:
         return "something has changed, and no single function, constant, tool or scale explains it; measure the machine anew"
-    return f"changed: {'; '.join(finding_words(f) for f in found.findings)}"
+    return f"changed: {'; '.join([*(finding_words(f) for f in found.findings), *_unexplained(found)])}"
 
 
 def _power_table(smallest: dict[str, float]) -> list[str]:

@@ -12,7 +12,8 @@ not tell them apart. What is found is released, and the others are asked again a
 
 The updated solution is the fit of the new readings with the old solution as prior knowledge, of which the combinations that
 changed are taken out: all contrasts that do not depend on them keep their covariance. With them in, the old value would hold
-the new one back.
+the new one back. Where rivals explain the readings nearly as well, the fit is made with each of them released instead, and
+what it differs by is added to the covariance, w d dᵀ with its odds w against the best (Schwarz): u holds whichever it was.
 """
 
 from __future__ import annotations
@@ -141,7 +142,7 @@ def check(solution: Solution, campaign: Campaign, *, progress: Callable[[str], N
     picked = search.picked(everything=probability)
     changed = probability <= 0.5 * LEVEL or bool(picked)
     say("updating the solution")
-    released = [p.suspect for p in picked if p.suspect.steps is not None]
+    released, others = _released(picked)
     return Check(
         changed=changed,
         chi_square=chi_square,
@@ -150,7 +151,9 @@ def check(solution: Solution, campaign: Campaign, *, progress: Callable[[str], N
         findings=tuple(_finding(search, p, picked) for p in picked),
         rest=search.rest(picked),
         smallest_found=search.smallest(),
-        updated=updated(solution, campaign, released),
+        updated=_with_rivals(
+            updated(solution, campaign, released), [(updated(solution, campaign, o.released), o.odds) for o in others]
+        ),
         left_out=held.left_out,
         notes=(*held.notes, *active_notes(solution, campaign, None)),
     )
@@ -168,19 +171,63 @@ def updated(solution: Solution, campaign: Campaign, released: Sequence[Suspect])
     return replace(found, notes=(*found.notes, note))
 
 
+class _Other(NamedTuple):
+    """What would be released with a rival in place of a finding, and the odds of that, at most 1."""
+
+    released: list[Suspect]
+    odds: float
+
+
+def _released(picked: Sequence[_Picked]) -> tuple[list[Suspect], list[_Other]]:
+    """What of the machine is released, and what would be with a rival in place of each finding."""
+    found, others = [p.suspect for p in picked if p.suspect.is_machine], []
+    for p in picked:
+        rest = [s for s in found if s is not p.suspect]
+        others += [_Other([*rest, r], odds) for r, odds in zip(p.near, p.odds, strict=True) if r.is_machine]
+        elsewhere = [odds for r, odds in zip(p.near, p.odds, strict=True) if not r.is_machine]
+        if p.suspect.is_machine and elsewhere:
+            others.append(_Other(rest, max(elsewhere)))
+    return found, others
+
+
+def _with_rivals(found: Solution, others: Sequence[tuple[Solution, float]]) -> Solution:
+    """A solution whose covariance holds what others of the same readings differ from it by, with their odds."""
+    alike = [(o, odds) for o, odds in others if o.covariance.shape == found.covariance.shape]
+    if not alike:
+        return found
+    own = np.concatenate([np.asarray(found.parameters), np.asarray(found.nuisance)])
+    away = [np.sqrt(w) * (np.concatenate([np.asarray(o.parameters), np.asarray(o.nuisance)]) - own) for o, w in alike]
+    note = "its u holds that the new readings do not tell what was released from its rivals"
+    covariance = np.asarray(found.covariance) + np.transpose(away) @ np.array(away)
+    return replace(found, covariance=read_only(covariance), notes=(*found.notes, note))
+
+
 class _Picked(NamedTuple):
     """A suspect with its drop of chi-square beside those picked before, `probability` with all tried counted, and its
-    rivals."""
+    rivals, the nearest first, with their odds against it."""
 
     suspect: Suspect
     probability: float
-    rivals: tuple[str, ...]
+    near: tuple[Suspect, ...]
+    odds: tuple[float, ...]
+
+    @property
+    def rivals(self) -> tuple[str, ...]:
+        """Their names."""
+        return tuple(s.name for s in self.near)
 
 
 class _Tried(NamedTuple):
     suspect: Suspect
     probability: float
     score: float
+
+
+def _rivals(tried: Sequence[_Tried], best: _Tried) -> list[_Tried]:
+    """Those that explain it nearly as well as the best, one of every name, the nearest first."""
+    near = sorted((t for t in tried if t.score > best.score - RIVAL), key=lambda t: t.score)
+    by_name = {t.suspect.name: t for t in near if t.suspect.name != best.suspect.name}
+    return sorted(by_name.values(), key=lambda t: -t.score)
 
 
 class Search:
@@ -218,9 +265,9 @@ class Search:
             if found and best.score < WORTH * worth:
                 break
             worth = max(worth, best.score)
-            near = [t.suspect.name for t in tried if t.score > best.score - RIVAL]
-            rivals = tuple(dict.fromkeys(n for n in near if n != best.suspect.name))
-            found.append(_Picked(best.suspect, best.probability, rivals))
+            rivals = _rivals(tried, best)
+            odds = tuple(float(np.exp(0.5 * min(t.score - best.score, 0.0))) for t in rivals)
+            found.append(_Picked(best.suspect, best.probability, tuple(t.suspect for t in rivals), odds))
             beside = np.hstack([beside, self.span(best.suspect.columns, beside)])
             if everything > 0.5 * LEVEL:  # one suspect was seen among readings that agree as a whole
                 break

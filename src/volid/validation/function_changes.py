@@ -43,6 +43,8 @@ NEGLIGIBLE = 1e-10  # of the largest eigenvalue: rounding
 ROUNDING = 1e-9  # of the largest singular value of a function's rows
 SAME = 1e-3  # share of the variance as if nothing were shared, below which a difference is none (one solution holds the other)
 OPEN = 1e-4  # of what its parameters can: a change of an open direction that leaves a value determined
+TOUCHED = 1e-8  # the same of a contrast: what is open may be millimetres, and a contrast is known to a hundredth of a micrometre
+BENT = 0.01  # of what a function's parameters can, in a direction that its smoothness ties to the others
 FIXED = 1e-6  # of the largest u of a function: the datum fixes the value
 SLOPE = 1e-3  # of a line: more of it left means that the function has no slope of its own
 WIDTH = 0.5  # of the range: a bump whose detection is stated
@@ -170,6 +172,11 @@ class Combination:
         parts = zip(self.weights, self.seen, strict=True)
         return np.asarray(sum(a * t * self.shared.response(i) for i, (a, t) in enumerate(parts) if t != 0.0))
 
+    @property
+    def is_smooth(self) -> bool:
+        """Whether some solution has functions whose smoothness was estimated."""
+        return any(len(s.solution.smooth_rows) for s in self.shared.of.states)
+
     @cached_property
     def open_directions(self) -> np.ndarray:
         """What some solution that takes part does not determine, in units of 0.1 mm and 0.1 mrad, orthonormal, (n', d)."""
@@ -192,7 +199,9 @@ def contrasts(combination: Combination, outputs: Outputs) -> np.ndarray:
     own, sizes, ways = own[:, kept], sizes[kept], ways[kept]  # beyond, rows are rounding, and would count as determined
     along = ways @ combination.open_directions
     vectors, shares, _ = np.linalg.svd(along, full_matrices=True)
-    free = vectors[:, int(np.sum(shares > OPEN)) :].T if along.shape[1] else np.eye(len(ways))
+    if np.any(shares > BENT) and combination.is_smooth:  # held at 0 there, its smoothness bends the rest of it
+        return np.zeros((0, len(rows)))
+    free = vectors[:, int(np.sum(shares > TOUCHED)) :].T if along.shape[1] else np.eye(len(ways))
     left = (free / sizes) @ own.T
     inner = left @ rows
     values, vectors = np.linalg.eigh(inner @ combination.total @ inner.T)
