@@ -5,10 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from exact_chain import ExactMachine, default_stations, machine_toml, random_truth, tracker_campaign, write_campaign
+from support.places import DATASETS
 
 from volid.campaign import Campaign
 from volid.exceptions import InputError
+from volid.fitting.diagnosis.identifiability import parameter_units
 from volid.fitting.fit import fit
+from volid.fitting.prior import prior_of
 from volid.io import load_campaign
 
 TRAVEL = {"X": (0.0, 800.0), "Y": (0.0, 500.0), "Z": (-400.0, 0.0)}
@@ -55,6 +58,21 @@ def test_prior_equals_joint_fit(campaigns):
     # and the prior matters: the second day alone is less certain
     alone = np.sqrt(np.diag(fit(second).parameter_covariance))
     assert np.median(alone / u) > 1.2
+
+
+def test_what_a_prior_determined_stays_determined():
+    """Smoothness is stiff: the readings' share in what is known was once lost in its rounding, and with it a combination."""
+    january, monday = (load_campaign(DATASETS / "surveys" / f"{day}.toml") for day in ("january", "monday"))
+    prior = fit(january)
+    n, units = prior.model.n_parameters, parameter_units(prior.model)
+    readings, smooth = prior.factor * prior_of(prior, prior.model).root * units, prior.smooth_rows[:, :n] * units
+    covariance = prior.bare_covariance[:n, :n] / np.outer(units, units)
+    left = covariance @ (readings.T @ readings + smooth.T @ smooth) @ covariance - covariance  # 0, as C C⁻¹ C = C
+    u = np.sqrt(np.diagonal(covariance))
+    assert np.max(np.abs(left)) < 1e-6 * np.max(u) ** 2
+    known = u > 0.0
+    assert np.max(np.abs(left[np.ix_(known, known)] / np.outer(u[known], u[known]))) < 1e-6
+    assert prior.fully_determined and fit(monday, prior=prior).fully_determined
 
 
 def test_prior_of_another_machine_is_refused(campaigns):

@@ -22,7 +22,7 @@ from volid.model.linear_maps import function_rows
 from volid.model.machine import Machine
 
 EXACT = 1e-12  # eigenvalues of the scaled covariance below this share of the largest carry no information
-ROUNDING = 1e-12  # of the largest information: what is less after the smoothness is taken out is rounding
+ROUNDING = 1e-10  # share of the readings in what is known of a combination, beside the smoothness: less is rounding
 
 
 def check_prior(prior: Solution, machine: Machine) -> None:
@@ -123,13 +123,15 @@ def _information_root(prior: Solution, there: np.ndarray) -> tuple[np.ndarray, n
     known = prior.bare_covariance[np.ix_(there, there)]
     variances, axes = np.linalg.eigh(across.T @ (known / np.outer(units, units)) @ across)
     seen = variances > EXACT * max(float(variances[-1]), 1e-300) if len(variances) else np.zeros(0, dtype=bool)
-    inverse = (axes[:, seen] / variances[seen]) @ axes[:, seen].T
-    vector = inverse @ (across.T @ (np.asarray(prior.parameters)[there] / units))
-    weights, axes = np.linalg.eigh(inverse - smooth.T @ smooth)
-    seen = weights > ROUNDING * max(float(np.diagonal(inverse).max(initial=0.0)), 1e-300)
-    root = np.sqrt(weights[seen])
-    rows = root[:, None] * (across @ axes[:, seen]).T / units
-    return np.asarray(rows / prior.factor), np.asarray((axes[:, seen].T @ vector) / root / prior.factor)
+    deviations, axes = np.sqrt(variances[seen]), axes[:, seen]
+    assumed = smooth @ (axes * deviations)
+    shares, own = np.linalg.eigh(
+        np.eye(len(deviations)) - assumed.T @ assumed
+    )  # of the readings in each combination's information
+    kept = shares > ROUNDING
+    root, whiten = np.sqrt(shares[kept]), own[:, kept].T @ (axes / deviations).T @ across.T
+    value = whiten @ (np.asarray(prior.parameters)[there] / units)
+    return np.asarray(root[:, None] * whiten / units / prior.factor), np.asarray(value / root / prior.factor)
 
 
 def prior_notes(prior: Solution) -> tuple[str, ...]:
