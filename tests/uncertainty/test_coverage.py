@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from volid.effects.distributions import DISTRIBUTIONS, HALF_WIDTH, standardised
+from volid.exceptions import InputError
 from volid.uncertainty.coverage import coverage_intervals, gum_validity, numerical_tolerance
 
 M = 1_000_000
@@ -66,7 +67,7 @@ def test_shortest_interval_of_an_exponential_begins_at_zero():
 
 
 def test_too_few_samples():
-    with pytest.raises(ValueError, match="19 samples; a 95% interval needs at least 20"):
+    with pytest.raises(InputError, match="19 samples; a 95% interval needs at least 20"):
         coverage_intervals(np.zeros((19, 1)))
 
 

@@ -131,7 +131,7 @@ def _monte_carlo(solution: NetworkSolution, args: argparse.Namespace) -> tuple[S
     samples = trials.coordinates[trials.converged].reshape(int(trials.converged.sum()), -1)
     try:
         found = coverage_intervals(samples)
-    except ValueError as error:
+    except InputError as error:
         raise InputError(f"--trials {args.trials}: {error}") from None
     shape, u = solution.coordinates.shape, solution.standard_uncertainty.ravel()
     checked = gum_validity(solution.coordinates.ravel(), u, found, len(samples))

@@ -7,6 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import norm
 
+from volid.exceptions import InputError
+
 PROBABILITY = 0.95
 
 
@@ -23,11 +25,14 @@ def coverage_intervals(samples: np.ndarray, probability: float = PROBABILITY) ->
     """Coverage intervals of the columns of `samples`, shape (m, q), for one coverage `probability`. JCGM 101 7.7.
 
     With q = pM, rounded up to an integer, and r = (M - q)/2, the interval [y(r), y(r + q)] is symmetric in probability. The
-    shortest interval is that of all [y(r), y(r + q)] with the least length. Raises `ValueError` for less than 1/(1 - p) samples.
+    shortest interval is that of all [y(r), y(r + q)] with the least length. Raises `InputError` for less than 1/(1 - p) samples.
     """
     m = len(samples)
     if m < 1.0 / (1.0 - probability):
-        raise ValueError(f"{m} samples; a {probability:.0%} interval needs at least {1.0 / (1.0 - probability):.0f}")
+        least = 1.0 / (1.0 - probability)
+        raise InputError(
+            f"{m} samples; a {probability:.0%} interval needs at least {least:.0f}; take more `trials`, some may have failed"
+        )
     ordered = np.array(samples.T, order="C")  # in one piece by quantity: several times faster to sort
     ordered.sort(axis=1)
     inside = min(int(np.floor(probability * m + 0.5)), m - 1)
