@@ -35,7 +35,7 @@ from support.trackers import distance_campaign
 
 import volid
 from volid.campaign import Effect
-from volid.validation.function_changes import CENTRES, WIDTH
+from volid.validation.solutions.function_changes import CENTRES, WIDTH
 
 SCALE = 1.0e-6  # u of the tracker's scale, as a ratio
 CASES: dict[str, dict[str, Any]] = {

@@ -18,8 +18,8 @@ from volid.fitting.prediction.deviations import gradient_matrix
 from volid.io import load_campaign
 from volid.plausibility.checks import check_campaign, closures
 from volid.validation.check import check
-from volid.validation.series import series
-from volid.validation.validation import validate
+from volid.validation.readings.validation import validate
+from volid.validation.solutions.series import series
 
 NAMES = sorted(path.parent.name for path in DATASETS.glob("*/campaign.toml"))
 MADE = sorted(path.parent.name for path in DATASETS.glob("*/make.py"))

@@ -64,8 +64,8 @@ _PUBLIC = {  # public name: where it comes from, in the order of the work
     "evaluate": "volid.io.evaluations.evaluate:evaluate",
     "Evaluation": "volid.standards.results:Evaluation",
     # the solution under test
-    "validate": "volid.validation.validation:validate",
-    "Validation": "volid.validation.validation:Validation",
+    "validate": "volid.validation.readings.validation:validate",
+    "Validation": "volid.validation.readings.validation:Validation",
     # compensation
     "linear_grid": "volid.compensation.grids.linear:linear_grid",
     "Grid": "volid.compensation.grids.grid:Grid",
@@ -93,10 +93,10 @@ _PUBLIC = {  # public name: where it comes from, in the order of the work
     "forecast": "volid.compensation.residual.forecast:forecast",
     "Forecast": "volid.compensation.residual.forecast:Forecast",
     # another campaign, another day
-    "compare": "volid.validation.comparison:compare",
-    "Comparison": "volid.validation.comparison:Comparison",
-    "compare_series": "volid.validation.series:series",
-    "Series": "volid.validation.series:Series",
+    "compare": "volid.validation.solutions.comparison:compare",
+    "Comparison": "volid.validation.solutions.comparison:Comparison",
+    "compare_series": "volid.validation.solutions.series:series",
+    "Series": "volid.validation.solutions.series:Series",
     "quick_check": "volid.validation.check:check",
     "Check": "volid.validation.check:Check",
     # what can go wrong

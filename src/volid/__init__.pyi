@@ -44,10 +44,10 @@ from volid.standards.results import Evaluation
 from volid.uncertainty.trials.monte_carlo import monte_carlo
 from volid.validation.check import Check
 from volid.validation.check import check as quick_check
-from volid.validation.comparison import Comparison, compare
-from volid.validation.series import Series
-from volid.validation.series import series as compare_series
-from volid.validation.validation import Validation, validate
+from volid.validation.readings.validation import Validation, validate
+from volid.validation.solutions.comparison import Comparison, compare
+from volid.validation.solutions.series import Series
+from volid.validation.solutions.series import series as compare_series
 from volid.virtual.random_truth import random_truth
 from volid.virtual.simulate import simulate
 from volid.virtual.truth import Truth

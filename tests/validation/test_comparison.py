@@ -18,10 +18,10 @@ from volid.fitting.fit import fit
 from volid.report.comparison import comparison_data
 from volid.report.summary import plain
 from volid.uncertainty.budget import budget
-from volid.validation.comparison import compare
-from volid.validation.function_changes import LEVEL, Combination, by_holm, outputs_of, whitened
-from volid.validation.shared import Said, what_is_shared
-from volid.validation.states import in_one_model
+from volid.validation.solutions.comparison import compare
+from volid.validation.solutions.function_changes import LEVEL, Combination, by_holm, outputs_of, whitened
+from volid.validation.solutions.shared import Said, what_is_shared
+from volid.validation.solutions.states import in_one_model
 
 PAIR = np.array([-1.0, 1.0])
 MODELS = [STATED, pytest.param("", marks=pytest.mark.slow)]  # segments as stated, and smoothness as the fit finds it

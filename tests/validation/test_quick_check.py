@@ -24,10 +24,10 @@ from volid.fitting.fit import fit
 from volid.model.linear_maps import function_rows
 from volid.report.check import check_attention, check_data, check_lines
 from volid.validation.check import LEVEL, Search, check
-from volid.validation.equations import linear
-from volid.validation.held_out import held_out
+from volid.validation.readings.equations import linear
+from volid.validation.readings.held_out import held_out
+from volid.validation.readings.whitened import Whitened
 from volid.validation.suspects import suspects_of
-from volid.validation.whitened import Whitened
 
 CRASH = 0.010  # mm over the travel
 SQUARENESS = {"EC0Y": CRASH / 430.0, "EA0Z": CRASH / 460.0, "EB0Z": -CRASH / 460.0}

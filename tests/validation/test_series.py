@@ -12,8 +12,8 @@ from volid.fitting.fit import fit
 from volid.report.comparison import series_attention, series_data, series_lines, series_rows
 from volid.report.comparison_figures import series_figure
 from volid.report.summary import plain
-from volid.validation.dates import Times, recorded_times, stated_times
-from volid.validation.series import series
+from volid.validation.solutions.dates import Times, recorded_times, stated_times
+from volid.validation.solutions.series import series
 
 DAYS = (0.0, 40.0, 70.0, 120.0)
 RATE = 0.25e-6  # rad per day: 30 µrad over the series, 13 µm over the travel of Y

@@ -11,9 +11,9 @@ from volid.fitting.fit import fit
 from volid.report.comparison import comparison_lines, series_attention, series_data, series_lines
 from volid.report.comparison_figures import changes_figure, series_figure
 from volid.report.summary import plain
-from volid.validation.comparison import compare
-from volid.validation.dates import Times
-from volid.validation.series import series
+from volid.validation.solutions.comparison import compare
+from volid.validation.solutions.dates import Times
+from volid.validation.solutions.series import series
 
 DAYS = (0.0, 91.0, 182.0)
 DRIFT = 40e-6  # rad of EC0Y over the series, 17 µm over the travel of Y

@@ -23,11 +23,11 @@ from volid.exceptions import InputError
 from volid.fitting.datum import parse_datum
 from volid.fitting.fit import fit
 from volid.io.compensations import load_control, save_compensation
-from volid.validation.causes import ALL, CONTROL_TOOL, SIGN, TABLE
-from volid.validation.independence import same_readings
-from volid.validation.shares import usual_share
-from volid.validation.validation import validate
-from volid.validation.whitened import Whitened
+from volid.validation.readings.causes import ALL, CONTROL_TOOL, SIGN, TABLE
+from volid.validation.readings.independence import same_readings
+from volid.validation.readings.shares import usual_share
+from volid.validation.readings.validation import validate
+from volid.validation.readings.whitened import Whitened
 
 EXACT = MACHINES["vertical"]
 MACHINE = volid_machine(EXACT)

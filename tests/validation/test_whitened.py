@@ -8,8 +8,8 @@ import pytest
 from volid.fitting.diagnosis.alternatives.base import Alternative, judged, with_unknowns
 from volid.fitting.diagnosis.around import Around
 from volid.fitting.diagnosis.outcome import Outcome
-from volid.validation.chi_squares import Split, smallest
-from volid.validation.whitened import Whitened
+from volid.validation.readings.chi_squares import Split, smallest
+from volid.validation.readings.whitened import Whitened
 
 N, G, B = 60, 12, 5
 

@@ -111,7 +111,7 @@ def _datum(args: argparse.Namespace, solutions: list[Solution]) -> Any:
 
 def _pair(args: argparse.Namespace, solutions: list[Solution]) -> int:
     from volid.report.comparison import CHANGE_COLUMNS, attention_of, change_rows, comparison_data, comparison_lines
-    from volid.validation.comparison import compare
+    from volid.validation.solutions.comparison import compare
 
     names = (args.solutions[0], args.solutions[1])
     found = compare(
@@ -128,8 +128,8 @@ def _pair(args: argparse.Namespace, solutions: list[Solution]) -> int:
 
 def _series(args: argparse.Namespace, solutions: list[Solution]) -> int:
     from volid.report.comparison import SERIES_COLUMNS, series_attention, series_data, series_lines, series_rows
-    from volid.validation.dates import recorded_times, stated_times
-    from volid.validation.series import series
+    from volid.validation.solutions.dates import recorded_times, stated_times
+    from volid.validation.solutions.series import series
 
     count = len(solutions)
     times = stated_times(args.dates, count) if args.dates else recorded_times(solutions, args.solutions)

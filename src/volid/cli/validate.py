@@ -24,7 +24,7 @@ from volid.cli.numbers import add_unusual, number
 from volid.cli.progress import Progress
 
 if TYPE_CHECKING:
-    from volid.validation.validation import Validation
+    from volid.validation.readings.validation import Validation
 
 HELP = "a solution tested by readings of another campaign: agreement with the prediction, E_n, what would be found"
 
@@ -80,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
     with Progress() as progress:
         progress("reading")
         from volid.io import load_campaign
-        from volid.validation.validation import validate
+        from volid.validation.readings.validation import validate
 
         solution = usable_solution(args.solution)
         campaign = load_campaign(args.campaign, allow_outside=args.allow_outside)

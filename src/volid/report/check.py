@@ -10,7 +10,7 @@ from volid.model.iso230 import describe, parse
 from volid.report.comparison import place_words, probability_cell, size_cell
 from volid.report.text import bullets, paragraph, table, unit_of
 from volid.validation.check import LEVEL, Check, Finding
-from volid.validation.function_changes import POWER
+from volid.validation.solutions.function_changes import POWER
 
 
 def check_lines(found: Check) -> list[str]:

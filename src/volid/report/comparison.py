@@ -9,11 +9,11 @@ import numpy as np
 
 from volid.model.iso230 import LINEAR_AXES, describe, parse
 from volid.report.text import bullets, micro, paragraph, probability_words, table, unit_of, vector
-from volid.validation.comparison import Comparison
-from volid.validation.dates import Times
-from volid.validation.function_changes import LEVEL, FunctionChange
-from volid.validation.series import FunctionDrift, K, Series
-from volid.validation.volume_change import VolumeChange
+from volid.validation.solutions.comparison import Comparison
+from volid.validation.solutions.dates import Times
+from volid.validation.solutions.function_changes import LEVEL, FunctionChange
+from volid.validation.solutions.series import FunctionDrift, K, Series
+from volid.validation.solutions.volume_change import VolumeChange
 
 DIGITS = 2
 CHANGE_COLUMNS = ("function", "position", "direction", "beside", "change", "u", "unit", "significant")

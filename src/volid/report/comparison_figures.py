@@ -12,10 +12,10 @@ import numpy as np
 from volid.model.iso230 import DIRECTIONS, ROTARY_AXES, parse
 from volid.report.comparison import place_words
 from volid.report.panels import figure_with_panels
-from volid.validation.comparison import Comparison
-from volid.validation.dates import Times
-from volid.validation.function_changes import FunctionChange
-from volid.validation.series import FunctionDrift, Series
+from volid.validation.solutions.comparison import Comparison
+from volid.validation.solutions.dates import Times
+from volid.validation.solutions.function_changes import FunctionChange
+from volid.validation.solutions.series import FunctionDrift, Series
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -9,10 +9,10 @@ import numpy as np
 
 from volid.report.panels import figure_with_panels
 from volid.report.text import bullets, micro, paragraph, probability_words, table, unit_of
-from volid.validation.chi_squares import Smallest
-from volid.validation.groups import Compared, Group
-from volid.validation.validation import Validation
-from volid.validation.verdict import MEMBERS
+from volid.validation.readings.chi_squares import Smallest
+from volid.validation.readings.groups import Compared, Group
+from volid.validation.readings.validation import Validation
+from volid.validation.readings.verdict import MEMBERS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

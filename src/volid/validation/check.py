@@ -33,12 +33,12 @@ from volid.fitting.fit import fit
 from volid.fitting.results import read_only
 from volid.fitting.solution import Solution
 from volid.fitting.stages import breakdown_named
-from volid.validation.equations import linear
-from volid.validation.function_changes import noncentrality
-from volid.validation.held_out import held_out, with_factor
-from volid.validation.independence import active_notes
+from volid.validation.readings.equations import linear
+from volid.validation.readings.held_out import held_out, with_factor
+from volid.validation.readings.independence import active_notes
+from volid.validation.readings.whitened import Whitened
+from volid.validation.solutions.function_changes import noncentrality
 from volid.validation.suspects import VISIBLE, Suspect, suspects_of
-from volid.validation.whitened import Whitened
 
 LEVEL = 0.05
 RIVAL = 6.0  # difference of scores up to which two suspects are not told apart: 20 to 1 (Kass and Raftery 1995)

@@ -23,10 +23,17 @@ from volid.fitting.diagnosis.identifiability import ROTATION_UNIT, UNIT
 from volid.fitting.prediction.spread import linear_uncertainty
 from volid.model.error_model import LOCATION, MEAN, ErrorModel
 from volid.model.iso230 import describe, motion, parse
-from volid.validation.causes import around_of
-from volid.validation.changes import TOOL, simple_changes
-from volid.validation.function_changes import NOWHERE, POINTS, Outputs, constant_outputs, nearest_changes, outputs_of
-from volid.validation.whitened import Whitened
+from volid.validation.readings.causes import around_of
+from volid.validation.readings.changes import TOOL, simple_changes
+from volid.validation.readings.whitened import Whitened
+from volid.validation.solutions.function_changes import (
+    NOWHERE,
+    POINTS,
+    Outputs,
+    constant_outputs,
+    nearest_changes,
+    outputs_of,
+)
 
 SCALE = "scale of"
 RATIO = 1e-4  # of an instrument's scale: as UNIT and ROTATION_UNIT of lengths and angles

@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import null_space
 
-from volid.validation.function_changes import Combination, is_open
-from volid.validation.shared import Shared
-from volid.validation.volume_change import NOTHING, Volume, VolumeChange, change_in, largest_u, volume_of
+from volid.validation.solutions.function_changes import Combination, is_open
+from volid.validation.solutions.shared import Shared
+from volid.validation.solutions.volume_change import NOTHING, Volume, VolumeChange, change_in, largest_u, volume_of
 
 LEAST = 2  # surveys that make a line
 

@@ -17,8 +17,8 @@ from volid.fitting.prediction.deviations import gradient_matrix
 from volid.fitting.prediction.spread import covariance_root
 from volid.fitting.prediction.working_volume import border_positions, spread_positions
 from volid.model.rigid_fields import column_space, without
-from volid.validation.function_changes import Combination, is_open
-from volid.validation.states import States
+from volid.validation.solutions.function_changes import Combination, is_open
+from volid.validation.solutions.states import States
 from volid.virtual.comparison import gauge_basis
 
 EVEN = 256  # positions spread evenly, over which the RMS is taken

@@ -15,10 +15,17 @@ from volid.fitting.solution import Solution
 from volid.model.error_functions import describe_datum
 from volid.model.machine import Datum
 from volid.plausibility.conditions import active_compensations, loads
-from volid.validation.function_changes import LEVEL, Combination, FunctionChange, by_holm, function_change, outputs_of
-from volid.validation.shared import Said, Shared, what_is_shared
-from volid.validation.states import in_one_model
-from volid.validation.volume_change import VolumeChange, change_in, volume_of
+from volid.validation.solutions.function_changes import (
+    LEVEL,
+    Combination,
+    FunctionChange,
+    by_holm,
+    function_change,
+    outputs_of,
+)
+from volid.validation.solutions.shared import Said, Shared, what_is_shared
+from volid.validation.solutions.states import in_one_model
+from volid.validation.solutions.volume_change import VolumeChange, change_in, volume_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,10 +77,10 @@ def compare(
     """What changed from one solution to another, with 5 % false alarms over all functions together.
 
     Per function one chi-square test over all that the readings determine of it, and Holm's rule over the functions
-    (`volid.validation.function_changes`). The difference's u counts once what both share (`volid.validation.shared`): the
-    machine's own smoothness, effects of the same instrument, an earlier solution that was a prior. Not modelled: an instrument
-    that changed in between without saying so; how the machine scatters from one set-up to the next, beyond what the u of
-    readings contain; short waves that no function follows.
+    (`volid.validation.solutions.function_changes`). The difference's u counts once what both share
+    (`volid.validation.solutions.shared`): the machine's own smoothness, effects of the same instrument, an earlier solution that
+    was a prior. Not modelled: an instrument that changed in between without saying so; how the machine scatters from one set-up
+    to the next, beyond what the u of readings contain; short waves that no function follows.
 
     Args:
         before: The earlier solution.

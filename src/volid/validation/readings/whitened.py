@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from volid.validation.equations import Linear
+from volid.validation.readings.equations import Linear
 
 SMALLEST = 1e-8  # singular value of columns of length 1, over the largest: below, they depend on each other
 ABSORBED = 3e-3  # length of a column of length 1 that the campaign's own unknowns leave: below, they take all of it up

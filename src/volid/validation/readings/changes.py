@@ -12,7 +12,7 @@ from volid.fitting.diagnosis.alternatives.shapes import low_order
 from volid.model.error_model import LOCATION, ROWS
 from volid.model.iso230 import DIRECTIONS, SPINDLE, describe, parse
 from volid.model.machine import Axis
-from volid.validation.equations import Linear
+from volid.validation.readings.equations import Linear
 
 SCALE, PLACE, TOOL = "scale of an axis", "location error", "tool length"
 ORDER = 4  # of the shapes that a function is asked about

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from volid.validation.whitened import Whitened
+from volid.validation.readings.whitened import Whitened
 
 WITHIN = 0.95  # of right solutions
 DRAWS, FEWEST, BLOCK, WORK = (

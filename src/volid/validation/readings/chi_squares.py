@@ -16,8 +16,8 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.special import chdtrc, chdtri, chndtr
 
-from volid.validation.changes import Change, bumps, shapes, simple_changes
-from volid.validation.whitened import ABSORBED, Whitened
+from volid.validation.readings.changes import Change, bumps, shapes, simple_changes
+from volid.validation.readings.whitened import ABSORBED, Whitened
 
 SIMPLE, SMOOTH, REST = "simple changes", "smooth changes of functions", "all the rest"
 POWER = 0.9  # with which the smallest change is found

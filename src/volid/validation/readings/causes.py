@@ -23,10 +23,10 @@ from volid.fitting.diagnosis.around import Around
 from volid.fitting.diagnosis.outcome import Outcome
 from volid.model.error_model import ROWS
 from volid.model.iso230 import DIRECTIONS
-from volid.validation.changes import ORDER, Change, function_columns
-from volid.validation.compensated import OtherTool, parts_of, shifts
-from volid.validation.equations import Linear
-from volid.validation.whitened import Whitened
+from volid.validation.readings.changes import ORDER, Change, function_columns
+from volid.validation.readings.compensated import OtherTool, parts_of, shifts
+from volid.validation.readings.equations import Linear
+from volid.validation.readings.whitened import Whitened
 
 SIGN, CHANGED, SHAPE = "sign of a function", "change of the machine", "change of a function"
 TABLE, ALL = "compensation that does not act as it should", "compensation that is not stated"

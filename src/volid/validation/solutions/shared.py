@@ -28,8 +28,8 @@ from volid.exceptions import InputError
 from volid.fitting.datum import s_transformation
 from volid.fitting.prior import prior_of
 from volid.fitting.solution import Solution
-from volid.validation.equations import shared_effects
-from volid.validation.states import State, States
+from volid.validation.readings.equations import shared_effects
+from volid.validation.solutions.states import State, States
 
 SAME_PRIOR = 1e-4  # relative difference of two sets of pseudo-readings up to which they are one
 SMALLEST = 1e-7  # of the largest singular value of the pseudo-readings of the smoothness: below, a function is free

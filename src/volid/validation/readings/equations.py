@@ -33,7 +33,7 @@ from volid.fitting.solution import Solution
 from volid.fitting.starts import find_starts
 from volid.model.error_model import MEAN, ErrorModel
 from volid.observations.base import Nuisance
-from volid.validation.compensated import shifts, without_control
+from volid.validation.readings.compensated import shifts, without_control
 
 LEAST = 1e-14  # of the largest variance: rounding
 

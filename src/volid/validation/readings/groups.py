@@ -8,7 +8,7 @@ import numpy as np
 
 from volid.fitting.diagnosis.groups import groupings
 from volid.observations import KINDS
-from volid.validation.whitened import Whitened
+from volid.validation.readings.whitened import Whitened
 
 K = 2.0
 LEAST = 1e-9  # of u²: a residual whose variance is smaller is taken up by the campaign's own unknowns

@@ -21,8 +21,8 @@ from volid.exceptions import InputError
 from volid.fitting.solution import Solution
 from volid.model.error_functions import describe_datum
 from volid.model.machine import Datum
-from volid.validation.comparison import doubts
-from volid.validation.function_changes import (
+from volid.validation.solutions.comparison import doubts
+from volid.validation.solutions.function_changes import (
     LEVEL,
     FunctionChange,
     Outputs,
@@ -31,10 +31,10 @@ from volid.validation.function_changes import (
     outputs_of,
     values_of,
 )
-from volid.validation.lines import Fields, Lines, fields_of
-from volid.validation.shared import Said, what_is_shared
-from volid.validation.states import in_one_model
-from volid.validation.volume_change import VolumeChange
+from volid.validation.solutions.lines import Fields, Lines, fields_of
+from volid.validation.solutions.shared import Said, what_is_shared
+from volid.validation.solutions.states import in_one_model
+from volid.validation.solutions.volume_change import VolumeChange
 
 FEWEST = 3
 K = 2.0  # coverage factor of limits and intervals

@@ -13,15 +13,15 @@ from volid.exceptions import InputError
 from volid.fitting.diagnosis.adequacy import Cause
 from volid.fitting.solution import Solution
 from volid.fitting.stages import breakdown_named
-from volid.validation.causes import causes
-from volid.validation.chi_squares import Smallest, Split, Test, smallest_changes, tests, together
-from volid.validation.equations import linear
-from volid.validation.groups import LEAST, Compared, Group, K, compared, groups
-from volid.validation.held_out import OPEN_END, REJECTED, HeldOut, held_out, with_factor
-from volid.validation.independence import SEEN, UNSTATED, active_notes, dependences, places_of, tools_in_common
-from volid.validation.shares import usual_share
-from volid.validation.verdict import NO_TEST, Outcome, far_smaller, untested, verdict_of, weak_points
-from volid.validation.whitened import Whitened
+from volid.validation.readings.causes import causes
+from volid.validation.readings.chi_squares import Smallest, Split, Test, smallest_changes, tests, together
+from volid.validation.readings.equations import linear
+from volid.validation.readings.groups import LEAST, Compared, Group, K, compared, groups
+from volid.validation.readings.held_out import OPEN_END, REJECTED, HeldOut, held_out, with_factor
+from volid.validation.readings.independence import SEEN, UNSTATED, active_notes, dependences, places_of, tools_in_common
+from volid.validation.readings.shares import usual_share
+from volid.validation.readings.verdict import NO_TEST, Outcome, far_smaller, untested, verdict_of, weak_points
+from volid.validation.readings.whitened import Whitened
 
 LEVEL = 0.95
 UNFAIR = (SEEN, UNSTATED, REJECTED, OPEN_END, NO_TEST)  # how texts begin for which a confirmation means little

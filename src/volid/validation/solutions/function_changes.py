@@ -31,7 +31,7 @@ from volid.model.error_model import LOCATION, MEAN, REVERSAL, ErrorModel
 from volid.model.iso230 import parse
 from volid.model.linear_maps import function_rows
 from volid.model.machine import Axis
-from volid.validation.shared import Shared
+from volid.validation.solutions.shared import Shared
 
 LEVEL = 0.05  # of all functions together
 POWER = 0.9

@@ -9,9 +9,9 @@ import numpy as np
 from scipy.special import chdtr
 
 from volid.fitting.diagnosis.adequacy import Cause
-from volid.validation.changes import function_columns
-from volid.validation.chi_squares import Smallest, Split, Test, smallest
-from volid.validation.groups import Group
+from volid.validation.readings.changes import function_columns
+from volid.validation.readings.chi_squares import Smallest, Split, Test, smallest
+from volid.validation.readings.groups import Group
 
 COARSE = 0.010  # mm at the functional point: a change that is found only from there on is hardly tested
 WORSE = 1.3  # times the ratio of all readings, from which a group is where a disagreement is

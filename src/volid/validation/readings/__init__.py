@@ -1,0 +1,1 @@
+"""A solution tested by readings that its fit has not seen."""

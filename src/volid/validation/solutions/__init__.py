@@ -1,0 +1,1 @@
+"""Solutions of one machine compared: what changed, and how it drifts."""
