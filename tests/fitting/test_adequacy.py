@@ -114,7 +114,7 @@ def test_drift_of_one_station_is_named_by_station_and_by_time():
     readings, time = campaign.sets[0].readings + drift[:, None], 5.0 * np.arange(len(drift))
     verdict = verdict_with(campaign, readings=readings, time=time)
     assert verdict.rejected and "station S3" in verdict.verdict
-    assert {verdict.groups[0].what, verdict.groups[1].what} == {"station S3", "time 1998.33 … 2997.5 s"}
+    assert {verdict.groups[0].what, verdict.groups[1].what} == {"station S3", "time 1998.3 … 2997.5 s"}
 
 
 def test_a_disturbed_region_is_named():

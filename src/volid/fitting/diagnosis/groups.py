@@ -73,4 +73,4 @@ def _sort_of(axis: Axis) -> str:
 def _bins(sort: str, name: str, unit: str, values: np.ndarray, edges: np.ndarray) -> Iterator[Grouping]:
     index = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)
     for k in range(len(edges) - 1):
-        yield Grouping(sort, f"{name} {edges[k]:.4g} … {edges[k + 1]:.4g} {unit}", index == k)
+        yield Grouping(sort, f"{name} {round(edges[k], 1):g} … {round(edges[k + 1], 1):g} {unit}", index == k)
