@@ -7,7 +7,8 @@
 
 Lengths are in mm, ΔA, ΔB, ΔC in degrees. Below lines "# key: value" the tables have nothing beside these columns. A table of
 others is read too, once such lines say what it does not: `values` (error or compensation), for Table 2 the `tool vector`, for
-Table 3 the `side` and the `reference point`.
+Table 3 the `side` and the `reference point`, for Table 1 of a rotary axis the `period` (360, or none). Rotations of a Table 1
+have their unit in the column's name, ECC(+) [°].
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from pathlib import Path
 
 from volid.exceptions import InputError
 from volid.io.basics.csv_table import CsvTable
-from volid.model.iso230 import DIRECTIONS, LINEAR_AXES, parse
+from volid.model.iso230 import DIRECTIONS, LINEAR_AXES, ROTARY_AXES, parse
 
 VOLID, ISO = "volid", "iso"
 LAYOUTS = (VOLID, ISO)
@@ -75,19 +76,55 @@ def grid_record(header: Mapping[str, str], axes: tuple[str, ...]) -> dict[str, s
     return {"type": "L-VOL" if linear else "R-VOL", **_NOT_STATED, **other, **header}
 
 
-def table_record(header: Mapping[str, str], path: str | Path, names: Iterable[str]) -> dict[str, str]:
-    """The record of a table, likewise. Raises `InputError` where no column tells the function."""
+def table_record(header: Mapping[str, str], path: str | Path, table: CsvTable) -> dict[str, str]:
+    """The record of a table, likewise. Raises `InputError` where no column tells the function or a rotation's unit."""
     if "format" in header:
         return dict(header)
-    function = header.get("function") or function_of(names)
+    function = header.get("function") or function_of(table.columns)
     if function is None:
         raise InputError(f"{path}, header: no column is an error function; expected such as X, EXX(+), EXX(-)")
-    return {"type": _type_of(function), "applied": "kinematic model", "function": function, **_NOT_STATED, **header}
+    stated = dict(_NOT_STATED)
+    if _is_rotation(function, path):
+        _ask_unit(function, path, table)
+    if parse(function).axis in ROTARY_AXES:
+        stated.pop("period")  # a table of a full turn repeats, one of a part does not: nothing else tells
+    return {"type": _type_of(function), "applied": _applied(function), "function": function, **stated, **header}
+
+
+def _is_rotation(function: str, path: str | Path) -> bool:
+    try:
+        return parse(function).is_rotation
+    except InputError as error:
+        raise InputError(f"{path}: function: {error}") from None
+
+
+def _ask_unit(function: str, path: str | Path, table: CsvTable) -> None:
+    """Raises `InputError` for values of a rotation that may be degrees, rad or µrad."""
+    values = [name for name in table.columns if function in name]
+    silent = [name for name in values if name not in table.units]
+    if silent:
+        raise InputError(
+            f"{path}, header: {silent[0]} is a rotation without a unit; expected it in the column's name, such as "
+            f"{silent[0]} [°], [rad] or [µrad]"
+        )
+
+
+def _is_own(function: str) -> bool:
+    """Whether a function is the positioning of its axis."""
+    name = parse(function)
+    if name.axis in LINEAR_AXES:
+        return not name.is_rotation and function[1] == name.axis
+    return name.is_rotation and function[1] == name.axis
+
+
+def _applied(function: str) -> str:
+    """Who corrects by it: a rotary axis its own positioning, else the kinematic model."""
+    return "the axis itself" if _is_own(function) and parse(function).axis in ROTARY_AXES else "kinematic model"
 
 
 def _type_of(function: str) -> str:
     """The type of compensation that holds one function, R-POS for one that its own axis corrects."""
-    name = parse(function)
+    name, own = parse(function), _is_own(function)
     if name.axis in LINEAR_AXES:
-        return "L-ANG" if name.is_rotation else "L-POS" if function[1] == name.axis else "L-STR"
-    return "R-ANG" if name.is_rotation else "R-RAX"
+        return "L-ANG" if name.is_rotation else "L-POS" if own else "L-STR"
+    return "R-POS" if own else "R-ANG" if name.is_rotation else "R-RAX"

@@ -40,7 +40,7 @@ def read_table(path: str | Path) -> ErrorTable:
     [0.0, 0.01]
     """
     table = read_csv(path).renamed({}, (), str(path))
-    header = table_record(read_header(path), path, table.columns)
+    header = table_record(read_header(path), path, table)
     require_keys(path, header, _NAMED, f"a table written by volid, '{FORMAT}', or lines '# key: value' that say it")
     if "format" in header:
         _expect(path, header, "format", (FORMAT,))
