@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from volid.cli.common import (
-    HDF5,
     add_allow_outside,
     add_output,
     check_output,
@@ -101,11 +100,11 @@ def _with_map(args: argparse.Namespace, keys: dict[str, Any]) -> dict[str, Any]:
 def _is_campaign(name: str) -> bool:
     """Whether a file is a campaign of volid's own, or meant to be one."""
     from volid.exceptions import VolidError
-    from volid.io.basics.hdf5_values import is_hdf5
+    from volid.io.campaign.files import is_campaign
     from volid.io.instruments.recognition import fitting, open_foreign, volids_own
 
     path = Path(name)
-    if path.suffix.lower() in (*HDF5, ".toml") or path.is_dir() or not path.exists() or is_hdf5(path):
+    if not path.exists() or is_campaign(path):
         return True
     try:
         file = open_foreign(path)

@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
+from volid.compensation.tables.error_table import ITSELF, MODEL
 from volid.exceptions import InputError
 from volid.io.basics.csv_table import CsvTable
 from volid.model.iso230 import DIRECTIONS, LINEAR_AXES, ROTARY_AXES, parse
@@ -112,14 +113,12 @@ def _ask_unit(function: str, path: str | Path, table: CsvTable) -> None:
 def _is_own(function: str) -> bool:
     """Whether a function is the positioning of its axis."""
     name = parse(function)
-    if name.axis in LINEAR_AXES:
-        return not name.is_rotation and function[1] == name.axis
-    return name.is_rotation and function[1] == name.axis
+    return function[1] == name.axis and name.is_rotation == (name.axis in ROTARY_AXES)
 
 
 def _applied(function: str) -> str:
     """Who corrects by it: a rotary axis its own positioning, else the kinematic model."""
-    return "the axis itself" if _is_own(function) and parse(function).axis in ROTARY_AXES else "kinematic model"
+    return ITSELF if _is_own(function) and parse(function).axis in ROTARY_AXES else MODEL
 
 
 def _type_of(function: str) -> str:

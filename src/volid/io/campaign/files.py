@@ -18,6 +18,9 @@ from volid.io.campaign.rules import check_consistent, check_unique
 from volid.io.instruments.recognition import known_as
 from volid.model.machine import Machine
 
+_HDF5 = (".h5", ".hdf5")
+_ENDINGS = (*_HDF5, ".toml")
+
 
 def load_campaign(*paths: str | Path, plan: bool = False, allow_outside: bool = False) -> Campaign:
     """A campaign from files, as `datasets/README.md` describes them; several are merged.
@@ -46,12 +49,18 @@ def load_campaign(*paths: str | Path, plan: bool = False, allow_outside: bool = 
     return campaigns[0] if len(campaigns) == 1 else _merge(campaigns)
 
 
+def is_campaign(path: str | Path) -> bool:
+    """Whether a file is a campaign or meant to be one: HDF5 by content, else by the ending of its name; a folder is too."""
+    path = Path(path)
+    return is_hdf5(path) or path.suffix.lower() in _ENDINGS or path.is_dir()
+
+
 def _load(path: Path, plan: bool, allow_outside: bool) -> Campaign:
     if path.is_dir():
         raise InputError(f"{path} is a folder; name the manifest in it, such as {path / MANIFEST}")
     if is_hdf5(path):
         return _storable(read_campaign(path))
-    if path.suffix.lower() in (".h5", ".hdf5"):
+    if path.suffix.lower() in _HDF5:
         raise InputError(f"{path}: not an HDF5 file, though its name says so; copy or write it again")
     if path.suffix.lower() == ".csv":
         raise InputError(f"{path} is a table of readings; give the manifest (TOML) that names it, such as {MANIFEST}")

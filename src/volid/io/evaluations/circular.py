@@ -18,8 +18,7 @@ import numpy as np
 
 from volid.exceptions import InputError
 from volid.io.basics.csv_table import CsvTable, read_csv
-from volid.io.basics.hdf5_values import is_hdf5
-from volid.io.campaign.files import load_campaign
+from volid.io.campaign.files import is_campaign, load_campaign
 from volid.io.evaluations.sizes import ask_size
 from volid.io.instruments.base import EvaluatedFormat
 from volid.io.instruments.base import Evaluation as Vendors
@@ -35,7 +34,6 @@ _SENSES = {
     1: ("+", "+1", "1", "1.0", "ccw", "anticlockwise", "counterclockwise"),
     -1: ("-", "-1", "-1.0", "cw", "clockwise"),
 }
-_CAMPAIGNS = (".toml", ".h5", ".hdf5")
 VENDORS = "the evaluation of the program that wrote the file, shown as it stands there: no readings are in it"
 
 
@@ -87,11 +85,6 @@ def _only_of_tables(path: str | Path, stated: Stated) -> None:
     for key in ("plane", "radius", "u", "length_u"):
         if getattr(stated, key) is not None:
             raise InputError(f"{path}: a campaign says itself what `{key}` is; leave it out, or change its set")
-
-
-def is_campaign(path: str | Path) -> bool:
-    """Whether a file is a campaign, by its content or the ending of its name."""
-    return is_hdf5(Path(path)) or Path(path).suffix.lower() in _CAMPAIGNS
 
 
 def vendors_evaluations(path: str | Path) -> list[Evaluation]:

@@ -10,9 +10,8 @@ from typing import Any
 from volid.campaign import Campaign
 from volid.environment.reduction import reduced
 from volid.exceptions import InputError
-from volid.io.basics.hdf5_values import is_hdf5
 from volid.io.basics.toml_table import nearest
-from volid.io.campaign.files import load_campaign
+from volid.io.campaign.files import is_campaign, load_campaign
 from volid.io.evaluations.circular import Stated, read_circular, vendors_evaluations
 from volid.io.evaluations.diagonals import is_diagonals, read_diagonals
 from volid.io.evaluations.limits import judge_all
@@ -124,7 +123,7 @@ def diagonals(files: Files, *, sets: Sequence[str] | None = None, allow_outside:
     """By ISO 230-6: body and face diagonals of every set and file."""
     found = []
     for path in files:
-        if _is_campaign(path):
+        if is_campaign(path):
             there = diagonals_of(load_campaign(path, allow_outside=allow_outside), sets)
         elif is_diagonals(path):
             there = {"": read_diagonals(path)}
@@ -154,7 +153,7 @@ def step_diagonals(
     for path in files:
         campaign: Campaign = (
             reduced(load_campaign(path, allow_outside=allow_outside))
-            if _is_campaign(path)
+            if is_campaign(path)
             else read_step_diagonals(path, own)
         )
         there = step_sets(campaign, list(sets) if sets else None)
@@ -163,10 +162,6 @@ def step_diagonals(
             raise InputError(f"{path}: no set{named} holds steps of single axes along body diagonals")
         found += [replace(evaluate_step_diagonals(s, campaign), source=str(path)) for s in there]
     return [_beside(e, leak, model) for e in found]
-
-
-def _is_campaign(path: str | Path) -> bool:
-    return is_hdf5(Path(path)) or Path(path).suffix.lower() == ".toml"
 
 
 def _beside(evaluation: Evaluation, leak: str | Path | None, model: str | Path | None) -> Evaluation:

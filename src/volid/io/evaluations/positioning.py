@@ -11,9 +11,8 @@ import numpy as np
 
 from volid.exceptions import InputError
 from volid.io.basics.csv_table import CsvTable, read_csv
-from volid.io.basics.hdf5_values import is_hdf5
 from volid.io.basics.toml_table import Table
-from volid.io.campaign.files import load_campaign
+from volid.io.campaign.files import is_campaign, load_campaign
 from volid.io.campaign.foreign import AS, RECOGNISE, read_foreign
 from volid.io.evaluations.positioning_tables import FORMS, is_runs_table, runs_of_table
 from volid.io.instruments.recognition import known_as
@@ -57,7 +56,7 @@ def read_positioning(
     """
     path = Path(path)
     axis = axis.upper() if axis and len(axis) == 1 else axis
-    if is_hdf5(path) or path.suffix.lower() in (".toml", ".h5", ".hdf5") or path.is_dir():
+    if is_campaign(path):
         return _of_axis(positioning_of(load_campaign(path, allow_outside=allow_outside), sets), axis, path)
     if sets:
         raise InputError(f"{path}: this is no campaign and has no sets; leave `set` out")

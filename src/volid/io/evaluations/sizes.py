@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from volid.backend.consent import ask
+from volid.standards.positioning.runs import LARGE
 
-LARGE = {"mm": 1.0, "°": 0.1}  # deviations farther from their median are asked about
 _OTHER = {"mm": ("mm", "µm"), "°": ("degrees", "arcsec")}
 
 
