@@ -19,7 +19,8 @@ from volid.report.comparison import comparison_data
 from volid.report.summary import plain
 from volid.uncertainty.budget import budget
 from volid.validation.solutions.comparison import compare
-from volid.validation.solutions.function_changes import LEVEL, Combination, by_holm, outputs_of, whitened
+from volid.validation.solutions.function_changes import LEVEL, Combination, by_holm, whitened
+from volid.validation.solutions.outputs import outputs_of
 from volid.validation.solutions.shared import Said, what_is_shared
 from volid.validation.solutions.states import in_one_model
 

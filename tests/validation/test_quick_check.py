@@ -23,10 +23,11 @@ from volid.exceptions import InputError
 from volid.fitting.fit import fit
 from volid.model.linear_maps import function_rows
 from volid.report.check import check_attention, check_data, check_lines
-from volid.validation.check import LEVEL, Search, check
+from volid.validation.check import check
 from volid.validation.readings.equations import linear
 from volid.validation.readings.held_out import held_out
 from volid.validation.readings.whitened import Whitened
+from volid.validation.search import LEVEL, Search
 from volid.validation.suspects import suspects_of
 
 CRASH = 0.010  # mm over the travel

@@ -9,7 +9,8 @@ import numpy as np
 from volid.model.iso230 import describe, parse
 from volid.report.comparison import place_words, probability_cell, size_cell
 from volid.report.text import bullets, paragraph, table, unit_of
-from volid.validation.check import LEVEL, Check, Finding
+from volid.validation.check import Check, Finding
+from volid.validation.search import LEVEL
 from volid.validation.solutions.function_changes import POWER
 
 

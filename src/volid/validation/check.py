@@ -7,7 +7,7 @@ basis of what a suspect does to v,
 
     drop of chi-square g = |Qᵀ v|²,   k degrees of freedom,
 
-and suspects compete by g - k log n (Schwarz 1978). Those within `RIVAL` of the best are named beside it: the readings do
+and suspects compete by g - k log n (Schwarz 1978). Those within `search.RIVAL` of the best are named beside it: the readings do
 not tell them apart. What is found is released, and the others are asked again about what is left.
 
 The updated solution is the fit of the new readings with the old solution as prior knowledge, of which the combinations that
@@ -28,7 +28,6 @@ from scipy.special import chdtrc
 from volid.backend.threads import one_blas_thread
 from volid.campaign import Campaign
 from volid.exceptions import InputError
-from volid.fitting.diagnosis.alternatives.ranking import WORTH
 from volid.fitting.fit import fit
 from volid.fitting.results import read_only
 from volid.fitting.solution import Solution
@@ -37,12 +36,8 @@ from volid.validation.readings.equations import linear
 from volid.validation.readings.held_out import held_out, with_factor
 from volid.validation.readings.independence import active_notes
 from volid.validation.readings.whitened import Whitened
-from volid.validation.solutions.function_changes import noncentrality
+from volid.validation.search import LEVEL, Picked, Search
 from volid.validation.suspects import VISIBLE, Suspect, suspects_of
-
-LEVEL = 0.05
-RIVAL = 6.0  # difference of scores up to which two suspects are not told apart: 20 to 1 (Kass and Raftery 1995)
-MOST = 4  # changes that are looked for
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,7 +173,7 @@ class _Other(NamedTuple):
     odds: float
 
 
-def _released(picked: Sequence[_Picked]) -> tuple[list[Suspect], list[_Other]]:
+def _released(picked: Sequence[Picked]) -> tuple[list[Suspect], list[_Other]]:
     """What of the machine is released, and what would be with a rival in place of each finding."""
     found, others = [p.suspect for p in picked if p.suspect.is_machine], []
     for p in picked:
@@ -202,112 +197,7 @@ def _with_rivals(found: Solution, others: Sequence[tuple[Solution, float]]) -> S
     return replace(found, covariance=read_only(covariance), notes=(*found.notes, note))
 
 
-class _Picked(NamedTuple):
-    """A suspect with its drop of chi-square beside those picked before, `probability` with all tried counted, and its
-    rivals, the nearest first, with their odds against it."""
-
-    suspect: Suspect
-    probability: float
-    near: tuple[Suspect, ...]
-    odds: tuple[float, ...]
-
-    @property
-    def rivals(self) -> tuple[str, ...]:
-        """Their names."""
-        return tuple(s.name for s in self.near)
-
-
-class _Tried(NamedTuple):
-    suspect: Suspect
-    probability: float
-    score: float
-
-
-def _rivals(tried: Sequence[_Tried], best: _Tried) -> list[_Tried]:
-    """Those that explain it nearly as well as the best, one of every name, the nearest first."""
-    near = sorted((t for t in tried if t.score > best.score - RIVAL), key=lambda t: t.score)
-    by_name = {t.suspect.name: t for t in near if t.suspect.name != best.suspect.name}
-    return sorted(by_name.values(), key=lambda t: -t.score)
-
-
-class Search:
-    """The search for what explains |v|²."""
-
-    def __init__(self, whitened: Whitened, suspects: tuple[Suspect, ...]) -> None:
-        self.whitened = whitened
-        self.seen = tuple(s for s in suspects if s.columns.shape[1])
-        self.suspects = suspects
-
-    @property
-    def level(self) -> float:
-        """Of one suspect."""
-        return 0.5 * LEVEL / max(len(self.seen), 1)
-
-    def span(self, columns: np.ndarray, beside: np.ndarray) -> np.ndarray:
-        """Orthonormal basis of what columns (n, k) do to v and the readings see, across `beside` (n, l)."""
-        left = self.whitened.free(columns)
-        vectors, sizes, _ = np.linalg.svd(left - beside @ (beside.T @ left), full_matrices=False)
-        return np.asarray(vectors[:, sizes >= VISIBLE])
-
-    def picked(self, everything: float) -> list[_Picked]:
-        """Suspects that explain the disagreement, the best first; `everything`: probability of the test of all readings.
-
-        Where that is small the first one need only be better than chance among suspects; else it has to pay for itself.
-        """
-        found: list[_Picked] = []
-        beside, worth = np.zeros((len(self.whitened.v), 0)), 0.0
-        while len(found) < MOST:
-            tried = self._tried(beside, found)
-            certain = [t for t in tried if t.probability <= 0.5 * LEVEL and (t.score > 0.0 or not found)]
-            if not certain:
-                break
-            best = max(certain, key=lambda t: t.score)
-            if found and best.score < WORTH * worth:
-                break
-            worth = max(worth, best.score)
-            rivals = _rivals(tried, best)
-            odds = tuple(float(np.exp(0.5 * min(t.score - best.score, 0.0))) for t in rivals)
-            found.append(_Picked(best.suspect, best.probability, tuple(t.suspect for t in rivals), odds))
-            beside = np.hstack([beside, self.span(best.suspect.columns, beside)])
-            if everything > 0.5 * LEVEL:  # one suspect was seen among readings that agree as a whole
-                break
-        return found
-
-    def _tried(self, beside: np.ndarray, found: Sequence[_Picked]) -> list[_Tried]:
-        picked = {p.suspect.name for p in found}
-        result, log_n = [], float(np.log(max(len(self.whitened.v), 2)))
-        for suspect in self.seen:
-            basis = self.span(suspect.columns, beside)
-            k = basis.shape[1]
-            if not k or suspect.name in picked:
-                continue
-            drop = float(np.sum((basis.T @ self.whitened.v) ** 2))
-            chance = min(1.0, float(chdtrc(k, drop)) * len(self.seen))
-            result.append(_Tried(suspect, chance, drop - k * log_n))
-        return result
-
-    def rest(self, picked: Sequence[_Picked]) -> float:
-        """Probability of what is left of chi-square."""
-        beside = np.zeros((len(self.whitened.v), 0))
-        for p in picked:
-            beside = np.hstack([beside, self.span(p.suspect.columns, beside)])
-        v, freedom = self.whitened.v - beside @ (beside.T @ self.whitened.v), self.whitened.freedom - beside.shape[1]
-        return float(chdtrc(freedom, float(v @ v))) if freedom > 0 else np.nan
-
-    def smallest(self) -> dict[str, float]:
-        """The size found with a power of 90 %, by name of suspects of the machine that have one number."""
-        needed = float(np.sqrt(noncentrality(1, self.level)))
-        found: dict[str, float] = {}
-        for suspect in (s for s in self.suspects if s.is_one_number):
-            found[suspect.name] = np.inf
-            if suspect.columns.shape[1]:
-                left = float(np.linalg.norm(self.whitened.free(suspect.columns)))
-                one, _, _ = suspect.size(np.ones(1), np.zeros((1, 1)))
-                found[suspect.name] = abs(one) * needed / left
-        return found
-
-
-def _finding(search: Search, own: _Picked, picked: Sequence[_Picked]) -> Finding:
+def _finding(search: Search, own: Picked, picked: Sequence[Picked]) -> Finding:
     """Size and u of one of several changes that are estimated together."""
     whitened = search.whitened
     columns = np.hstack([p.suspect.columns for p in picked])

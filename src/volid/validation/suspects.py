@@ -26,14 +26,8 @@ from volid.model.iso230 import describe, motion, parse
 from volid.validation.readings.causes import around_of
 from volid.validation.readings.changes import TOOL, simple_changes
 from volid.validation.readings.whitened import Whitened
-from volid.validation.solutions.function_changes import (
-    NOWHERE,
-    POINTS,
-    Outputs,
-    constant_outputs,
-    nearest_changes,
-    outputs_of,
-)
+from volid.validation.solutions.function_changes import nearest_changes
+from volid.validation.solutions.outputs import NOWHERE, POINTS, Outputs, constant_outputs, outputs_of
 
 SCALE = "scale of"
 RATIO = 1e-4  # of an instrument's scale: as UNIT and ROTATION_UNIT of lengths and angles

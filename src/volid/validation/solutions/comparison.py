@@ -15,14 +15,8 @@ from volid.fitting.solution import Solution
 from volid.model.error_functions import describe_datum
 from volid.model.machine import Datum
 from volid.plausibility.conditions import active_compensations, loads
-from volid.validation.solutions.function_changes import (
-    LEVEL,
-    Combination,
-    FunctionChange,
-    by_holm,
-    function_change,
-    outputs_of,
-)
+from volid.validation.solutions.function_changes import LEVEL, Combination, FunctionChange, by_holm, function_change
+from volid.validation.solutions.outputs import outputs_of
 from volid.validation.solutions.shared import Said, Shared, what_is_shared
 from volid.validation.solutions.states import in_one_model
 from volid.validation.solutions.volume_change import VolumeChange, change_in, volume_of

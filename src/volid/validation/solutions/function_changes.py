@@ -22,22 +22,15 @@ from scipy.optimize import brentq
 from scipy.special import chdtrc, chdtri
 from scipy.stats import ncx2
 
-from volid.backend.even_points import evenly
 from volid.fitting.diagnosis.identifiability import parameter_units
 from volid.fitting.prediction.spread import linear_uncertainty
-from volid.model.axis_lines import line_row
-from volid.model.error_functions import reference_of
-from volid.model.error_model import LOCATION, MEAN, REVERSAL, ErrorModel
+from volid.model.error_model import MEAN, ErrorModel
 from volid.model.iso230 import parse
-from volid.model.linear_maps import function_rows
-from volid.model.machine import Axis
+from volid.validation.solutions.outputs import Outputs
 from volid.validation.solutions.shared import Shared
 
 LEVEL = 0.05  # of all functions together
 POWER = 0.9
-POINTS = 41  # positions of a function: more than its splines have coefficients
-BESIDE = 7  # places of the second axis of a function of two
-NOWHERE = np.array([np.nan])
 KNOWN = 0.5  # share of the variance from the smoothness above which a contrast says nothing of the readings
 NEGLIGIBLE = 1e-10  # of the largest eigenvalue: rounding
 ROUNDING = 1e-9  # of the largest singular value of a function's rows
@@ -49,25 +42,6 @@ FIXED = 1e-6  # of the largest u of a function: the datum fixes the value
 SLOPE = 1e-3  # of a line: more of it left means that the function has no slope of its own
 WIDTH = 0.5  # of the range: a bump whose detection is stated
 CENTRES = (0.25, 0.5, 0.75)
-
-
-@dataclass(frozen=True, eq=False)
-class Outputs:
-    """The values of one function as rows on θ': `positions` (m,) (NaN of a constant), `directions` (m,), `rows` (m, n').
-
-    Of a function of two axes `beside` (m,) is where the other one stands, first at its reference; NaN of all others.
-    """
-
-    name: str
-    positions: np.ndarray
-    directions: np.ndarray
-    rows: np.ndarray
-    beside: np.ndarray
-
-    @property
-    def unit(self) -> str:
-        """Of the values: mm or rad."""
-        return "rad" if parse(self.name).is_rotation else "mm"
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,49 +72,6 @@ class FunctionChange:
     values_u: np.ndarray
     beside: np.ndarray
     significant: bool = False
-
-
-def outputs_of(model: ErrorModel) -> list[Outputs]:
-    """Every function of a model at `POINTS` positions of its range, both directions where it has reversal; every constant."""
-    return [constant_outputs(model, n) if (n, LOCATION) in model.by_name else _motion(model, n) for n in model.names]
-
-
-def constant_outputs(model: ErrorModel, name: str) -> Outputs:
-    """A constant, location errors as axis average line in the machine frame."""
-    return Outputs(name, NOWHERE, np.zeros(1), line_row(model, name)[None], NOWHERE)
-
-
-def _motion(model: ErrorModel, name: str) -> Outputs:
-    x = evenly(*model.machine.axis(parse(name).axis).travel, POINTS)
-    ways = (1, -1) if (name, REVERSAL) in model.by_name else (0,)
-    parts = [(way, other) for other in _others(model, name) for way in ways]
-    rows = [_motion_rows(model, name, x, way, other) for way, other in parts]
-    directions, beside = (np.repeat(values, len(x)) for values in zip(*parts, strict=True))
-    return Outputs(name, np.tile(x, len(parts)), directions, np.vstack(rows), beside)
-
-
-def _second_axis(model: ErrorModel, name: str) -> Axis | None:
-    """The other axis that a function depends on."""
-    splines = model.by_name[name, MEAN].splines if (name, MEAN) in model.by_name else ()
-    return model.machine.axes[splines[1].axis] if len(splines) > 1 else None
-
-
-def _others(model: ErrorModel, name: str) -> list[float]:
-    """Where the other axis stands, first at its reference; NaN where there is none."""
-    axis = _second_axis(model, name)
-    if axis is None:
-        return [np.nan]
-    reference = reference_of(model.machine, model.datum, axis.letter)
-    return [reference, *(v for v in evenly(*axis.travel, BESIDE).tolist() if v != reference)]
-
-
-def _motion_rows(model: ErrorModel, name: str, positions: np.ndarray, direction: int, other: float) -> np.ndarray:
-    q = np.tile([[reference_of(model.machine, model.datum, a.letter)] for a in model.machine.axes], len(positions))
-    second = _second_axis(model, name)
-    if second is not None:
-        q[model.machine.index(second.letter)] = other
-    q[model.machine.index(parse(name).axis)] = positions
-    return function_rows(model, name, q, np.full_like(q, direction))
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,7 +144,7 @@ def contrasts(combination: Combination, outputs: Outputs) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class Whitened:
+class Contrasts:
     """`rows` (r, n'): contrasts on θ' with unit variance and no correlation, what is shared taken out."""
 
     rows: np.ndarray
@@ -223,12 +154,12 @@ class Whitened:
         return float(np.sum((self.rows @ value) ** 2))
 
 
-def whitened(combination: Combination, outputs: Outputs) -> Whitened:
+def whitened(combination: Combination, outputs: Outputs) -> Contrasts:
     """The contrasts of a function, with what is shared taken out; those of which nothing is left are dropped."""
     inner = contrasts(combination, outputs) @ outputs.rows
     values, vectors = np.linalg.eigh(inner @ combination.covariance @ inner.T)
     kept = values > SAME
-    return Whitened((vectors[:, kept] / np.sqrt(values[kept])).T @ inner)
+    return Contrasts((vectors[:, kept] / np.sqrt(values[kept])).T @ inner)
 
 
 def noncentrality(freedom: int, level: float) -> float:
@@ -284,7 +215,7 @@ def _largest(values: np.ndarray, u: np.ndarray, total: np.ndarray) -> int:
     return int(np.argmax(size))
 
 
-def _smallest(combination: Combination, outputs: Outputs, test: Whitened, level: float) -> float:
+def _smallest(combination: Combination, outputs: Outputs, test: Contrasts, level: float) -> float:
     """The size of change found with `POWER`: of a constant itself, of a function a bump at the least favourable place."""
     if not len(test.rows):
         return np.inf

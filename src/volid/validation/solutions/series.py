@@ -22,16 +22,9 @@ from volid.fitting.solution import Solution
 from volid.model.error_functions import describe_datum
 from volid.model.machine import Datum
 from volid.validation.solutions.comparison import doubts
-from volid.validation.solutions.function_changes import (
-    LEVEL,
-    FunctionChange,
-    Outputs,
-    by_holm,
-    function_change,
-    outputs_of,
-    values_of,
-)
+from volid.validation.solutions.function_changes import LEVEL, FunctionChange, by_holm, function_change, values_of
 from volid.validation.solutions.lines import Fields, Lines, fields_of
+from volid.validation.solutions.outputs import Outputs, outputs_of
 from volid.validation.solutions.shared import Said, what_is_shared
 from volid.validation.solutions.states import in_one_model
 from volid.validation.solutions.volume_change import VolumeChange
