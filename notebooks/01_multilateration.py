@@ -29,12 +29,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from scipy.interpolate import CubicSpline
+from volid.plot import error_functions, residual_plot, volume_sections
 
 import volid
 from volid.compensation.grids.linear import linear_grid
 from volid.compensation.residual.volume import predict_residual, volumetric_summary
-from volid.report.figures import error_functions, residual_plot, volume_sections
-from volid.report.summary import summary
+from volid.report.text.summary import summary
 
 dataset = Path("../datasets/vertical_multilateration")
 if not dataset.exists():  # run from the project's root

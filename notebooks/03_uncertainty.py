@@ -26,11 +26,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from volid.plot import budget_bars, coverage_bands, volume_distribution
 
 import volid
 from volid.campaign import Effect
-from volid.report.budget_text import format_budget
-from volid.report.figures_uncertainty import budget_bars, coverage_bands, volume_distribution
+from volid.report.text.budget import format_budget
 from volid.uncertainty.budget import budget, budget_lines, headline_rows
 from volid.uncertainty.lack_of_fit import lack_of_fit
 from volid.uncertainty.outputs import headline_outputs

@@ -36,8 +36,8 @@ from volid.campaign import Campaign
 from volid.model.machine import Axis
 from volid.planning import circles, diagonals
 from volid.planning.standard import standard_plan
-from volid.report.sets import set_test_lines
-from volid.report.summary import summary_data
+from volid.report.text.sets import set_test_lines
+from volid.report.text.summary import summary_data
 from volid.virtual.comparison import compare, covered
 from volid.virtual.truth import Truth
 

@@ -53,7 +53,7 @@ _PUBLIC = {  # public name: where it comes from, in the order of the work
     "Solution": "volid.fitting.solution:Solution",
     "save_solution": "volid.io.solutions:write_solution",
     "load_solution": "volid.io.solutions:read_solution",
-    "summary": "volid.report.summary:summary",
+    "summary": "volid.report.text.summary:summary",
     "location_errors": "volid.fitting.location_errors:location_errors",
     "LocationError": "volid.fitting.location_errors:LocationError",
     "location_parameter": "volid.fitting.location_errors:location_parameter",
@@ -99,6 +99,8 @@ _PUBLIC = {  # public name: where it comes from, in the order of the work
     "Series": "volid.validation.solutions.series:Series",
     "quick_check": "volid.validation.check:check",
     "Check": "volid.validation.check:Check",
+    # to look at
+    "plot": "volid.report:plot",
     # what can go wrong
     "accept_unusual": "volid.backend.consent:accept_unusual",
     "VolidError": "volid.exceptions:VolidError",

@@ -39,7 +39,8 @@ from volid.io.table_reader import read_table as load_table
 from volid.model.machine import Datum, Machine
 from volid.planning.standard import standard_plan
 from volid.plausibility.checks import check_campaign, closures
-from volid.report.summary import summary
+from volid.report import plot as plot
+from volid.report.text.summary import summary
 from volid.standards.results import Evaluation
 from volid.uncertainty.trials.monte_carlo import monte_carlo
 from volid.validation.check import Check
@@ -121,6 +122,7 @@ __all__ = [  # noqa: RUF022
     "Series",
     "quick_check",
     "Check",
+    "plot",
     "accept_unusual",
     "VolidError",
     "InputError",

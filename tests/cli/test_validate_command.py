@@ -8,7 +8,7 @@ from support.places import DATASETS, MODELS
 
 from volid.cli import main
 from volid.io import load_campaign
-from volid.report.validation import COLUMNS
+from volid.report.text.validation import COLUMNS
 
 MODEL = MODELS / "wYXbZt_vertical.toml"
 

@@ -16,7 +16,7 @@ from volid.fitting.air import check_air
 from volid.io import load_campaign, write_campaign, write_manifest
 from volid.io.solutions import read_solution
 from volid.observations.base import with_large_errors
-from volid.report.summary import summary, summary_data
+from volid.report.text.summary import summary, summary_data
 
 AIR = '\n[[environment]]\nfile = "day.csv"\ncorrected = false\n'
 STEEL = 11.5e-6

@@ -160,7 +160,7 @@ def test_the_hdf5_file_says_the_same_and_what_it_refers_to(tmp_path):
 
 
 def test_statement_and_budget_say_what_location_errors_refer_to():
-    from volid.report.budget_text import format_budget
+    from volid.report.text.budget import format_budget
     from volid.uncertainty.budget import Line
     from volid.uncertainty.lack_of_fit import lack_of_fit
     from volid.uncertainty.statement import Row, Statement, format_statement

@@ -11,8 +11,8 @@ from support.rtests import r_test, r_test_campaign, rotary_only
 from volid.fitting.diagnosis.hold_out import by_angle, total
 from volid.fitting.equations.problem import build_problem, scatter
 from volid.fitting.fit import fit
-from volid.report.summary import summary_data
-from volid.report.summary_text import format_summary
+from volid.report.text.summary import summary_data
+from volid.report.text.summary_lines import format_summary
 
 CONSTANTS = '"E??" = false\n"E?0[XYZ]" = false\n"E?0S" = false\n'
 

@@ -21,7 +21,7 @@ from volid.exceptions import InputError
 from volid.fitting.repeatability import repeatability, stated_repeatability
 from volid.io import load_campaign
 from volid.plausibility.checks import check_campaign
-from volid.report.repeats import repeatability_data, repeatability_lines, repeats_lines
+from volid.report.text.repeats import repeatability_data, repeatability_lines, repeats_lines
 from volid.virtual.random_truth import random_truth
 from volid.virtual.simulate import simulate
 

@@ -10,7 +10,7 @@ from support.mistakes import campaign_of, case_of, crossed, drift, sound, worse
 import volid
 from volid.fitting.fit import fit
 from volid.io.solutions import read_solution
-from volid.report.summary import summary_data
+from volid.report.text.summary import summary_data
 from volid.uncertainty.budget import LACK, budget, budget_lines, headline_rows
 from volid.uncertainty.outputs import headline_outputs
 

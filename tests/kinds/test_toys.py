@@ -25,7 +25,7 @@ from volid.observations import KINDS, Kind
 from volid.observations.base import Group
 from volid.observations.response import Linear
 from volid.plausibility.checks import check_campaign
-from volid.report.summary import summary, summary_data
+from volid.report.text.summary import summary, summary_data
 from volid.virtual.simulate import simulate
 
 DATUM = Datum("Z", "X", "end_point")

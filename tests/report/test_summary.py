@@ -9,9 +9,9 @@ import pytest
 from support.small_campaign import SINGLE_TOOL, SOLUTIONS
 
 from volid.compensation.residual.volume import volumetric_summary
-from volid.report.summary import summary, summary_data
-from volid.report.summary_text import decimals, format_summary
-from volid.report.text import WIDTH, micro, table, vector
+from volid.report.text.basics import WIDTH, micro, table, vector
+from volid.report.text.summary import summary, summary_data
+from volid.report.text.summary_lines import decimals, format_summary
 
 
 @pytest.fixture(scope="module")

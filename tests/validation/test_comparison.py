@@ -15,8 +15,8 @@ from support.trackers import simulated
 from volid.exceptions import InputError
 from volid.fitting.datum import parse_datum
 from volid.fitting.fit import fit
-from volid.report.comparison import comparison_data
-from volid.report.summary import plain
+from volid.report.text.comparison import comparison_data
+from volid.report.text.summary import plain
 from volid.uncertainty.budget import budget
 from volid.validation.solutions.comparison import compare
 from volid.validation.solutions.function_changes import LEVEL, Combination, by_holm, whitened

@@ -15,7 +15,7 @@ from volid.io import read_machine
 from volid.planning.catalogue import MAKERS
 from volid.planning.standard import standard_plan
 from volid.planning.validation import validation_plan
-from volid.report.validation import validation_data, validation_lines
+from volid.report.text.validation import validation_data, validation_lines
 from volid.validation.readings.validation import validate
 from volid.virtual.random_truth import random_truth
 from volid.virtual.simulate import simulate

@@ -22,7 +22,7 @@ from support.surveys import (
 from volid.exceptions import InputError
 from volid.fitting.fit import fit
 from volid.model.linear_maps import function_rows
-from volid.report.check import check_attention, check_data, check_lines
+from volid.report.text.check import check_attention, check_data, check_lines
 from volid.validation.check import check
 from volid.validation.readings.equations import linear
 from volid.validation.readings.held_out import held_out

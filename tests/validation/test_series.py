@@ -9,9 +9,9 @@ from support.surveys import EXACT, changed, survey, surveyed, truth_of_tests
 
 from volid.exceptions import InputError
 from volid.fitting.fit import fit
-from volid.report.comparison import series_attention, series_data, series_lines, series_rows
-from volid.report.comparison_figures import series_figure
-from volid.report.summary import plain
+from volid.report.plot.comparison import series_figure
+from volid.report.text.comparison import series_attention, series_data, series_lines, series_rows
+from volid.report.text.summary import plain
 from volid.validation.solutions.dates import Times, recorded_times, stated_times
 from volid.validation.solutions.series import series
 

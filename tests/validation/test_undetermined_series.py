@@ -8,9 +8,9 @@ from exact_chain import random_truth
 from support.surveys import EXACT, changed, few_distances, survey, truth_of_tests
 
 from volid.fitting.fit import fit
-from volid.report.comparison import comparison_lines, series_attention, series_data, series_lines
-from volid.report.comparison_figures import changes_figure, series_figure
-from volid.report.summary import plain
+from volid.report.plot.comparison import changes_figure, series_figure
+from volid.report.text.comparison import comparison_lines, series_attention, series_data, series_lines
+from volid.report.text.summary import plain
 from volid.validation.solutions.comparison import compare
 from volid.validation.solutions.dates import Times
 from volid.validation.solutions.series import series

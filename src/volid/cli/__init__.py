@@ -72,6 +72,10 @@ VERBS = {
         "compare",
         "what changed significantly between solutions of one machine; three or more: a series over time",
     ),
+    "report": (
+        "report",
+        "one page to look at, to print and to hand over: verdict, figures, the deviation field, limits, provenance",
+    ),
     "datum": ("datum", "the same solution in another datum, without a new fit"),
     "multilaterate": (
         "multilaterate",

@@ -64,7 +64,7 @@ def run(args: argparse.Namespace) -> int:
     with Progress() as progress:
         progress("reading the solution")
         from volid.io.functions_csv import budget_sheet, read_points
-        from volid.report.budget_text import format_budget
+        from volid.report.text.budget import format_budget
         from volid.uncertainty.budget import budget, budget_lines
         from volid.uncertainty.lack_of_fit import lack_of_fit
 

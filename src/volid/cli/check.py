@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
         from volid.io import load_campaign
         from volid.io.basics.provenance import provenance
         from volid.io.solutions import read_solution
-        from volid.report.check import check_attention, check_data, check_lines
+        from volid.report.text.check import check_attention, check_data, check_lines
         from volid.validation.check import check
 
         solution = read_solution(args.solution)

@@ -191,7 +191,7 @@ def write_sheets(sheets: Sequence[Sheet], paths: Sequence[Path], args: argparse.
 
 def print_json(data: Any) -> None:
     """JSON on standard output, with null for NaN, which JSON does not have."""
-    from volid.report.summary import plain
+    from volid.report.text.summary import plain
 
     print(shown(json.dumps(plain(data), ensure_ascii=False, indent=1, allow_nan=False), as_json=True))
 

@@ -110,7 +110,13 @@ def _datum(args: argparse.Namespace, solutions: list[Solution]) -> Any:
 
 
 def _pair(args: argparse.Namespace, solutions: list[Solution]) -> int:
-    from volid.report.comparison import CHANGE_COLUMNS, attention_of, change_rows, comparison_data, comparison_lines
+    from volid.report.text.comparison import (
+        CHANGE_COLUMNS,
+        attention_of,
+        change_rows,
+        comparison_data,
+        comparison_lines,
+    )
     from volid.validation.solutions.comparison import compare
 
     names = (args.solutions[0], args.solutions[1])
@@ -118,7 +124,7 @@ def _pair(args: argparse.Namespace, solutions: list[Solution]) -> int:
         *solutions, datum=_datum(args, solutions), common=args.common, independent=args.independent, names=names
     )
     if args.figure:
-        from volid.report.comparison_figures import changes_figure
+        from volid.report.plot.comparison import changes_figure
 
         write_figure(changes_figure(found), args.figure, args.force)
     _table(args, found.datum, CHANGE_COLUMNS, change_rows(found))
@@ -127,7 +133,7 @@ def _pair(args: argparse.Namespace, solutions: list[Solution]) -> int:
 
 
 def _series(args: argparse.Namespace, solutions: list[Solution]) -> int:
-    from volid.report.comparison import SERIES_COLUMNS, series_attention, series_data, series_lines, series_rows
+    from volid.report.text.comparison import SERIES_COLUMNS, series_attention, series_data, series_lines, series_rows
     from volid.validation.solutions.dates import recorded_times, stated_times
     from volid.validation.solutions.series import series
 
@@ -143,7 +149,7 @@ def _series(args: argparse.Namespace, solutions: list[Solution]) -> int:
         names=args.solutions,
     )
     if args.figure:
-        from volid.report.comparison_figures import series_figure
+        from volid.report.plot.comparison import series_figure
 
         write_figure(series_figure(found, times), args.figure, args.force)
     _table(args, found.datum, SERIES_COLUMNS, series_rows(found, times))

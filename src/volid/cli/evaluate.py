@@ -91,7 +91,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _write(evaluations: Sequence[Evaluation], standard: Any, args: argparse.Namespace) -> None:
     from volid.io.functions_csv import Sheet, text_output, write_csv
-    from volid.report.standards.text import evaluation_rows
+    from volid.report.text.evaluations import evaluation_rows
 
     if hasattr(standard, "write"):
         standard.write(evaluations, args)
@@ -106,7 +106,7 @@ def _write(evaluations: Sequence[Evaluation], standard: Any, args: argparse.Name
 
 
 def _say(evaluations: Sequence[Evaluation], args: argparse.Namespace) -> int:
-    from volid.report.standards.text import evaluation_lines, evaluations_data
+    from volid.report.text.evaluations import evaluation_lines, evaluations_data
     from volid.standards.results import FAIL, UNDECIDED
 
     if args.json:

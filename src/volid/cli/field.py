@@ -123,7 +123,7 @@ def _write(grids: list[Grid], compared: list[Comparison], campaign: Campaign, ar
 def _say(
     field: MeasuredField, grids: list[Grid], compared: list[Comparison], paths: list[Path], args: argparse.Namespace
 ) -> int:
-    from volid.report.field import comparison_data, comparison_lines, field_lines
+    from volid.report.text.field import comparison_data, comparison_lines, field_lines
 
     if args.json:
         print_json(

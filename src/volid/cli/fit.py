@@ -202,8 +202,8 @@ def _stream(args: argparse.Namespace, prior: Solution | None, progress: Progress
 
 def _summarise(args: argparse.Namespace, solution: Solution, progress: Progress) -> None:
     progress("evaluating the working volume")
-    from volid.report.summary import summary_data
-    from volid.report.summary_text import format_summary
+    from volid.report.text.summary import summary_data
+    from volid.report.text.summary_lines import format_summary
 
     data = summary_data(solution, args.tool)
     if args.json:

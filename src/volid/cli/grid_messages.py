@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from volid.report.text import vector
+from volid.report.text.basics import vector
 
 if TYPE_CHECKING:
     from volid.compensation.grids.grid import AnyGrid

@@ -21,7 +21,7 @@ from volid.io.network_results import (
 )
 from volid.io.networks import network_from_csv
 from volid.multilateration import NetworkSolution, network_trials
-from volid.report.network import as_objects, attention, notes, summary
+from volid.report.text.network import as_objects, attention, notes, summary
 
 MOST_TRIALS = 1_000_000
 HELP = "coordinates of a distance network, free or with fixed points, without a machine model"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from volid.cli.common import add_output, check_output, conclude, explain, print_json
 from volid.cli.numbers import add_unusual, count, finite, number, place, seed, tool_vector
 from volid.cli.progress import Progress
-from volid.report.text import vector
+from volid.report.text.basics import vector
 
 if TYPE_CHECKING:
     from volid.campaign import Campaign

@@ -205,14 +205,14 @@ def _check_limits(found: Forecast, solution: Solution, feeds: Any, args: argpars
 
 
 def _draw(found: Forecast, solution: Solution, args: argparse.Namespace) -> None:
-    from volid.report.residual import forecast_figure
+    from volid.report.plot.forecast import forecast_figure
 
     write_figure(forecast_figure(found, solution.machine.name), args.figure, args.force)
 
 
 def _write(found: Forecast, solution: Solution, feeds: Any, notes: list[str], args: argparse.Namespace) -> None:
     from volid.io.functions_csv import Sheet, source_lines
-    from volid.report.residual import COLUMNS, forecast_data, forecast_rows, forecast_text
+    from volid.report.text.residual import COLUMNS, forecast_data, forecast_rows, forecast_text
 
     header = {
         "values": "remaining deviation after compensation, mm; orientation A, B, C rad; low, high: 95 % coverage interval",

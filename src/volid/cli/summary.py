@@ -54,9 +54,9 @@ def run(args: argparse.Namespace) -> int:
         from volid.fitting.mixed.who import who_determines
         from volid.io.functions_csv import text_output
         from volid.io.solutions import read_solution
-        from volid.report.sets import format_who, who_data
-        from volid.report.summary import plain, summary_data
-        from volid.report.summary_text import format_summary
+        from volid.report.text.sets import format_who, who_data
+        from volid.report.text.summary import plain, summary_data
+        from volid.report.text.summary_lines import format_summary
 
         solution = read_solution(args.solution)
         if args.tool is not None:

@@ -225,7 +225,7 @@ def _write(sheets: dict[str, Sheet], folder: Path) -> None:
 
 def _print(tables: tuple[ErrorTable, ...], form: TableForm, args: argparse.Namespace) -> None:
     from volid.io.tables import written_values
-    from volid.report.text import micro, table, unit_of
+    from volid.report.text.basics import micro, table, unit_of
 
     rows = []
     for t in tables:

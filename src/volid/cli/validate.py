@@ -98,7 +98,8 @@ def run(args: argparse.Namespace) -> int:
 
 def _write(found: Validation, args: argparse.Namespace) -> None:
     from volid.io.functions_csv import Sheet, text_output, write_csv
-    from volid.report.validation import COLUMNS, reading_rows, validation_figure
+    from volid.report.plot.validation import validation_figure
+    from volid.report.text.validation import COLUMNS, reading_rows
 
     if args.figure:
         write_figure(validation_figure(found), args.figure, args.force)
@@ -110,7 +111,7 @@ def _write(found: Validation, args: argparse.Namespace) -> None:
 
 
 def _say(found: Validation, args: argparse.Namespace) -> int:
-    from volid.report.validation import validation_data, validation_lines
+    from volid.report.text.validation import validation_data, validation_lines
 
     if args.json:
         print_json(validation_data(found))

@@ -59,6 +59,6 @@ def options(args: argparse.Namespace) -> dict[str, Any]:
 
 def draw(evaluations: Sequence[Evaluation]) -> Any:
     """The polar plot of every plane."""
-    from volid.report.standards.circular import polar_plot
+    from volid.report.plot.standards.circular import polar_plot
 
     return polar_plot(evaluations)

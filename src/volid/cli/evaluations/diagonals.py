@@ -42,6 +42,6 @@ def options(args: argparse.Namespace) -> dict[str, Any]:
 
 def draw(evaluations: Sequence[Evaluation]) -> Figure:
     """A panel per diagonal, both ways."""
-    from volid.report.standards.diagonals import diagonals_figure
+    from volid.report.plot.standards.diagonals import diagonals_figure
 
     return diagonals_figure(evaluations)

@@ -66,6 +66,6 @@ def options(args: argparse.Namespace) -> dict[str, Any]:
 
 def draw(evaluations: Sequence[Evaluation]) -> Any:
     """The usual figure."""
-    from volid.report.standards.positioning import positioning_figure
+    from volid.report.plot.standards.positioning import positioning_figure
 
     return positioning_figure(evaluations)

@@ -64,6 +64,6 @@ def write(evaluations: Sequence[Evaluation], args: argparse.Namespace) -> None:
 
 def draw(evaluations: Sequence[Evaluation]) -> Figure:
     """The nine functions with U."""
-    from volid.report.standards.step_diagonals import nine_figure
+    from volid.report.plot.standards.step_diagonals import nine_figure
 
     return nine_figure(evaluations)

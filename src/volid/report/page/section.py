@@ -1,0 +1,54 @@
+"""A section of the page, and how figures become part of it."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from io import StringIO
+from itertools import count
+from typing import TYPE_CHECKING, Any
+
+from markupsafe import Markup
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_NUMBER = count(1)
+
+
+@dataclass(frozen=True)
+class Section:
+    """A section of the page.
+
+    Args:
+        id: Its anchor, such as "functions".
+        title: Its heading, in the language of the page.
+        body: HTML that is safe: made by `Markup` or by a template, which escape what comes from files.
+        data: What the script of the page needs, ready for JSON, under the section's `id`.
+    """
+
+    id: str
+    title: str
+    body: Markup
+    data: Any = None
+
+
+def svg(figure: Figure, label: str) -> Markup:
+    """A figure as SVG within the page, with its own names, so that figures do not take each other's clip paths.
+
+    Args:
+        figure: A figure of matplotlib.
+        label: What it shows, read aloud where it cannot be seen.
+    """
+    from matplotlib import rc_context
+
+    stream = StringIO()
+    with rc_context({"svg.fonttype": "none", "svg.hashsalt": "volid"}):
+        figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
+    text, number = stream.getvalue(), next(_NUMBER)
+    text = text[text.index("<svg") :]
+    text = re.sub(r'\bid="([^"]+)"', rf'id="f{number}-\1"', text)
+    text = re.sub(r'(xlink:href="#|url\(#)', rf"\1f{number}-", text)
+    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.S)
+    opening = Markup('<svg role="img" aria-label="{}"').format(label)
+    return Markup(text.replace("<svg", opening, 1))  # matplotlib escapes the texts of a figure
