@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class NothingToDrawError(InputError):
-    """A figure does not apply to this solution; the text is the reason, a whole clause such as "the machine has no rotary axes"."""
+    """A figure does not apply to this solution; the text is the reason, such as "the machine has no rotary axes"."""
 
 
 @dataclass(frozen=True)

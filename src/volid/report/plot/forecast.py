@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from volid.compensation.residual.fields import LENGTHS, QUANTITIES
 from volid.compensation.base import base_of
+from volid.compensation.residual.fields import LENGTHS, QUANTITIES
 from volid.compensation.residual.forecast import Forecast, forecast
-from volid.report.plot.asked import Asked, NothingToDrawError
+from volid.report.plot.asked import Asked
 from volid.report.plot.palette import SERIES
 from volid.report.plot.panels import figure_with_panels
 from volid.report.text.basics import vector
