@@ -34,6 +34,28 @@ def figure_with_panels(
     return figure, figure.subplots(rows, columns, **kwargs)
 
 
+SMALL_SIZE = (3.4, 1.8)  # inches of a small panel
+
+
+def small_panel(
+    size: tuple[float, float] = SMALL_SIZE, edges: tuple[float, float, float, float] = (0.5, 0.4, 0.08, 0.26)
+) -> tuple[Figure, Any]:
+    """A small figure with one panel whose place is fixed, which is drawn at once: for a page with many of them.
+
+    Args:
+        size: Width and height [inch].
+        edges: Room at the left, below, at the right and above [inch].
+
+    >>> figure, panel = small_panel()
+    >>> [round(float(v), 2) for v in panel.get_position().extents]
+    [0.15, 0.22, 0.98, 0.86]
+    """
+    figure = _figure_class()(figsize=size)
+    (width, height), (left, below, right, above) = size, edges
+    place = (left / width, below / height, (width - left - right) / width, (height - below - above) / height)
+    return figure, figure.add_axes(place)
+
+
 TITLE, SMALL = 11, 8  # points of a figure's title, and of its legend and notes
 
 
