@@ -78,6 +78,16 @@ def signs(text: str, texts: Texts) -> str:
     return found.replace(".", ",") if texts.language == "de" else found
 
 
+def shown_vector(values: Sequence[float], texts: Texts) -> str:
+    """A vector as figures write it in a language; no line breaks within it.
+
+    >>> shown_vector((0.0, 0.5, -150.0), Texts("de")).replace("\\u00a0", " ")
+    '(0; 0,5; −150)'
+    """
+    separator = ";\u00a0" if texts.language == "de" else ",\u00a0"
+    return f"({separator.join(signs(f'{value:g}', texts) for value in values)})"
+
+
 def in_language(axis: Any, texts: Texts) -> None:
     """The numbers of an axis of matplotlib, `panel.xaxis` or of a colour bar, in the signs of a language."""
     from matplotlib.ticker import ScalarFormatter
@@ -111,9 +121,11 @@ def heading(figure: Figure, title: str, handles: Sequence[Any] = (), labels: Seq
         handles, labels: Of the legend; none: there is none.
     """
     width, height = figure.get_size_inches()
-    lines = wrap(title, int(10.5 * width))
+    lines = wrap(title, int(11.5 * width))
     engine: Any = figure.get_layout_engine()
-    place = {} if engine is not None else {"y": 1.0 - 0.06 / height}  # a place of its own takes a title out of the layout
+    place = (
+        {} if engine is not None else {"y": 1.0 - 0.06 / height}
+    )  # a place of its own takes a title out of the layout
     figure.suptitle("\n".join(lines), fontsize=TITLE, **place)
     if not labels:
         return
@@ -137,7 +149,7 @@ def note_below(figure: Figure, lines: Sequence[str], width: int | None = None) -
         lines: One for each sentence; none: nothing is written.
         width: Characters of a line; by default as many as fit.
     """
-    characters = width or int(13.5 * figure.get_figwidth())
+    characters = width or int(15 * figure.get_figwidth())
     text = "\n".join(part for line in lines for part in wrap(line, characters))
     if text:
         figure.supxlabel(text, fontsize=SMALL, color=NEUTRAL, ha="left", x=0.02)
@@ -167,7 +179,7 @@ def level_lines(panel: Any, x: np.ndarray, y: np.ndarray, values: np.ndarray, la
 
     Returns the areas, for a colour bar.
     """
-    levels = round_levels(largest, colours == SIGNED)
+    levels = round_levels(largest, colours == SIGNED, 16 if colours == SIGNED else 12)
     areas = panel.contourf(x, y, values, levels=levels, cmap=colours)
     if colours == SIGNED and np.nanmin(values) < levels[-2] and np.nanmax(values) > levels[1]:
         dashes = ["--" if level < 0.0 else "-" for level in levels]

@@ -15,7 +15,15 @@ from volid.model.machine import Axis
 from volid.report.language import ENGLISH, Texts
 from volid.report.plot.asked import Asked, NothingToDrawError
 from volid.report.plot.palette import BLACK, NEUTRAL, SIZES
-from volid.report.plot.panels import figure_with_places, heading, in_language, level_lines, note_below, signs
+from volid.report.plot.panels import (
+    figure_with_places,
+    heading,
+    in_language,
+    level_lines,
+    note_below,
+    shown_vector,
+    signs,
+)
 from volid.report.text.basics import vector
 
 if TYPE_CHECKING:
@@ -226,7 +234,7 @@ def draw_section(panel: Any, shown: Section, factor: float, largest: float, text
 def _circumstances(tool: Sequence[float], found: Sequence[Section], largest: float, texts: Texts) -> list[str]:
     """What the sections hold for: tool vector, rotary axes, largest length."""
     turned = [f"{a} = {signs(f'{at:g}', texts)}°" for a, at in found[0].at.items() if a not in LINEAR_AXES]
-    lines = [texts("figures.tool", tool=signs(vector(tool), texts), axes="".join(f"; {t}" for t in turned))]
+    lines = [texts("figures.tool", tool=shown_vector(tool, texts), axes="".join(f"; {t}" for t in turned))]
     lines.append(texts("figures.largest_here", largest=signs(f"{1e3 * largest:.1f}", texts)))
     if not all(np.isfinite(s.length).all() for s in found):
         lines.append(texts("figures.blank"))
