@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-from functools import cache
 from importlib import import_module
-from importlib.resources import files
 from typing import Any
 
 from markupsafe import Markup
@@ -13,20 +11,13 @@ from markupsafe import Markup
 from volid.report.contents.contents import Contents
 from volid.report.language import Texts
 from volid.report.page.section import Section
+from volid.report.page.packing import library
 from volid.report.page.sections import ORDER
+from volid.report.page.templates import asset, environment
 
-
-@cache
-def environment() -> Any:
-    """Templates of the page; what they are given is escaped."""
-    from jinja2 import Environment, FunctionLoader, StrictUndefined
-
-    return Environment(loader=FunctionLoader(asset), autoescape=True, undefined=StrictUndefined, trim_blocks=True)
-
-
-def asset(name: str) -> str:
-    """The text of a file of `assets/`."""
-    return (files("volid.report.page") / "assets" / name).read_text(encoding="utf-8")
+SCRIPTS = ("scene.js", "field.js", "stations.js", "page.js")
+STYLES = ("page.css", "scene.css")
+DRAWN = ("field", "stations")  # sections whose data are drawn in 3-D
 
 
 def page(contents: Contents, texts: Texts) -> str:
@@ -45,8 +36,9 @@ def page(contents: Contents, texts: Texts) -> str:
             contents=contents,
             title=texts("page.title", machine=contents.solution.machine.name),
             sections=sections,
-            style=Markup(asset("page.css")),
-            script=Markup(asset("page.js")),
+            style=Markup("\n".join(asset(name) for name in STYLES)),
+            script=Markup("\n".join(asset(name) for name in SCRIPTS)),
+            library=Markup(library() if any(s.id in DRAWN and s.data is not None for s in sections) else ""),
             data=_as_script({s.id: s.data for s in sections if s.data is not None}),
         )
     )
