@@ -1,18 +1,19 @@
-"""The deviation field of a report: what a machine does without compensation, and what a simulated control leaves of it, type by type.
+"""The deviation field of a report: what a machine does without compensation, and what a control leaves of it, type by type.
 
 Every value is that of the whole kinematic chain at the position to which the control sends the axes,
 
     left(q) = e(q') + what q' moves nominally against q,    q' the command that tables and grids alter,
 
 of the estimate, mean of both approach directions, in the stated datum. u is that of the deviation without compensation; a control
-does not change it, because tables and grids are made from the estimate. Not in it: repeatability, reversal, least increment, heat.
+does not change it, because tables and grids are made from the estimate. Not in it: repeatability, reversal, least increment,
+heat.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -26,6 +27,7 @@ from volid.fitting.prediction.deviations import deviation_values
 from volid.fitting.prediction.working_volume import spread_positions
 from volid.fitting.solution import Solution
 from volid.model.jacobian import rigid_motion_rows
+from volid.model.kinematics import side_rotation
 from volid.model.rigid_fields import WorkpieceMotion
 from volid.report.contents.lattice import FEWEST, MOST, Lattice, lattice_of, rotary_places
 
@@ -38,6 +40,7 @@ TOGETHER = (("L-VOL", "R-VOL"), ("L-VOL+", "R-VOL+"))
 NONE: tuple[str, ...] = ()
 MOST_TOOLS = 3
 BUDGET = 80_000  # nodes over all fields: 0.7 MB in a page
+CROWDED = 400  # nodes: with more of them nothing is seen of the inner ones
 NOTHING = 1e-8  # mm: a type that changes the field by less everywhere does nothing
 
 
@@ -112,29 +115,59 @@ def deviation_fields(
     acting, idle = _without_idle(solution, acting, base.tool)
     places = rotary_places(solution.machine)
     lattice = lattice_of(solution.machine, most or _room(solution, len(tools) * len(places) * (1 + len(acting))))
-    positions = [lattice.positions(place) for place in places]
-    controls = [Control(solution.machine), *acting.values()]
-    plain = [[solution.evaluate(q, t) for q in positions] for t in tools]
-    known = np.array([[d.determined[:, :3].all(axis=1) for d in row] for row in plain])
-    left = np.array([[[left_by(solution, c, q, t) for c in controls] for q in positions] for t in tools])
+    request = _Request(solution, [Control(solution.machine), *acting.values()], lattice, places)
+    values, u, motions, rigid = zip(*(request.fields(t) for t in tools), strict=True)
     return DeviationFields(
-        lattice, tools, tuple(places), (NONE, *acting),
-        np.where(known[:, :, None, :, None], left, np.nan),
-        np.array([[d.u[:, :3] for d in row] for row in plain]),
-        np.array([_motions(solution, controls, t, lattice, positions) for t in tools]),
-        np.array([any(d.rigid is not None and d.rigid.any() for d in row) for row in plain]),
+        lattice, tools, tuple(places), (NONE, *acting), np.array(values), np.array(u), np.array(motions), np.array(rigid),
         idle, lost,
     )  # fmt: skip
+
+
+class _Request(NamedTuple):
+    """What fields are asked for, whatever the tool vector."""
+
+    solution: Solution
+    controls: Sequence[Control]
+    lattice: Lattice
+    places: Sequence[dict[str, float]]
+
+    def fields(self, tool: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
+        """Values, u, motions and whether they are rigid, as `DeviationFields` has them, for one tool vector."""
+        positions = [self.lattice.positions(place) for place in self.places]
+        plain = [self.solution.evaluate(q, tool) for q in positions]
+        known = np.array([d.determined[:, :3].all(axis=1) for d in plain])
+        left = np.array([[left_by(self.solution, c, q, tool) for c in self.controls] for q in positions])
+        values = np.where(known[:, None, :, None], left, np.nan)
+        rigid = any(d.rigid is not None and d.rigid.any() for d in plain)
+        return values, np.array([d.u[:, :3] for d in plain]), self._motions(tool, positions), rigid
+
+    def _motions(self, tool: np.ndarray, positions: Sequence[np.ndarray]) -> np.ndarray:
+        """M of `DeviationFields`, (places, states, 3, 4)."""
+        machine = self.solution.machine
+        volume = spread_positions(machine, 256)
+        left = np.array([left_by(self.solution, c, volume, tool) for c in self.controls])
+        motions = WorkpieceMotion(machine, volume, tool).motions(left)
+        at = np.column_stack([self.lattice.points, np.ones(len(self.lattice.points))])
+        maps = []
+        for q in positions:
+            moved = np.einsum("mij,sj->msi", rigid_motion_rows(machine, q, tool)[:, :3], motions)
+            found = np.linalg.lstsq(at, moved.reshape(len(at), -1), rcond=None)[0]
+            maps.append(found.T.reshape(len(self.controls), 3, 4))
+        return np.array(maps)
 
 
 def left_by(
     solution: Solution, acting: Control, positions: Float[np.ndarray, "m axes"], tool: Float[np.ndarray, " 3"]
 ) -> Float[np.ndarray, "m 3"]:
-    """What a control leaves at commanded positions (m, n_axes) [mm or degrees] for a tool vector (3,): (m, 3) [mm], machine frame."""
+    """What a control leaves at commanded positions (m, n_axes) [mm or degrees], tool vector (3,): (m, 3) [mm], machine frame."""
     driven = acting.command(positions, tool)
     tools, still = np.broadcast_to(tool, (len(positions), 3)), np.zeros_like(driven)
-    there = deviation_values(solution.model, np.asarray(solution.parameters), driven, tools, still)
-    return np.asarray((there + moved_by(solution.machine, positions, driven, tools))[:, :3])
+    there = deviation_values(solution.model, np.asarray(solution.parameters), driven, tools, still)[:, :3]
+    before, after = (
+        side_rotation(solution.machine, x, True) for x in (positions, driven)
+    )  # the table may have been turned
+    there = np.einsum("mji,mjk,mk->mi", before, after, there)
+    return np.asarray(there + moved_by(solution.machine, positions, driven, tools)[:, :3])
 
 
 def _possible(solution: Solution) -> list[tuple[str, ...]]:
@@ -177,25 +210,7 @@ def _without_idle(
 
 
 def _room(solution: Solution, fields: int) -> int:
-    """Nodes along the longest axis, such that all fields together have at most `BUDGET` of them."""
+    """Nodes along the longest axis, so few that they can be told from each other, and all fields fit into a page."""
+    most = min(CROWDED, BUDGET // fields)
     sizes = range(MOST, FEWEST, -1)
-    return next((n for n in sizes if fields * np.prod(lattice_of(solution.machine, n).shape) <= BUDGET), FEWEST)
-
-
-def _motions(
-    solution: Solution,
-    controls: Sequence[Control],
-    tool: np.ndarray,
-    lattice: Lattice,
-    positions: Sequence[np.ndarray],
-) -> np.ndarray:
-    """M of `DeviationFields` for one tool vector, (places, states, 3, 4)."""
-    volume = spread_positions(solution.machine, 256)
-    fitted = WorkpieceMotion(solution.machine, volume, tool)
-    motions = fitted.motions(np.array([left_by(solution, c, volume, tool) for c in controls]))
-    at = np.column_stack([lattice.points, np.ones(len(lattice.points))])
-    maps = []
-    for q in positions:
-        moved = np.einsum("mij,sj->msi", rigid_motion_rows(solution.machine, q, tool)[:, :3], motions)
-        maps.append(np.linalg.lstsq(at, moved.reshape(len(at), -1), rcond=None)[0].T.reshape(len(controls), 3, 4))
-    return np.array(maps)
+    return next((n for n in sizes if np.prod(lattice_of(solution.machine, n).shape) <= most), FEWEST)

@@ -93,7 +93,7 @@ def _nodes(axis: Axis | None, longest: float, most: int) -> np.ndarray:
 
 
 def rotary_places(machine: Machine) -> list[dict[str, float]]:
-    """A few positions of the rotary axes by letter [degrees]: all at 0 (or the nearest end), then one of them at a time elsewhere.
+    """A few positions of the rotary axes by letter [degrees]: all at 0 (or the nearest end), then one of them elsewhere.
 
     An axis of a full turn goes to its quarters, another one to the ends of its travel. Without rotary axes there is one place,
     that of none.

@@ -1,4 +1,4 @@
-"""What the script of the page needs, made small: fields as 16-bit numbers in base64, and the library that draws in 3-D, compressed."""
+"""What the script of the page needs, made small: fields as 16-bit numbers in base64, and the library that draws, compressed."""
 
 from __future__ import annotations
 

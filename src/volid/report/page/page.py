@@ -10,8 +10,8 @@ from markupsafe import Markup
 
 from volid.report.contents.contents import Contents
 from volid.report.language import Texts
-from volid.report.page.section import Section
 from volid.report.page.packing import library
+from volid.report.page.section import Section
 from volid.report.page.sections import ORDER
 from volid.report.page.templates import asset, environment
 

@@ -1,7 +1,7 @@
 """A parallel projection of space for drawings on paper: X to the right, Y away, Z up, the same scale for all three.
 
-Seen are the faces of a box at the largest X, the smallest Y and the largest Z. A length along an axis is drawn shorter than it is,
-by the same share everywhere along that axis.
+Seen are the faces of a box at the largest X, the smallest Y and the largest Z. A length along an axis is drawn
+shorter than it is, by the same share everywhere along that axis.
 """
 
 from __future__ import annotations
@@ -16,7 +16,10 @@ from volid.report.plot.palette import FAINT, NEUTRAL
 if TYPE_CHECKING:
     from jaxtyping import Float
 
-AZIMUTH, ELEVATION = np.deg2rad(-58.0), np.deg2rad(24.0)  # from where it is seen, about Z from X, and above the XY plane
+AZIMUTH, ELEVATION = (
+    np.deg2rad(-58.0),
+    np.deg2rad(24.0),
+)  # from where it is seen, about Z from X, and above the XY plane
 TOWARDS = np.array(
     [np.cos(ELEVATION) * np.cos(AZIMUTH), np.cos(ELEVATION) * np.sin(AZIMUTH), np.sin(ELEVATION)]
 )  # the eye

@@ -22,9 +22,7 @@ MARKERS = (".", "x", "+", "1", "2", "3", "4")
 FEW = 350  # points of a set in a drawing
 
 
-def campaign_view(
-    solution: Solution, tool: Sequence[float] | None = None, *, texts: Texts = ENGLISH
-) -> Figure:
+def campaign_view(solution: Solution, tool: Sequence[float] | None = None, *, texts: Texts = ENGLISH) -> Figure:
     """Stations, beams, measured points, spheres, lines and tool vectors around the working volume, in parallel projection.
 
     Args:
