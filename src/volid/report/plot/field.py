@@ -14,6 +14,7 @@ from volid.report.language import ENGLISH, Texts
 from volid.report.plot.isometric import SEEN, draw_box, prepare, projected
 from volid.report.plot.palette import ATTENTION, BLACK, FAINT, SIZES
 from volid.report.plot.panels import figure_with_panels
+from volid.report.text.basics import vector
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -66,9 +67,9 @@ def deviation_volume(
         draw_field(panel, found, state, scale)
         panel.set_title(state_title(found, state, texts), fontsize=9, loc="left")
     colour_bar(figure, panels, scale, texts)
-    figure.suptitle(
-        f"{solution.machine.name}: {texts('field.drawn', factor=texts_number(scale.factor, texts))}", fontsize=10
-    )
+    drawn = texts("field.drawn", factor=texts_number(scale.factor, texts))
+    with_tool = texts("field.with_tool", tool=vector(found.tools[0].tolist()).replace("-", "−"))
+    figure.suptitle("\n".join([solution.machine.name, f"{drawn}, {with_tool}"]), fontsize=10)
     return figure
 
 
@@ -136,7 +137,9 @@ def state_title(found: DeviationFields, state: int, texts: Texts) -> str:
     if worst < 0:
         return f"{name}: {texts('field.nowhere')}"
     size = 1e3 * float(np.linalg.norm(found.values[0, 0, state, worst]))
-    return texts("field.state_largest", state=name, size=texts_number(size, texts, 1 if size >= 1.0 else 2))
+    return texts(
+        "field.state_largest", state=name, size=texts_number(size, texts, 1 if size >= 1.0 else 2 if size >= 0.1 else 3)
+    )
 
 
 def texts_number(value: float, texts: Texts, digits: int = 0) -> str:

@@ -60,7 +60,7 @@ def draw_box(panel: Any, low: np.ndarray, high: np.ndarray, names: bool = True) 
 def _draw_names(panel: Any, low: np.ndarray, high: np.ndarray) -> None:
     """Each axis with its range at the middle of a lower or outer edge that is seen."""
     size = float(np.linalg.norm(high - low))
-    edges = {"X": (0, (None, 0, 0), (-0.3, -1)), "Y": (1, (1, None, 0), (0.5, -0.8)), "Z": (2, (0, 0, None), (-1, 0))}
+    edges = {"X": (0, (None, 0, 0), (-0.3, -1)), "Y": (1, (1, None, 0), (0.9, -0.9)), "Z": (2, (0, 0, None), (-1, 0))}
     for name, (k, ends, outwards) in edges.items():
         if high[k] - low[k] <= 0.0:
             continue
@@ -70,7 +70,9 @@ def _draw_names(panel: Any, low: np.ndarray, high: np.ndarray) -> None:
         x, y = projected(middle) + AWAY * size * np.array(outwards)
         text = f"{name} {low[k]:.5g} … {high[k]:.5g} mm".replace("-", "−")
         turned = {"X": "right", "Y": "left", "Z": "right"}[name]
-        panel.text(x, y, text if name != "Z" else text.replace(" ", "\n", 1), ha=turned, va="center", fontsize=8)
+        text = text.replace(" ", "\n", 1) if name == "Z" else text
+        ground = {"facecolor": panel.get_facecolor(), "edgecolor": "none", "alpha": 0.8, "pad": 1.0}
+        panel.text(x, y, text, ha=turned, va="center", fontsize=8, bbox=ground, zorder=5)
 
 
 def prepare(panel: Any, places: Float[np.ndarray, "m 3"], margin: float = 0.12) -> None:

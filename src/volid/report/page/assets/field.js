@@ -53,7 +53,7 @@ function deviationField(root, data) {
     return limit[key] || 1;
   }
 
-  const digits = (v) => (v >= 10 ? 1 : 2);
+  const digits = (v) => (v >= 1 ? 1 : v >= 0.1 ? 2 : 3);
   const placeOf = (i) => ["X", "Y", "Z"].map((a, c) => Scenes.said(data.words.place_here, { name: a, value: Scenes.place(at[c][i]) })).join(", ");
 
   /* Deviations of a node along X, Y, Z with U, which holds in the stated datum only. */
