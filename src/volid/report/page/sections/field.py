@@ -12,7 +12,7 @@ from volid.report.contents.deviation_field import DeviationFields, deviation_fie
 from volid.report.language import Texts
 from volid.report.page.packing import colours, packed
 from volid.report.page.section import Section, svg
-from volid.report.page.templates import filled
+from volid.report.page.templates import render
 from volid.report.plot.field import (
     Scale,
     colour_bar,
@@ -33,14 +33,16 @@ WORDS = (
 
 
 def build(contents: Contents, texts: Texts) -> Section | None:
-    """The section; without drawings where the data determine no deviation."""
+    """The section; without drawings where the data determine no deviation, None behind a barrier."""
+    if contents.barrier:
+        return None
     found = deviation_fields(contents.solution, contents.tool)
     title = texts("page.section_field")
     if not found.is_known:
-        body = filled("field.html", texts, found=None, reasons=contents.solution.statements)
+        body = render("field.html", texts, found=None, reasons=contents.solution.statements)
         return Section("field", title, body)
     scale = scale_of(found)
-    body = filled(
+    body = render(
         "field.html", texts,
         found=found, reasons=contents.solution.statements,
         drawn=[_drawing(found, s, scale, texts) for s in drawn_states(found)], bar=_bar(scale, texts),

@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from volid.exceptions import shown
 from volid.report.contents.contents import Contents
 from volid.report.contents.scene import Scene, Stand, scene_of
 from volid.report.language import Texts
 from volid.report.page.packing import colours, packed
 from volid.report.page.section import Section, svg
-from volid.report.page.templates import filled
+from volid.report.page.templates import render
 from volid.report.plot.panels import figure_with_panels
 from volid.report.plot.scene import draw_scene
 from volid.report.text.basics import vector
@@ -28,7 +29,7 @@ def build(contents: Contents, texts: Texts) -> Section | None:
     if not scene.n_points:
         return None
     shown = sum(len(p.places) for p in scene.points)
-    body = filled(
+    body = render(
         "stations.html", texts, scene=scene, tool=vector(list(contents.tool)).replace("-", "−"), drawn=_drawing(scene, texts),
         shown=shown, elsewhere=_elsewhere(scene, texts),
     )  # fmt: skip
@@ -51,8 +52,16 @@ def _drawing(scene: Scene, texts: Texts) -> Markup:
     return svg(figure, texts("page.section_stations"))
 
 
+def _plain(text: str) -> str:
+    """A name for a drawing in 3-D, whose texts may hold tags: none of its own are obeyed."""
+    return shown(text).replace("<", "‹")
+
+
 def _stands(stands: Iterable[Stand], texts: Texts) -> list[dict[str, Any]]:
-    return [{"name": s.name, "place": np.round(s.place, 2).tolist(), "words": _said(s, texts)} for s in stands]
+    return [
+        {"name": _plain(s.name), "place": np.round(s.place, 2).tolist(), "words": _plain(_said(s, texts))}
+        for s in stands
+    ]
 
 
 def _data(scene: Scene, texts: Texts) -> dict[str, Any]:
@@ -65,7 +74,7 @@ def _data(scene: Scene, texts: Texts) -> dict[str, Any]:
     return {
         "box": packed(scene.box),
         "points": [
-            {"name": f"{p.name} ({p.kind})", "places": packed(p.places), "normalised": packed(p.normalised)}
+            {"name": f"{_plain(p.name)} ({p.kind})", "places": packed(p.places), "normalised": packed(p.normalised)}
             for p in scene.points
         ],
         "stations": _stands(scene.stations, texts),
