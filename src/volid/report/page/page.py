@@ -16,6 +16,7 @@ from volid.fitting.solution import Solution
 from volid.io.functions_csv import text_output
 from volid.report.contents.contents import Contents, gather
 from volid.report.language import Texts
+from volid.report.page.packing import library
 from volid.report.page.section import Section
 from volid.report.page.sections import ORDER
 from volid.report.page.templates import asset, environment
@@ -24,6 +25,9 @@ from volid.report.plot import palette
 _COLOURS = {
     name.lower(): value for name, value in vars(palette).items() if name.isupper() and str(value).startswith("#")
 }
+SCRIPTS = ("scene.js", "field.js", "stations.js", "page.js")
+STYLES = ("page.css", "scene.css")
+DRAWN = ("field", "stations")  # sections whose data are drawn in 3-D
 _PLAIN = re.compile(r"[^0-9A-Za-z ]")
 
 
@@ -95,7 +99,8 @@ def page(contents: Contents, texts: Texts) -> str:
             version=contents.made.get("volid", ""),
             sections=sections,
             style=_style(title),
-            script=Markup(asset("page.js")),
+            script=Markup("\n".join(asset(name) for name in SCRIPTS)),
+            library=Markup(library() if any(s.id in DRAWN and s.data is not None for s in sections) else ""),
             data=_as_script({s.id: s.data for s in sections if s.data is not None}),
         )
     )
@@ -114,8 +119,9 @@ def _section(name: str, contents: Contents, texts: Texts) -> Section | None:
 def _style(title: str) -> Markup:
     """The style sheet, with the colours of the palette and the footer of printed pages as variables."""
     colours = "".join(f"--{name}:{value};" for name, value in _COLOURS.items())
+    styles = "\n".join(asset(name) for name in STYLES)
     footer = _PLAIN.sub(lambda match: f"\\{ord(match.group()):x} ", title)
-    return Markup(f':root{{{colours}--white:white;--footer:"{footer}";}}\n{asset("page.css")}')
+    return Markup(f':root{{{colours}--white:white;--footer:"{footer}";}}\n{styles}')
 
 
 def _as_script(data: Any) -> Markup:

@@ -16,6 +16,8 @@ _FIGURES = {  # name: module of this folder
     "cross_effects": "functions",
     "location_errors": "locations",
     "volume_sections": "sections",
+    "deviation_volume": "field",
+    "campaign_view": "scene",
     "residual_plot": "residuals",
     "angle_map": "rotary",
     "rotary_grid": "rotary",
