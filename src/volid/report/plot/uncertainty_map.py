@@ -97,12 +97,19 @@ def largest_of(sections: list[Section]) -> float:
 def _section(solution: Solution, tool: tuple[float, float, float], pair: tuple[str, str]) -> Section:
     machine = solution.campaign.machine
     cut = cut_positions(machine, pair)
-    across, up = (np.linspace(*machine.axis(letter).travel, NODES) for letter in pair)
+    across, up = (_nodes(solution, letter) for letter in pair)
     a, b = np.meshgrid(across, up, indexing="ij")
     positions = machine.order(**{**{k: np.full(a.shape, v) for k, v in cut.items()}, pair[0]: a, pair[1]: b})
     found = solution.evaluate(positions.reshape(-1, len(machine.axes)), np.asarray(tool, dtype=float))
     u = np.where(found.determined[:, :3] & ~found.outside[:, None], found.u[:, :3], np.nan)
     return Section(pair, across, up, K * np.linalg.norm(u, axis=1).reshape(a.shape), cut)
+
+
+def _nodes(solution: Solution, letter: str) -> np.ndarray:
+    """Positions over a travel, the ends of what was measured among them, so that its edge is drawn where it is."""
+    low, high = solution.campaign.machine.axis(letter).travel
+    ends = solution.measured_range()[solution.machine.index(letter)]
+    return np.unique(np.concatenate([np.linspace(low, high, NODES), np.clip(ends, low, high)]))
 
 
 def cut_positions(machine: Machine, pair: tuple[str, str]) -> dict[str, float]:
