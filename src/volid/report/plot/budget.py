@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from volid.exceptions import InputError
 from volid.report.contents.contributions import Contributions, contributions, headline_contributions, with_main_sources
 from volid.report.language import ENGLISH, Texts
-from volid.report.plot.asked import Asked
+from volid.report.plot.asked import Asked, NothingToDrawError
 from volid.report.plot.dots import quiet
 from volid.report.plot.palette import BLACK, FAINT, NEUTRAL, SERIES
 from volid.report.plot.panels import figure_with_panels
@@ -24,8 +25,11 @@ LEAST = 0.01  # of U: contributions below are not drawn
 
 
 def draw(asked: Asked) -> Figure:
-    """The figure of a solution."""
-    found = headline_contributions(asked.solution, asked.tool, asked.texts)
+    """The figure of a solution. Raises `NothingToDrawError` for one that cannot be refitted."""
+    try:
+        found = headline_contributions(asked.solution, asked.tool, asked.texts)
+    except InputError as reason:
+        raise NothingToDrawError(str(reason)) from None
     return _figure(found, asked.texts, f"{asked.solution.machine.name}: {said_of_tool(asked.tool, asked.texts)}")
 
 

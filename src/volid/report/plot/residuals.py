@@ -9,10 +9,12 @@ import numpy as np
 from volid.fitting.solution import Solution
 from volid.report.contents.readings import Readings, readings_of
 from volid.report.language import ENGLISH, Texts
+from volid.report.plot.asked import Asked
 from volid.report.plot.dots import MOST, Marked, draw_dots, expected_lines, frame_of, quiet, thinned
 from volid.report.plot.palette import FAINT, NEUTRAL, SERIES
 from volid.report.plot.panels import figure_with_panels
 from volid.report.plot.residual_distribution import distribution_panel, normal_panel
+from volid.report.plot.residual_regions import residuals_by_region
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -20,6 +22,13 @@ if TYPE_CHECKING:
 NAME_LENGTH = 26  # letters of a strip's name that are written
 MOST_RUNS = 100  # stretches of one station that are divided
 HOUR = 3600.0  # s
+
+
+def draw(asked: Asked) -> dict[str, Figure]:
+    """The figures of a solution."""
+    solution, texts = asked.solution, asked.texts
+    figures = {"": residual_plot(solution, texts), "positions": residuals_by_position(solution, texts)}
+    return figures | {"regions": residuals_by_region(solution, texts)}
 
 
 def residual_plot(solution: Solution, texts: Texts = ENGLISH) -> Figure:
@@ -174,7 +183,9 @@ def residuals_by_position(solution: Solution, texts: Texts = ENGLISH) -> Figure:
     moved = moving_axes(readings)
     columns = min(3, len(moved))
     rows = -(-len(moved) // columns)
-    figure, panels = figure_with_panels(rows, columns, figsize=(3.7 * columns, 2.7 * rows + 0.7), squeeze=False)
+    figure, panels = figure_with_panels(
+        rows, columns, figsize=(max(3.7 * columns, 9.6), 2.7 * rows + 0.7), squeeze=False
+    )
     for panel, i in zip(panels.ravel(), moved, strict=False):
         position_panel(panel, readings, i, texts)
     for panel in panels.ravel()[len(moved) :]:
