@@ -23,6 +23,11 @@ FIGURES = {  # name: (module of this folder, what it shows)
     "rotary": ("rotary", "rotary grids and residuals over the angles of two rotary axes"),
     "coverage": ("coverage", "distributions of the Monte Carlo samples beside propagation"),
     "forecast": ("forecast", "what each type of compensation leaves"),
+    "residuals": ("residuals", "residuals of the readings by station, time, position and region"),
+    "stations": ("stations", "stations, beams and measured points in three views"),
+    "uncertainty": ("uncertainty_map", "U of the deviation field on plane sections of the working volume"),
+    "budget": ("budget", "what every source contributes to U"),
+    "correlation": ("correlation", "correlation of the parameters"),
 }
 
 IN_SPITE_OF_A_MISTAKE = ("residuals", "stations", "machine")  # what they show does not follow from it
