@@ -9,6 +9,7 @@ import numpy as np
 
 from volid.fitting.solution import Solution
 from volid.model.iso230 import DIRECTIONS, describe, motion, parse
+from volid.report.plot.asked import Asked
 from volid.report.plot.palette import ATTENTION, SERIES
 from volid.report.plot.panels import figure_with_panels
 
@@ -47,7 +48,7 @@ def _function_panel(panel: Any, solution: Solution, name: str, truth: Mapping[st
         return
     x = np.linspace(*solution.machine.axis(error.axis).travel, 201)
     rows, scale = solution.motion(name, x), 1e6 if error.is_rotation else 1e3
-    for direction, colour in zip((0, 1, -1), SERIES, strict=True):
+    for direction, colour in zip((0, 1, -1), SERIES, strict=False):
         in_direction = [r for r in rows if r.direction == direction]
         if in_direction:
             value, u = (scale * np.array([getattr(r, key) for r in in_direction]) for key in ("value", "u"))
@@ -60,3 +61,8 @@ def _function_panel(panel: Any, solution: Solution, name: str, truth: Mapping[st
         panel.plot(x, scale * truth[name](x), color="black", lw=0.9, ls="--", label="truth")
     if panel.get_legend_handles_labels()[0]:
         panel.legend(fontsize=7, frameon=False)
+
+
+def draw(asked: Asked) -> Figure:
+    """For the collection of figures."""
+    return error_functions(asked.solution, axes="".join(DIRECTIONS))
