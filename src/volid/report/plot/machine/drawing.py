@@ -7,15 +7,18 @@ is drawn upright; which way gravity acts is not in a machine file.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from textwrap import fill
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from volid.model.machine import Axis, Machine
 from volid.report.language import ENGLISH, Texts
+from volid.report.plot.asked import Asked
 from volid.report.plot.machine.layout import BED, BELOW_ARM, GAP, Body, Layout, layout, upwards
 from volid.report.plot.machine.row import chain_panel
 from volid.report.plot.machine.solids import DEPTH, Look, box, circle_about, cylinder, project
+from volid.report.plot.machine.words import words_of
 from volid.report.plot.palette import BLACK, GREEN, NEUTRAL, SKY, YELLOW
 from volid.report.plot.panels import figure_with_panels
 
@@ -23,12 +26,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 INCH = 0.47  # of one unit of the drawing
-TEXT = -5.9  # left end of the texts
+LETTER = 0.134  # width of a letter of the texts, on average
 ARROWS = 2.3  # where the arrows of the axes stand
 COLUMN = (3.5, 4.1)  # of the bed
 BASE = -1.35  # left end of the bed's base and arm
 _BED_DEPTH = 1.5
 _SMALL = 7.5  # points
+_TOP = 100  # order of what lies in front of all bodies
 _COLOURS = {"workpiece": GREEN, "tool": GREEN, "spindle": NEUTRAL}
 
 
@@ -55,50 +59,64 @@ def machine_figure(
     >>> "C\N{PRIME}" in [text.get_text() for text in figure.axes[0].texts]
     True
     """
-    found = layout(machine)
-    width, height = drawing_size(found)
+    scheme = scheme_of(machine, tool, texts)
+    width, height = scheme.size
     figure, (upper, lower) = figure_with_panels(
         2, 1, figsize=(width, height + 0.6), height_ratios=(height, 0.55), squeeze=True
     )
-    machine_panel(upper, machine, tool, texts)
+    machine_panel(upper, scheme)
     chain_panel(lower, machine)
     if title:
-        figure.suptitle(machine.name, fontsize=10)
+        figure.suptitle(fill(machine.name, int(11.0 * width)), fontsize=10, parse_math=False)
     return figure
 
 
-def drawing_size(found: Layout) -> tuple[float, float]:
-    """Width and height of the drawing that `machine_panel` makes [inch]."""
-    (left, right), (low, high) = _limits(found)
-    return INCH * (right - left), INCH * (high - low)
+class Scheme(NamedTuple):
+    """What is drawn: the places of the bodies, the words beside them by token, the left end of the words, and the tool vector."""
+
+    found: Layout
+    words: dict[str, list[str]]
+    left: float
+    tool: Sequence[float] | None
+    texts: Texts
+
+    @property
+    def limits(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Limits of the panel across and upright, in units of the drawing."""
+        back = 0.5 * _BED_DEPTH * DEPTH
+        return (self.left - 0.1, COLUMN[1] + back + 0.1), (-BED - back - 0.3, self.found.arm + BED + back + 0.1)
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """Width and height of the panel [inch]."""
+        (left, right), (low, high) = self.limits
+        return INCH * (right - left), INCH * (high - low)
 
 
-def machine_panel(
-    panel: Any,
-    machine: Machine,
-    tool: Sequence[float] | None = None,
-    texts: Texts = ENGLISH,
-    found: Layout | None = None,
-) -> None:
-    """Draw the machine into one panel of matplotlib; arguments as those of `machine_figure`."""
-    found = found or layout(machine)
+def scheme_of(machine: Machine, tool: Sequence[float] | None = None, texts: Texts = ENGLISH) -> Scheme:
+    """What `machine_panel` draws; arguments as those of `machine_figure`."""
+    words = words_of(machine, tool, texts)
+    longest = max(len(line) for lines in words.values() for line in lines)
+    return Scheme(layout(machine), words, BASE - 0.4 - LETTER * longest, tool, texts)
+
+
+def machine_panel(panel: Any, scheme: Scheme) -> None:
+    """Draw the machine into one panel of matplotlib, whose size on paper is to be `scheme.size`."""
+    across, upright = scheme.limits
     panel.set_axis_off()
     panel.set_aspect("equal")
-    across, upright = _limits(found)
     panel.set_xlim(*across)
     panel.set_ylim(*upright)
-    _bed(panel, found, texts)
-    for k, body in enumerate(upwards(found)):
-        _body(panel, body, 3 * k + 3, tool)
-        _words(panel, body, texts, tool)
+    _bed(panel, scheme.found, scheme.texts)
+    for k, body in enumerate(upwards(scheme.found)):
+        if body.kind == "tool":
+            _tool(panel, body, scheme.tool)
+        else:
+            _body(panel, body, 3 * k + 3)
+        _words(panel, body, scheme)
         if body.axis is not None:
-            _arrow(panel, body)
-    _coordinates(panel, found, texts)
-
-
-def _limits(found: Layout) -> tuple[tuple[float, float], tuple[float, float]]:
-    back = 0.5 * _BED_DEPTH * DEPTH
-    return (TEXT - 0.1, COLUMN[1] + back + 0.1), (-BED - back - 0.3, found.arm + BED + back + 0.1)
+            _arrow(panel, body, body.axis)
+    _coordinates(panel, scheme)
 
 
 def _bed(panel: Any, found: Layout, texts: Texts) -> None:
@@ -112,17 +130,12 @@ def _bed(panel: Any, found: Layout, texts: Texts) -> None:
     for x in np.linspace(BASE - front + 0.15, COLUMN[1] - front, 24):
         panel.plot([x, x - 0.15], [-BED - front, -BED - front - 0.18], color=BLACK, lw=0.6)
     at = project((middle, -0.5 * _BED_DEPTH, -0.5 * BED))
-    panel.text(*at, texts("machine.bed"), ha="center", va="center", fontsize=9, zorder=100)
+    panel.text(*at, texts("machine.bed"), ha="center", va="center", fontsize=9, zorder=_TOP)
 
 
-def _body(panel: Any, body: Body, order: int, tool: Sequence[float] | None) -> None:
-    """One body, what joins it to its neighbours, and its letter."""
-    if body.kind == "tool":
-        _tool(panel, body, order, tool)
-        return
-    joint = 0.5 * body.row + (
-        0.0 if body.carries_workpiece else BELOW_ARM
-    )  # to the neighbour that is nearer to the bed
+def _body(panel: Any, body: Body, order: int) -> None:
+    """One body, what joins it to the neighbour that is nearer to the bed, and its letter."""
+    joint = 0.5 * body.row + (0.0 if body.carries_workpiece else BELOW_ARM)
     middle = body.height + (-0.5 if body.carries_workpiece else 0.5) * joint
     box(panel, (0.0, 0.0, middle), (0.3, 0.3, joint), Look(BLACK, order))
     centre, front = np.array([0.0, 0.0, body.height]), 0.0
@@ -151,52 +164,24 @@ def _rotary_body(panel: Any, axis: Axis, centre: np.ndarray, look: Look) -> None
         panel.plot(*ends.T, color=BLACK, lw=0.9, ls="-.", zorder=look.order + 0.5)
 
 
-def _tool(panel: Any, body: Body, order: int, tool: Sequence[float] | None) -> None:
+def _tool(panel: Any, body: Body, tool: Sequence[float] | None) -> None:
     """A tool from the tool frame's origin to the functional point, along the tool vector where one is stated."""
     vector = np.array([0.0, 0.0, -1.0]) if tool is None or not np.any(tool) else np.asarray(tool, dtype=float)
     origin = np.array([0.0, 0.0, body.height + 0.5 * body.row])
     ends = project([origin, origin + 0.95 * vector / np.linalg.norm(vector)])
-    panel.plot(*ends.T, color=BLACK, lw=3.0, solid_capstyle="butt", zorder=order)
-    panel.plot(*ends[1], "o", color=BLACK, ms=5, zorder=order)
+    panel.plot(*ends.T, color=BLACK, lw=3.0, solid_capstyle="butt", zorder=_TOP)
+    panel.plot(*ends[1], "o", color=BLACK, ms=5, zorder=_TOP)
 
 
-def _words(panel: Any, body: Body, texts: Texts, tool: Sequence[float] | None) -> None:
+def _words(panel: Any, body: Body, scheme: Scheme) -> None:
     """Texts beside a body, with a line to it."""
-    lines = _lines(body, texts, tool)
-    edge = -1.3 if body.kind == "linear" else -0.95
-    panel.plot([TEXT + 3.95, edge], [body.height] * 2, color=NEUTRAL, lw=0.6, ls=":", zorder=0)
-    panel.text(TEXT, body.height, "\n".join(lines), ha="left", va="center", fontsize=_SMALL, zorder=100)
+    lines = scheme.words[body.token]
+    start = scheme.left + LETTER * max(len(line) for line in lines) + 0.1
+    panel.plot([start, BASE], [body.height] * 2, color=NEUTRAL, lw=0.6, ls=":", zorder=0)
+    panel.text(scheme.left, body.height, "\n".join(lines), ha="left", va="center", fontsize=_SMALL, zorder=_TOP)
 
 
-def _lines(body: Body, texts: Texts, tool: Sequence[float] | None) -> list[str]:
-    if body.axis is None:
-        words = texts(f"machine.{body.kind}", label=body.label)
-        return (
-            [words, texts("machine.vector", vector=triple(tool))]
-            if body.kind == "tool" and tool is not None
-            else [words]
-        )
-    axis, unit = body.axis, " mm" if body.axis.is_linear else "°"
-    span = f"{number(axis.travel[0])} … {number(axis.travel[1])}{unit}"
-    found = [f"{body.label}: {span}", texts("machine.zero", at=f"{number(axis.reference)}{unit}")]
-    if not axis.is_linear:
-        found.append(texts("machine.line", point=triple(axis.point)))
-        if body.is_inclined:
-            found.append(texts("machine.along", direction=triple(axis.direction)))
-    return found
-
-
-def number(value: float) -> str:
-    """A number with a real minus sign, at most three decimals."""
-    return f"{round(value, 3) + 0.0:.7g}".replace("-", "\N{MINUS SIGN}")
-
-
-def triple(values: Sequence[float] | None) -> str:
-    """Three numbers in brackets."""
-    return f"({', '.join(number(v) for v in values)})" if values is not None else ""
-
-
-def _arrow(panel: Any, body: Body) -> None:
+def _arrow(panel: Any, body: Body, axis: Axis) -> None:
     """Which way the axis moves its body when the commanded position grows, in perspective, with the axis's letter."""
     middle, along = np.array([ARROWS, 0.0, body.height]), body.motion
     if body.kind == "linear":
@@ -210,18 +195,18 @@ def _arrow(panel: Any, body: Body) -> None:
         line = project([middle - 0.5 * along, middle + 0.5 * along])
         panel.plot(*line.T, color=NEUTRAL, lw=0.8, ls="-.")
         start, end, shift = curve[-5], curve[-1], np.zeros(2)
-    panel.annotate("", end, start, arrowprops=_HEAD, zorder=100, gid=f"arrow-{body.axis.letter if body.axis else ''}")
+    panel.annotate("", end, start, arrowprops=_HEAD, zorder=_TOP, gid=f"arrow-{axis.letter}")
     at = end + shift if body.kind == "linear" else np.array([ARROWS + 0.68, body.height - 0.3])
-    panel.text(*at, f"+{body.label}", ha="center", va="center", fontsize=8, zorder=100)
+    panel.text(*at, f"+{body.label}", ha="center", va="center", fontsize=8, zorder=_TOP)
 
 
 _HEAD = {"arrowstyle": "-|>", "color": BLACK, "lw": 1.3, "shrinkA": 0, "shrinkB": 0, "mutation_scale": 9}
 
 
-def _coordinates(panel: Any, found: Layout, texts: Texts) -> None:
+def _coordinates(panel: Any, scheme: Scheme) -> None:
     """The machine's directions, beside the gap between workpiece and tool."""
-    workpiece = found.of_side(True)[0]
-    origin = np.array([TEXT + 0.35, 0.0, workpiece.height + 0.5 * workpiece.row + 0.5 * GAP - 0.3])
+    workpiece = scheme.found.of_side(True)[0]
+    origin = np.array([scheme.left + 0.35, 0.0, workpiece.height + 0.5 * workpiece.row + 0.5 * GAP - 0.3])
     for letter, unit in zip("XYZ", np.eye(3), strict=True):
         length = 0.6 if letter != "Y" else 0.8
         start, end = project([origin, origin + length * unit])
@@ -229,5 +214,10 @@ def _coordinates(panel: Any, found: Layout, texts: Texts) -> None:
         panel.text(
             *(end + 0.18 * (end - start) / np.linalg.norm(end - start)), letter, ha="center", va="center", fontsize=8
         )
-    words = texts("machine.coordinates")
+    words = scheme.texts("machine.coordinates")
     panel.text(origin[0] + 0.95, origin[2] + 0.35, words, ha="left", va="center", fontsize=_SMALL, color=NEUTRAL)
+
+
+def draw(asked: Asked) -> Figure:
+    """For the collection of figures."""
+    return machine_figure(asked.solution.machine, asked.tool, asked.texts)
