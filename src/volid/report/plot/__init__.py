@@ -14,6 +14,7 @@ from typing import Any as _Any
 _FIGURES = {  # name: module of this folder
     "error_functions": "functions",
     "machine_figure": "machine.drawing",
+    "squareness_figure": "squareness",
     "location_errors": "locations",
     "volume_sections": "sections",
     "residual_plot": "residuals",

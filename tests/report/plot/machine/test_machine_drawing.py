@@ -50,7 +50,7 @@ def texts_of(panel):
 
 @pytest.mark.parametrize("machine", machines())
 def test_every_element_of_the_code_stands_once_and_in_its_order(machine):
-    """Written from the code itself: on the workpiece's side from the workpiece down to the bed, then from the arm down to the tool."""
+    """Written from the code itself: from the workpiece down to the bed, then from the arm down to the tool."""
     upper, lower = machine_figure(machine).axes
     code = [t.replace("'", PRIME) for t in machine.structure.strip("[]").split()]
     assert texts_of(lower) == code

@@ -7,11 +7,14 @@ is drawn upright; which way gravity acts is not in a machine file.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from textwrap import fill
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from volid.fitting.solution import Solution
+from volid.model.error_functions import reference_of
 from volid.model.machine import Axis, Machine
 from volid.report.language import ENGLISH, Texts
 from volid.report.plot.asked import Asked
@@ -218,6 +221,13 @@ def _coordinates(panel: Any, scheme: Scheme) -> None:
     panel.text(origin[0] + 0.95, origin[2] + 0.35, words, ha="left", va="center", fontsize=_SMALL, color=NEUTRAL)
 
 
+def of_solution(solution: Solution) -> Machine:
+    """The machine as its campaign has it, with the references of the solution's datum."""
+    datum, travels = solution.datum, solution.campaign.machine
+    axes = (replace(a, reference=reference_of(solution.machine, datum, a.letter)) for a in travels.axes)
+    return replace(travels, axes=tuple(axes))
+
+
 def draw(asked: Asked) -> Figure:
     """For the collection of figures."""
-    return machine_figure(asked.solution.machine, asked.tool, asked.texts)
+    return machine_figure(of_solution(asked.solution), asked.tool, asked.texts)
