@@ -50,6 +50,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--tool", metavar="x,y,z", type=tool_vector, help="tool vector, mm; default: the most used one of the campaign"
     )
     parser.add_argument("--lang", choices=("en", "de"), default="en", help="language of the figures; default en")
+    parser.add_argument(
+        "--own-scales", action="store_true", help="each panel of functions has its own scale, not one for all"
+    )
     add_unusual(parser)
     add_output(parser, "DIR", "folder for the files NAME.svg", required=True)
 
@@ -73,7 +76,7 @@ def run(args: argparse.Namespace) -> int:
         solution = read_solution(args.solution)
         if args.tool is not None:
             solution.ask(args.tool)
-        asked = Asked(solution, args.tool or solution.most_used_tool(), Texts(args.lang))
+        asked = Asked(solution, args.tool or solution.most_used_tool(), Texts(args.lang), args.own_scales)
         for named in draw(asked, args.only):
             progress(f"drawing {named.name}")
             if named.figure is not None:

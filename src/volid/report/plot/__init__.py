@@ -15,6 +15,7 @@ _FIGURES = {  # name: module of this folder
     "error_functions": "functions",
     "machine_figure": "machine.drawing",
     "squareness_figure": "squareness",
+    "cross_effects": "functions",
     "location_errors": "locations",
     "volume_sections": "sections",
     "residual_plot": "residuals",

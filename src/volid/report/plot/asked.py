@@ -29,8 +29,10 @@ class Asked:
         solution: The solution.
         tool: Tool vector of what depends on it, shape (3,) [mm].
         texts: The language of the figure.
+        own_scales: Whether each panel of functions has its own scale, instead of one for all that are compared.
     """
 
     solution: Solution
     tool: tuple[float, float, float]
     texts: Texts = ENGLISH
+    own_scales: bool = False
