@@ -13,6 +13,8 @@ from typing import Any as _Any
 
 _FIGURES = {  # name: module of this folder
     "error_functions": "functions",
+    "machine_figure": "machine.drawing",
+    "squareness_figure": "squareness",
     "cross_effects": "functions",
     "location_errors": "locations",
     "volume_sections": "sections",

@@ -22,6 +22,8 @@ FIGURES = {  # name: (module of this folder, what it shows)
     "sections": ("sections", "the deviation field on plane sections of the working volume"),
     "rotary": ("rotary", "rotary grids and residuals over the angles of two rotary axes"),
     "coverage": ("coverage", "distributions of the Monte Carlo samples beside propagation"),
+    "squareness": ("squareness", "sketches of squareness errors, and of the lines of rotary axes and spindle"),
+    "machine": ("machine.drawing", "the machine from its structural code: bodies, axes, directions"),
     "forecast": ("forecast", "what each type of compensation leaves"),
     "residuals": ("residuals", "residuals of the readings by station, time, position and region"),
     "stations": ("stations", "stations, beams and measured points in three views"),
