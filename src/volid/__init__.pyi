@@ -40,7 +40,9 @@ from volid.model.machine import Datum, Machine
 from volid.planning.standard import standard_plan
 from volid.plausibility.checks import check_campaign, closures
 from volid.report import plot as plot
+from volid.report.certificate.certificate import save_dcc
 from volid.report.text.summary import summary
+from volid.report.workbook.workbook import save_workbook
 from volid.standards.results import Evaluation
 from volid.uncertainty.trials.monte_carlo import monte_carlo
 from volid.validation.check import Check
@@ -123,6 +125,8 @@ __all__ = [  # noqa: RUF022
     "quick_check",
     "Check",
     "plot",
+    "save_workbook",
+    "save_dcc",
     "accept_unusual",
     "VolidError",
     "InputError",
