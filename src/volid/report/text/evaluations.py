@@ -7,7 +7,7 @@ from math import isnan
 from typing import Any
 
 from volid.report.text.basics import bullets, micro, table
-from volid.standards.results import RULE, Evaluation, Quantity
+from volid.standards.results import RULE, SIMPLE, SIMPLE_RULE, Evaluation, Quantity
 
 _SHOWN = {"mm": (1e3, "µm", 2), "rad": (1e6, "µrad", 1), "mm/mm": (1e6, "µm/m", 1), "°": (3600.0, "arc sec", 2)}
 _SUBJECT = "subject"
@@ -21,7 +21,7 @@ def evaluation_lines(evaluation: Evaluation) -> list[str]:
     title = f"{evaluation.standard}, {evaluation.subject}" + (f", {evaluation.source}" if evaluation.source else "")
     lines = [title, *table(header, rows, right=3 if limits else 2)]
     if limits:
-        lines.append(f"verdict by {RULE}")
+        lines.append(f"verdict by {SIMPLE_RULE if evaluation.rule == SIMPLE else RULE}")
     lines += bullets("remarks", evaluation.remarks)
     for section in evaluation.sections:
         lines += ["", f"{section.title}, µm", *table(section.columns, [_cells(row) for row in section.rows])]
