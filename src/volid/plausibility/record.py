@@ -65,7 +65,9 @@ def record(campaign: Campaign) -> tuple[Item, ...]:
     """
     stated = list(_flat(campaign.conditions))
     named = {**ITEMS, **FURTHER}
-    of = {key: next((n for n, begins in named.items() if key.split(": ")[-1].startswith(begins)), "") for key, _ in stated}
+    of = {
+        key: next((n for n, begins in named.items() if key.split(": ")[-1].startswith(begins)), "") for key, _ in stated
+    }
     own = tuple((key, text) for key, text in stated if not of[key])
     found = [
         Item(name, tuple((key, text) for key, text in stated if of[key] == name), tuple(_measured(campaign, name)))

@@ -5,6 +5,7 @@ The numbers are those of `Solution.functions`; files that are handed over group 
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,6 +14,7 @@ from volid.fitting.results import FunctionValue
 from volid.fitting.solution import Solution
 from volid.model.iso230 import DIRECTIONS, ErrorName, parse
 
+_CARRIER = re.compile(r"\(0[ABC]\)")
 SIGNS = {1: " (+)", -1: " (−)", 0: ""}
 
 
@@ -72,3 +74,12 @@ def _intervals(solution: Solution, rows: list[FunctionValue]) -> list[np.ndarray
 def _curve(name: str, direction: int, rows: list[FunctionValue], ends: list[np.ndarray]) -> Curve:
     columns = (np.array([getattr(row, key) for row in rows]) for key in ("position", "value", "u"))
     return Curve(name, direction, *columns, *ends)
+
+
+def plain_symbol(symbol: str) -> str:
+    """The symbol of a location error without the axis that it refers to.
+
+    >>> plain_symbol("EX(0A)C")
+    'EX0C'
+    """
+    return _CARRIER.sub("0", symbol)

@@ -1,7 +1,7 @@
 """The working volume in numbers with their uncertainty: ISO 230-1 volumetric accuracy, largest and RMS deviation.
 
-The largest length |e| at its place has the gradient eᵀG/|e|, the RMS over P even points Σ eᵀG/(P·RMS), a range G_max - G_min, with
-G = ∂e/∂θ there: u follows by propagation of the covariance (GUM 5.1.2). That the place itself may be another one is not modelled.
+The RMS over P even points has the gradient Σ eᵀG/(P·RMS), G = ∂e/∂θ, and U = 2 u by propagation of the covariance (GUM
+5.1.2); U of ranges and of the largest deviation is that of `volume_sizes`.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from volid.backend.rms import rms
+from volid.compensation.residual.accuracy import K, volume_sizes
 from volid.fitting.prediction.deviations import gradient_matrix
 from volid.fitting.prediction.largest import Places, values_at, with_largest
 from volid.fitting.prediction.spread import linear_uncertainty
@@ -19,21 +20,21 @@ from volid.model.iso230 import DIRECTIONS
 
 
 class VolumeValue(NamedTuple):
-    """A number of the working volume: `key` "V_X" … "V_C", "largest", "rms"; NaN where the data do not determine it, or
-    where no function of the model acts on it.
+    """A number of the working volume with U (k = 2): `key` "V_X" … "V_C", "largest", "rms"; [mm or rad].
 
-    `place`: where the largest deviation stands, machine axis order [mm or degrees]; () for the others.
+    NaN where the data do not determine it, or where no function of the model acts on it: 0 ± 0 would be a claim. `place`: where
+    the largest deviation stands, machine axis order [mm or degrees]; () for the others.
     """
 
     key: str
     value: float
-    u: float
+    U: float
     unit: str
     place: tuple[float, ...] = ()
 
 
 def volume_values(solution: Solution, tool: tuple[float, float, float]) -> list[VolumeValue]:
-    """V_X … V_C, the largest and the RMS deviation before compensation in the stated datum, each with u.
+    """V_X … V_C, the largest and the RMS deviation before compensation in the stated datum, each with U.
 
     Args:
         solution: A solution, as `volid.fit` makes it.
@@ -41,55 +42,38 @@ def volume_values(solution: Solution, tool: tuple[float, float, float]) -> list[
 
     Source: ISO 230-1:2012 3.8 for the ranges.
     """
-    vector = np.asarray(tool, dtype=float)
-    places = with_largest(solution, vector)
-    values = values_at(solution, places, vector)
-    return [*_ranges(solution, places, vector, values), *_lengths(solution, places, vector, values)]
+    sizes = volume_sizes(solution, tool)
+    found = [
+        _unless_nothing(VolumeValue(f"V_{letter}", value, expanded, "mm" if k < 3 else "rad"))
+        for k, (letter, value, expanded) in enumerate(
+            zip(DIRECTIONS, *(v.tolist() for v in sizes.accuracy), strict=True)
+        )
+    ]
+    return [*found, *_lengths(solution, np.asarray(tool, dtype=float), *(float(v[0]) for v in sizes.largest))]
 
 
-def _ranges(solution: Solution, places: Places, tool: np.ndarray, values: np.ndarray) -> list[VolumeValue]:
-    scatter, found = solution.scatter_u(), []
-    for k, letter in enumerate(DIRECTIONS):
-        unit = "mm" if k < 3 else "rad"
-        if not np.isfinite(values[:, k]).all():
-            found.append(VolumeValue(f"V_{letter}", np.nan, np.nan, unit))
-            continue
-        ends = [int(np.argmax(values[:, k])), int(np.argmin(values[:, k]))]
-        high, low = _gradient(solution, places, tool, ends)[:, k]
-        if not (values[:, k].any() or high.any() or low.any()):  # no function of the model acts: 0 ± 0 would be a claim
-            found.append(VolumeValue(f"V_{letter}", np.nan, np.nan, unit))
-            continue
-        u = float(np.hypot(linear_uncertainty(high - low, solution.parameter_covariance), np.sqrt(2.0) * scatter[k]))
-        found.append(VolumeValue(f"V_{letter}", float(np.ptp(values[:, k])), u, unit))
-    return found
+def _unless_nothing(found: VolumeValue) -> VolumeValue:
+    nothing = found.value == 0.0 and found.U == 0.0
+    return found._replace(value=np.nan, U=np.nan) if nothing else found
 
 
-def _lengths(solution: Solution, places: Places, tool: np.ndarray, values: np.ndarray) -> list[VolumeValue]:
-    vectors = values[:, :3]
+def _lengths(solution: Solution, tool: np.ndarray, largest: float, expanded: float) -> list[VolumeValue]:
+    """The largest deviation with its place, and the RMS over the places that are spread evenly."""
+    places = with_largest(solution, tool)
+    vectors = values_at(solution, places, tool)[:, :3]
     if not np.isfinite(vectors).all():
         return [VolumeValue(key, np.nan, np.nan, "mm") for key in ("largest", "rms")]
-    size = np.linalg.norm(vectors, axis=1)
-    worst, even = int(np.argmax(size)), np.arange(len(size))[places.even]
-    along = vectors[worst] / max(float(size[worst]), 1e-300)
-    own = along * solution.scatter_u()[:3]
-    u = np.hypot(_u(solution, along @ _gradient(solution, places, tool, [worst])[0, :3]), np.linalg.norm(own))
-    total = rms(size[even])
-    gradient = _gradient(solution, places, tool, even.tolist())[:, :3]
-    mean = np.einsum("pk,pkn->n", vectors[even], gradient) / max(len(even) * total, 1e-300)
-    spread = np.linalg.norm(vectors[even] * solution.scatter_u()[:3]) / max(len(even) * total, 1e-300)
-    place = tuple(places.positions[worst].tolist())
-    return [
-        VolumeValue("largest", float(size[worst]), float(u), "mm", place),
-        VolumeValue("rms", float(total), float(np.hypot(_u(solution, mean), spread)), "mm"),
-    ]
+    worst = int(np.argmax(np.linalg.norm(vectors, axis=1)))
+    at = tuple(places.positions[worst].tolist())
+    return [VolumeValue("largest", largest, expanded, "mm", at), _mean(solution, places, tool, vectors)]
 
 
-def _u(solution: Solution, row: np.ndarray) -> float:
-    return float(linear_uncertainty(row, solution.parameter_covariance))
-
-
-def _gradient(solution: Solution, places: Places, tool: np.ndarray, numbers: list[int]) -> np.ndarray:
-    """∂e/∂θ at some of the places, (m, 6, n)."""
-    q, way = places.positions[numbers], places.directions[numbers]
-    tools = np.broadcast_to(tool, (len(numbers), 3))
-    return gradient_matrix(solution.model, np.asarray(solution.parameters), q, tools, way)
+def _mean(solution: Solution, places: Places, tool: np.ndarray, vectors: np.ndarray) -> VolumeValue:
+    even, theta = places.even, np.asarray(solution.parameters)
+    e, q, way = vectors[even], places.positions[even], places.directions[even]
+    total = rms(np.linalg.norm(e, axis=1))
+    gradient = gradient_matrix(solution.model, theta, q, np.broadcast_to(tool, (len(q), 3)), way)[:, :3]
+    below = max(len(e) * total, 1e-300)
+    u = linear_uncertainty(np.einsum("pk,pkn->n", e, gradient) / below, solution.parameter_covariance)
+    scatter = np.linalg.norm(e * solution.scatter_u()[:3]) / below
+    return VolumeValue("rms", float(total), K * float(np.hypot(u, scatter)), "mm")

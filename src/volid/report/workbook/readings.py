@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from volid.campaign import ObservationSet
-from volid.fitting.diagnosis.adequacy import reading_label
 from volid.fitting.solution import Solution
 from volid.observations import KINDS
 from volid.observations.base import DEGREES
@@ -23,15 +22,16 @@ def readings_sheet(solution: Solution, texts: Texts) -> Table:
         Column(texts("workbook.set"), width=20),
         Column(texts("workbook.where"), width=24),
         Column(texts("workbook.label"), width=28),
+        Column(texts("workbook.component")),
         *(Column(axis.letter, axis.unit) for axis in machine.axes),
         *(Column(f"{texts('workbook.tool_vector')} {c}", "mm") for c in "xyz"),
         Column(texts("workbook.time"), "s"),
         Column(texts("workbook.reading"), "mm, rad, °", 16),
         Column(texts("workbook.reading_unit")),
-        Column(texts("workbook.residual"), "µm, µrad", u=1),
-        Column("u (k = 1)", "µm, µrad", u=0),
+        Column(texts("workbook.residual"), "µm, µrad", spread=1),
+        Column("u (k = 1)", "µm, µrad", spread=0),
         Column(texts("workbook.unit")),
-        Column(texts("workbook.normalised"), u=None),
+        Column(texts("workbook.normalised")),
         Column(texts("workbook.outlier")),
     ]
     return Table(texts("workbook.sheet_residuals"), columns, _rows(solution))
@@ -42,16 +42,21 @@ def _rows(solution: Solution) -> Iterator[list[Any]]:
     for number, observations in enumerate(solution.campaign.sets):
         parts = (found.residuals[number], found.normalised[number], found.outliers[number])
         for i in range(len(observations)):
-            place = _place(observations, i)
+            words, place = _words(observations, i), _place(observations, i)
             for k in range(observations.readings.shape[1]):
-                yield [*place[:2], reading_label(observations, i, k), *place[2], *_numbers(observations, i, k, parts)]
+                name = KINDS[observations.kind].readings[k]
+                yield [observations.name, *words, name, *place, *_numbers(observations, i, k, parts)]
 
 
-def _place(observations: ObservationSet, i: int) -> tuple[str, str, list[Any]]:
-    """Name of the set, file and row, and positions, tool vector and time of a row."""
+def _words(observations: ObservationSet, i: int) -> list[str]:
+    """File and row, and what the row belongs to, such as its station."""
+    return [observations.where(i), ", ".join(f"{key} {values[i]}" for key, values in observations.labels.items())]
+
+
+def _place(observations: ObservationSet, i: int) -> list[Any]:
+    """Positions, tool vector and time of a row."""
     time = None if observations.time is None else float(observations.time[i])
-    numbers = [*observations.positions[i].tolist(), *observations.tool[i].tolist(), time]
-    return observations.name, observations.where(i), numbers
+    return [*observations.positions[i].tolist(), *observations.tool[i].tolist(), time]
 
 
 def _numbers(observations: ObservationSet, i: int, k: int, parts: tuple[np.ndarray, ...]) -> list[Any]:

@@ -3,28 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from math import isnan
 from typing import Any
 
 from volid.fitting.solution import Solution
 from volid.io.functions_csv import source_lines
+from volid.plausibility.record import Item, record
+from volid.report.contents.curves import plain_symbol
 from volid.report.contents.volume import volume_values
 from volid.report.language import Texts
+from volid.report.symbols import angle_words, in_words
 from volid.report.text.basics import scale_of, unit_of
 from volid.report.workbook.table import Column, Table, micro_of, micro_row
 
-K = 2.0
 WORDS = 90  # width of a column of sentences
-RECORDED = {  # what ISO/TR 16907 9.1 asks to be documented: keys of [conditions] that state it
-    "warm_up": ("warm_up", "machine_condition"),
-    "axis_positions": ("axis_positions",),
-    "tool_length": ("tool_length_mm", "tool_length"),
-    "tool_offset": ("tool_offset_mm", "tool_offset"),
-    "load": ("load",),
-    "feed": ("feed", "acceleration_m_s2", "acceleration"),
-    "ambient": ("ambient_temperature_C",),
-    "components": ("component_temperatures_C",),
-    "active": ("active_compensations",),
-}
 
 
 def result_sheet(solution: Solution, summary: Mapping[str, Any], texts: Texts) -> Table:
@@ -32,21 +24,31 @@ def result_sheet(solution: Solution, summary: Mapping[str, Any], texts: Texts) -
     columns = [
         Column(texts("workbook.what"), width=44),
         Column(texts("workbook.text"), width=WORDS),
-        Column(texts("workbook.value"), "µm, µrad", u=1),
-        Column("U (k = 2)", "µm, µrad", u=0),
+        Column(texts("workbook.value"), "µm, µrad", spread=1),
+        Column("U (k = 2)", "µm, µrad", spread=0),
         Column(texts("workbook.unit")),
     ]
     rows: list[list[Any]] = [[label, text, None, None, ""] for label, text in _facts(solution, summary, texts)]
     for r in summary["squareness"]:
-        rows.append([r["symbol"], r["angle"] or texts("workbook.not_determined"), *micro_row(r, "value", "U")])
+        words = angle_words(r["name"], r["value"], r["U"], texts) or texts("workbook.not_determined")
+        rows.append([r["symbol"], words, *micro_row(r, "value", "U")])
     x, y, z = summary["tool"]
     for v in volume_values(solution, (x, y, z)):
         scale = scale_of(v.unit)
-        rows.append([texts(f"workbook.{v.key}"), "", scale * v.value, scale * K * v.u, unit_of(v.unit)])
+        words = texts("workbook.blank") if isnan(v.value) else ""
+        rows.append([texts(f"workbook.{v.key}"), words, scale * v.value, scale * v.U, unit_of(v.unit)])
     if summary["weakest"]:
         w = summary["weakest"]
         value = micro_of(w["U"], w["unit"])
-        rows.append([texts("workbook.weakest"), f"{w['name']}: {w['description']}", None, value, unit_of(w["unit"])])
+        rows.append(
+            [
+                texts("workbook.weakest"),
+                f"{w['name']}: {in_words(plain_symbol(w['name']), texts)}",
+                None,
+                value,
+                unit_of(w["unit"]),
+            ]
+        )
     return Table(texts("workbook.sheet_result"), columns, rows)
 
 
@@ -75,16 +77,27 @@ def _facts(solution: Solution, summary: Mapping[str, Any], texts: Texts) -> Iter
 
 def campaign_sheet(solution: Solution, texts: Texts) -> Table:
     """The record of conditions, ISO/TR 16907 9.1: what it asks for first, and what is missing by name; then all other keys."""
-    columns = [Column(texts("workbook.what"), width=44), Column(texts("workbook.text"), width=WORDS)]
-    conditions, rows, used = dict(solution.campaign.conditions), [], set()
-    for name, keys in RECORDED.items():
-        stated = [f"{_words(conditions[key])}" for key in keys if key in conditions]
-        used |= set(keys)
-        rows.append([texts(f"workbook.recorded_{name}"), "; ".join(stated) or texts("workbook.not_recorded")])
-    rows += [[key, _words(value)] for key, value in conditions.items() if key not in used]
-    for station in solution.campaign.stations:
-        rows.append([texts("workbook.station", name=station.name), _station(station, texts)])
+    columns = [
+        Column(texts("workbook.what"), width=44),
+        Column(texts("workbook.key"), width=32),
+        Column(texts("workbook.text"), width=WORDS),
+    ]
+    rows = [row for item in record(solution.campaign) for row in _item(item, texts)]
+    rows += [[texts("workbook.station", name=s.name), "", _station(s, texts)] for s in solution.campaign.stations]
     return Table(texts("workbook.sheet_campaign"), columns, rows)
+
+
+def _item(item: Item, texts: Texts) -> Iterator[list[str]]:
+    """The lines of an item of the record: what was stated, where it was measured, or that it is missing."""
+    label = texts(f"workbook.recorded_{item.name or 'other'}")
+    for key, text in item.stated:
+        yield [label, key, text]
+    for kind, name in item.measured:
+        yield [label, "", texts(f"workbook.measured_{kind}", name=name)]
+    if item.is_missing:
+        yield [label, "", texts("workbook.not_recorded")]
+    elif not (item.stated or item.measured):
+        yield [label, "", texts("workbook.in_readings")]
 
 
 def _station(station: Any, texts: Texts) -> str:
@@ -94,15 +107,6 @@ def _station(station: Any, texts: Texts) -> str:
     return texts("workbook.station_at", body=station.body, place=place)
 
 
-def _words(value: Any) -> str:
-    """A value of the record as people write it."""
-    if isinstance(value, Mapping):
-        return ", ".join(f"{key} {_words(item)}" for key, item in value.items())
-    if isinstance(value, list | tuple):
-        return ", ".join(_words(item) for item in value) or "–"
-    return f"{value:g}" if isinstance(value, float) else str(value)
-
-
 def sets_sheet(summary: Mapping[str, Any], texts: Texts) -> Table:
     """Every set of readings: how many, their u, their residuals."""
     columns = [
@@ -110,9 +114,9 @@ def sets_sheet(summary: Mapping[str, Any], texts: Texts) -> Table:
         Column(texts("workbook.kind"), width=28),
         Column(texts("workbook.readings")),
         Column(texts("workbook.outliers")),
-        Column(texts("workbook.stated_u"), "µm, µrad", u=0),
-        Column(texts("workbook.used_u"), "µm, µrad", u=0),
-        Column(texts("workbook.residual_rms"), "µm, µrad", u=-1),
+        Column(texts("workbook.stated_u"), "µm, µrad", spread=0),
+        Column(texts("workbook.used_u"), "µm, µrad", spread=0),
+        Column(texts("workbook.residual_rms"), "µm, µrad", spread=-1),
         Column(texts("workbook.unit")),
     ]
     keys = ("stated_u_rms", "u_rms", "residual_rms")
@@ -131,7 +135,10 @@ def open_sheet(solution: Solution, summary: Mapping[str, Any], texts: Texts) -> 
         for name, directions in solution.undetermined.items()
         if directions
     ]
-    return Table(texts("workbook.sheet_open"), columns, rows or [[texts("workbook.all_determined"), ""]])
+    rows = rows or [[texts("workbook.all_determined"), ""]]
+    if names := (summary["volume"] or {}).get("left_out"):
+        rows.append([texts("workbook.not_in_model"), ", ".join(names)])
+    return Table(texts("workbook.sheet_open"), columns, rows)
 
 
 def provenance_sheet(solution: Solution, source: str, texts: Texts) -> Table:

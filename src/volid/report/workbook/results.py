@@ -6,6 +6,7 @@ Lengths are in µm, rotations in µrad, positions in mm or degrees, U has k = 2.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,10 +15,12 @@ from volid.compensation.residual.fields import ANGLES, QUANTITIES
 from volid.compensation.residual.forecast import Forecast
 from volid.fitting.solution import Solution
 from volid.io.functions_csv import round_place
+from volid.model.axis_lines import MACHINE
 from volid.model.iso230 import DIRECTIONS
-from volid.report.contents.curves import Curve, curves
+from volid.report.contents.curves import Curve, curves, plain_symbol
 from volid.report.contents.volume import volume_values
 from volid.report.language import Texts
+from volid.report.symbols import angle_words, in_words
 from volid.report.text.basics import scale_of, unit_of
 from volid.report.workbook.table import Chart, Column, Table, micro_of, micro_row
 
@@ -30,12 +33,17 @@ def squareness_sheet(summary: Mapping[str, Any], texts: Texts) -> Table:
     columns = [
         Column(texts("workbook.symbol")),
         Column(texts("workbook.description"), width=48),
-        Column(texts("workbook.value"), "µrad", u=1),
-        Column("U (k = 2)", "µrad", u=0),
+        Column(texts("workbook.value"), "µrad", spread=1),
+        Column("U (k = 2)", "µrad", spread=0),
         Column(texts("workbook.angle"), width=44),
     ]
     rows = [
-        [r["symbol"], r["description"], *micro_row(r, "value", "U")[:2], r["angle"] or texts("workbook.not_determined")]
+        [
+            r["symbol"],
+            in_words(r["name"], texts),
+            *micro_row(r, "value", "U")[:2],
+            angle_words(r["name"], r["value"], r["U"], texts) or texts("workbook.not_determined"),
+        ]
         for r in summary["squareness"]
     ]
     return Table(texts("workbook.sheet_squareness"), columns, rows)
@@ -47,19 +55,34 @@ def location_sheet(summary: Mapping[str, Any], texts: Texts) -> Table:
         Column(texts("workbook.symbol")),
         Column(texts("workbook.description"), width=48),
         Column(texts("workbook.relative_to")),
-        Column(texts("workbook.axis_line"), MIXED, u=1),
-        Column("U (k = 2)", MIXED, u=0),
-        Column(texts("workbook.parameter"), MIXED, 24, u=-1),
+        Column(texts("workbook.axis_line"), MIXED, spread=1),
+        Column("U (k = 2)", MIXED, spread=0),
+        Column(texts("workbook.parameter"), MIXED, 24, spread=-1),
         Column(texts("workbook.unit")),
     ]
     rows: list[list[Any]] = []
     for r in summary["location_errors"]:
         line, expanded, parameter, unit = micro_row(r, "line", "U", "parameter")
-        rows.append([r["name"], r["description"], r["relative_to"], line, expanded, parameter, unit])
+        rows.append(
+            [
+                r["name"],
+                in_words(plain_symbol(r["name"]), texts),
+                _carrier(r["relative_to"], texts),
+                line,
+                expanded,
+                parameter,
+                unit,
+            ]
+        )
     for r in summary["tool_frame"]:
         value, expanded, unit = micro_row(r, "value", "U")
-        rows.append([r["name"], r["description"], texts("workbook.tool_frame"), value, expanded, value, unit])
+        rows.append([r["name"], in_words(r["name"], texts), texts("workbook.tool_frame"), value, expanded, value, unit])
     return Table(texts("workbook.sheet_locations"), columns, rows)
+
+
+def _carrier(relative_to: str, texts: Texts) -> str:
+    """What a location error refers to, in words: the machine frame, or the line of an axis."""
+    return texts("workbook.machine_frame") if relative_to == MACHINE else relative_to
 
 
 def function_sheets(solution: Solution, texts: Texts) -> Iterator[Table]:
@@ -84,7 +107,7 @@ def _function_sheet(letter: str, unit: str, own: Sequence[Curve], texts: Texts) 
         starts.append(starts[-1] + len(columns))
     name = f"{texts('workbook.sheet_functions')} {letter}"
     charts = [
-        _chart(own, starts, rotations, (position.heading, letter), texts)
+        replace(_chart(own, starts, rotations, letter, texts), x=position.heading, reach=(places[0], places[-1]))
         for rotations in (False, True)
         if any(c.error.is_rotation == rotations for c in own)
     ]
@@ -94,40 +117,55 @@ def _function_sheet(letter: str, unit: str, own: Sequence[Curve], texts: Texts) 
 def _block(curve: Curve, texts: Texts) -> tuple[list[Column], np.ndarray]:
     """Columns of a function and their numbers (m, columns): value, U, and coverage intervals where there are samples."""
     unit = curve.error.report_unit
-    columns = [Column(curve.title, unit, u=1), Column(f"U({curve.title})", unit, u=0)]
+    columns = [Column(curve.title, unit, spread=1), Column(f"U({curve.title})", unit, spread=0)]
     numbers = [curve.values, K * curve.u]
     if curve.low is not None and curve.high is not None:
         low, high = texts("workbook.low"), texts("workbook.high")
-        columns += [Column(f"{curve.title} {low}", unit, u=-1), Column(f"{curve.title} {high}", unit, u=-2)]
+        columns += [Column(f"{curve.title} {low}", unit, spread=-1), Column(f"{curve.title} {high}", unit, spread=-2)]
         numbers += [curve.low, curve.high]
     return columns, scale_of(curve.error.unit) * np.stack(numbers, axis=1)
 
 
-def _chart(own: Sequence[Curve], starts: Sequence[int], rotations: bool, x: tuple[str, str], texts: Texts) -> Chart:
+def _chart(own: Sequence[Curve], starts: Sequence[int], rotations: bool, letter: str, texts: Texts) -> Chart:
     drawn = [(c, start) for c, start in zip(own, starts[:-1], strict=True) if c.error.is_rotation == rotations]
-    title = texts("workbook.chart_rotations" if rotations else "workbook.chart_translations", axis=x[1])
+    title = texts("workbook.chart_rotations" if rotations else "workbook.chart_translations", axis=letter)
     unit = drawn[0][0].error.report_unit
-    return Chart(title, x[0], unit, [(c.title, 0, start, start + 1) for c, start in drawn])
+    return Chart(title, "", unit, [(c.title, 0, start, start + 1) for c, start in drawn], (0.0, 0.0))
 
 
 def volume_sheet(solution: Solution, summary: Mapping[str, Any], texts: Texts) -> Table:
     """Volumetric accuracy and the largest deviation, with U, and what an L-VOL grid leaves."""
     columns = [
         Column(texts("workbook.quantity"), width=60),
-        Column(texts("workbook.value"), MIXED, u=1),
-        Column("U (k = 2)", MIXED, u=0),
-        Column(texts("workbook.low"), MIXED, u=1),
-        Column(texts("workbook.high"), MIXED, u=0),
+        Column(texts("workbook.value"), MIXED, spread=_spread),
+        Column("U (k = 2)", MIXED, spread=_spread),
+        Column(texts("workbook.low"), MIXED, spread=_spread),
+        Column(texts("workbook.high"), MIXED, spread=_spread),
         Column(texts("workbook.unit")),
         Column(texts("workbook.place"), width=40),
     ]
     x, y, z = summary["tool"]
     rows: list[list[Any]] = [[texts("workbook.tool", x=f"{x:g}", y=f"{y:g}", z=f"{z:g}"), *[None] * 6]]
     for v in volume_values(solution, (x, y, z)):
-        numbers = (scale_of(v.unit) * v.value, scale_of(v.unit) * K * v.u)
+        numbers = (scale_of(v.unit) * v.value, scale_of(v.unit) * v.U)
         place = [f"{a} {p:g}" for a, p in zip(solution.machine.letters, v.place, strict=False)]
-        rows.append([texts(f"workbook.{v.key}"), *numbers, None, None, unit_of(v.unit), ", ".join(place)])
+        rows.append(
+            [
+                texts(f"workbook.{v.key}"),
+                *numbers,
+                None,
+                None,
+                unit_of(v.unit),
+                ", ".join(place) or (texts("workbook.blank") if np.isnan(v.value) else ""),
+            ]
+        )
     return Table(texts("workbook.sheet_volume"), columns, [*rows, *_expected(summary["volume"], texts)])
+
+
+def _spread(row: Sequence[Any]) -> float | None:
+    """U of a row, or half of its interval."""
+    _, _, expanded, low, high, *_ = row
+    return expanded if low is None or high is None else 0.5 * (high - low)
 
 
 def _expected(volume: Mapping[str, Any], texts: Texts) -> Iterator[list[Any]]:
@@ -146,18 +184,22 @@ def _expected(volume: Mapping[str, Any], texts: Texts) -> Iterator[list[Any]]:
         yield [texts("workbook.not_predicted", reason=volume["not_predicted"]), *[None] * 6]
 
 
+def _half(row: Sequence[Any]) -> float:
+    """Half of the interval of a row of the forecast."""
+    return 0.5 * (float(row[7]) - float(row[6]))
+
+
 def forecast_sheet(found: Forecast, texts: Texts) -> Table:
     """What each type of compensation leaves over the working volume, one row per tool vector and quantity."""
     columns = [
         Column(texts("workbook.type"), width=20),
         *(Column(f"{texts('workbook.tool_vector')} {c}", "mm") for c in "xyz"),
         Column(texts("workbook.quantity")),
-        Column(texts("workbook.remaining"), MIXED, u=5),
-        Column(texts("workbook.low"), MIXED, u=4),
-        Column(texts("workbook.high"), MIXED, u=3),
-        Column(texts("workbook.exact"), MIXED, 24, u=2),
+        Column(texts("workbook.remaining"), MIXED, spread=_half),
+        Column(texts("workbook.low"), MIXED, spread=_half),
+        Column(texts("workbook.high"), MIXED, spread=_half),
+        Column(texts("workbook.exact"), MIXED, 24, spread=_half),
         Column(texts("workbook.unit")),
-        Column(texts("workbook.half_width"), MIXED, u=0),
     ]
     rows: list[list[Any]] = []
     for column in found.columns:
@@ -165,8 +207,13 @@ def forecast_sheet(found: Forecast, texts: Texts) -> Table:
             for k, name in enumerate(QUANTITIES):
                 unit = "rad" if name in ANGLES else "mm"
                 value, low, high, exact = (float(v[k]) * scale_of(unit) for v in p)
-                rows.append([column.name, *tool, name, value, low, high, exact, unit_of(unit), 0.5 * (high - low)])
+                rows.append([column.name, *tool, name, value, low, high, exact, unit_of(unit)])
     return Table(texts("workbook.sheet_compensation"), columns, rows)
+
+
+def _tenths(row: Sequence[Any]) -> float:
+    """What shows one decimal place."""
+    return 1.0
 
 
 def budget_sheet(solution: Solution, tool: Sequence[float], texts: Texts) -> Table:
@@ -177,10 +224,10 @@ def budget_sheet(solution: Solution, tool: Sequence[float], texts: Texts) -> Tab
     columns = [
         Column(texts("workbook.output"), width=20),
         Column(texts("workbook.at_position"), "mm, °"),
-        Column("u (k = 1)", MIXED, u=0),
+        Column("u (k = 1)", MIXED, spread=0),
         Column(texts("workbook.source"), width=48),
-        Column(texts("workbook.contribution"), MIXED, u=0),
-        Column(texts("workbook.share"), "%"),
+        Column(texts("workbook.contribution"), MIXED, spread=0),
+        Column(texts("workbook.share"), "%", spread=_tenths),
         Column(texts("workbook.unit")),
     ]
     lines = budget_lines(budget(solution), headline_rows(solution, headline_outputs(solution, np.asarray(tool))))

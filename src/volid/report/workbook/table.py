@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -19,13 +19,14 @@ class Column:
         title: Its heading, in the language of the workbook.
         unit: Unit of its numbers, "" for none.
         width: In characters.
-        u: How far before or behind this column the one stands whose number tells its decimal places; None: all digits shown.
+        spread: Which number of a row, as its place counted from this column or as a function of the row, is the uncertainty of
+            this one, so that two of its digits are shown; None: as a spreadsheet shows numbers.
     """
 
     title: str
     unit: str = ""
     width: int = NUMBER
-    u: int | None = None
+    spread: int | Callable[[Sequence[Any]], Any] | None = None
 
     @property
     def heading(self) -> str:
@@ -42,12 +43,14 @@ class Chart:
         x: Title of the horizontal axis, with its unit.
         y: Title of the vertical axis, with its unit.
         lines: Title, column of x, column of y, column of U.
+        reach: Lowest and highest x.
     """
 
     title: str
     x: str
     y: str
     lines: Sequence[tuple[str, int, int, int]]
+    reach: tuple[float, float]
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from pathlib import Path
 from volid.compensation.residual.forecast import Forecast
 from volid.exceptions import InputError
 from volid.fitting.solution import Solution
+from volid.io.basics.targets import find_target
 from volid.report.language import Texts
 from volid.report.text.summary import summary_data
 from volid.report.workbook.readings import readings_sheet
@@ -39,7 +40,7 @@ def save_workbook(
     The sheets: result, campaign record, sets, squareness, location errors, error motions (one sheet per axis, with charts),
     working volume, compensation types (where a forecast is given), residuals of every reading, budget, what is not determined,
     provenance. Lengths are in µm, rotations in µrad, positions in mm or degrees, U has k = 2; the heading of every column says
-    its unit, or the column "unit" beside it where rows differ. Numbers keep all their digits; two digits of U are shown. A cell
+    its unit, or the column "unit" beside it where rows differ. Numbers keep 16 digits; two digits of U are shown. A cell
     is blank where the data do not determine the value. Texts are never run as formulas.
 
     Args:
@@ -61,6 +62,7 @@ def save_workbook(
     """
     if reason := solution.adequacy.barrier:
         raise InputError(f"no workbook is made of this solution: {reason}. Mend the campaign, and fit again")
+    find_target(path, overwrite)  # refused now, not after the work
     tables = list(_sheets(solution, Texts(lang), tool, forecast, source))
     write_workbook(path, tables, solution.machine.name, overwrite)
 

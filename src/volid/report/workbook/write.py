@@ -8,6 +8,7 @@ filters.
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Sequence
 from itertools import islice
 from pathlib import Path
@@ -20,8 +21,10 @@ from volid.report.workbook.table import Chart, Column, Table
 
 LONGEST = 32000  # characters of a cell; the format takes 32767
 ROWS = 1_048_575  # of a sheet, its heading aside
-MOST_DECIMALS = 9
+DECIMALS, MOST_DECIMALS = 2, 4  # where the uncertainty tells none, and at most: 0.1 nm
 PLAIN = "General"
+SHORT = 80  # rows that fit on a page with charts
+LINE = 15.0  # height of a line of text, points
 _TOGETHER = {"strings_to_formulas": False, "strings_to_urls": False, "strings_to_numbers": False}
 _DASHES = ("solid", "dash", "dash_dot", "round_dot", "long_dash", "square_dot", "solid")
 
@@ -39,14 +42,14 @@ def write_workbook(path: str | Path, tables: Sequence[Table], title: str, overwr
         book.close()
 
 
-def decimals_of(u: Any) -> int | None:
-    """Decimal places that show two digits of an uncertainty; None where it tells none.
+def decimals_of(u: float | None) -> int:
+    """Decimal places that show two digits of an uncertainty, at most `MOST_DECIMALS`; `DECIMALS` where it tells none.
 
-    >>> decimals_of(0.38), decimals_of(12.0), decimals_of(0.0), decimals_of(None)
-    (2, 0, None, None)
+    >>> decimals_of(0.38), decimals_of(12.0), decimals_of(1.0), decimals_of(None)
+    (2, 0, 1, 2)
     """
-    if isinstance(u, str) or u is None or not math.isfinite(u) or u <= 0.0:
-        return None
+    if u is None or not math.isfinite(u) or u < 0.1**MOST_DECIMALS:  # below: rounding
+        return DECIMALS
     return min(max(1 - math.floor(math.log10(u)), 0), MOST_DECIMALS)
 
 
@@ -59,7 +62,7 @@ class Formats:
         self.heading = book.add_format(
             {"bold": True, "text_wrap": True, "valign": "top", "bottom": 1, "bg_color": FAINT}
         )
-        self.text = book.add_format({"valign": "top", "text_wrap": True})
+        self.text = book.add_format({"valign": "top", "text_wrap": True, "indent": 1})
 
     def number(self, decimals: int | None) -> Any:
         """The format of a number with so many decimal places; None: as it is."""
@@ -79,13 +82,15 @@ def _write_table(book: Any, table: Table, formats: Formats) -> None:
         _prepare(sheet, table.columns, len(part), formats)
         for i, row in enumerate(part, start=1):
             _write_row(sheet, i, table.columns, row, formats)
-        if number == 1:
+        if number == 1 and table.charts:
             _add_charts(book, sheet, table, len(part))
+            sheet.fit_to_pages(1, 1 if len(part) < SHORT else 0)
         part, number = list(islice(rows, ROWS)), number + 1
 
 
 def _prepare(sheet: Any, columns: Sequence[Column], n_rows: int, formats: Formats) -> None:
     """Heading, widths, filters, what stays in sight, and how it is printed."""
+    sheet.set_row(0, LINE * max(_lines(column.heading, column.width) for column in columns))
     for j, column in enumerate(columns):
         sheet.set_column(j, j, column.width)
         sheet.write_string(0, j, shown(column.heading), formats.heading)
@@ -98,7 +103,16 @@ def _prepare(sheet: Any, columns: Sequence[Column], n_rows: int, formats: Format
     sheet.set_footer("&L&A&R&P / &N")
 
 
+def _lines(text: str, width: int) -> int:
+    """Lines that a text takes in a column of that width, blanks at the ends of lines reckoned with."""
+    return len(textwrap.wrap(text, max(width - 3, 4))) or 1
+
+
 def _write_row(sheet: Any, i: int, columns: Sequence[Column], row: Sequence[Any], formats: Formats) -> None:
+    texts = [(column, cell) for column, cell in zip(columns, row, strict=True) if isinstance(cell, str)]
+    lines = max((_lines(cell, column.width) for column, cell in texts if len(cell) > column.width - 3), default=1)
+    if lines > 1:
+        sheet.set_row(i, LINE * min(lines, 25))
     for j, (column, cell) in enumerate(zip(columns, row, strict=True)):
         if isinstance(cell, str):
             if cell:
@@ -106,18 +120,24 @@ def _write_row(sheet: Any, i: int, columns: Sequence[Column], row: Sequence[Any]
         elif isinstance(cell, bool):
             sheet.write_boolean(i, j, cell, formats.number(None))
         elif cell is not None and math.isfinite(cell):
-            decimals = None if column.u is None else decimals_of(row[j + column.u])
-            sheet.write_number(i, j, cell, formats.number(decimals))
+            sheet.write_number(i, j, cell + 0.0, formats.number(_decimals(column, row, j)))
+
+
+def _decimals(column: Column, row: Sequence[Any], j: int) -> int | None:
+    """Decimal places of the number in column `j` of a row; None: as a spreadsheet shows it."""
+    if column.spread is None:
+        return None
+    return decimals_of(column.spread(row) if callable(column.spread) else row[j + column.spread])
 
 
 def _add_charts(book: Any, sheet: Any, table: Table, n_rows: int) -> None:
-    """Charts to the right of the table, one under the other."""
+    """Charts below the table, beside each other."""
     for number, chart in enumerate(table.charts):
         drawn = book.add_chart({"type": "scatter", "subtype": "straight_with_markers"})
         for line, (title, *columns) in enumerate(chart.lines):
             drawn.add_series(_series(table.name, title, columns, n_rows, line))
         _label(drawn, chart)
-        sheet.insert_chart(1 + 24 * number, len(table.columns) + 1, drawn)
+        sheet.insert_chart(n_rows + 2, 6 * number, drawn)
 
 
 def _series(sheet: str, title: str, columns: Sequence[int], n_rows: int, number: int) -> dict[str, Any]:
@@ -139,8 +159,24 @@ def _series(sheet: str, title: str, columns: Sequence[int], n_rows: int, number:
 def _label(drawn: Any, chart: Chart) -> None:
     font, line = {"size": 9, "bold": False}, {"color": FAINT}
     drawn.set_title({"name": chart.title, "name_font": {"size": 11, "bold": False}})
-    drawn.set_x_axis({"name": chart.x, "name_font": font, "label_position": "low", "line": {"color": NEUTRAL}})
-    drawn.set_y_axis({"name": chart.y, "name_font": font, "major_gridlines": {"visible": True, "line": line}})
+    drawn.set_x_axis(
+        {
+            "name": chart.x,
+            "name_font": font,
+            "label_position": "low",
+            "line": {"color": NEUTRAL},
+            "min": chart.reach[0],
+            "max": chart.reach[1],
+        }
+    )
+    drawn.set_y_axis(
+        {
+            "name": chart.y,
+            "name_font": font,
+            "label_position": "low",
+            "major_gridlines": {"visible": True, "line": line},
+        }
+    )
     drawn.set_legend({"position": "bottom"})
     drawn.show_blanks_as("span")
-    drawn.set_size({"width": 720, "height": 460})
+    drawn.set_size({"width": 560, "height": 400})
