@@ -105,11 +105,15 @@ def check_figure(path: str | Path | None) -> None:
 
 def write_figure(figure: Figure, path: str | Path, overwrite: bool) -> None:
     """A figure of matplotlib as the file's ending says; it appears completely or not at all. Raises `OutputError`."""
+    from matplotlib import rc_context
+
     from volid.io.basics.atomic import atomic_output
 
     kind = Path(path).suffix.lstrip(".").lower() or "png"
-    with atomic_output(path, overwrite) as temporary:
-        figure.savefig(temporary, format=kind, dpi=150)
+    dated = {"svg": "Date", "pdf": "CreationDate"}  # left out, so that the same figure is the same file
+    metadata = {dated[kind]: None} if kind in dated else {}
+    with atomic_output(path, overwrite) as temporary, rc_context({"svg.hashsalt": "volid", "pdf.fonttype": 42}):
+        figure.savefig(temporary, format=kind, dpi=150, metadata=metadata)
 
 
 class _Stop(Exception):

@@ -10,6 +10,7 @@ import numpy as np
 from volid.fitting.results import FunctionValue
 from volid.fitting.solution import Solution
 from volid.model.iso230 import parse
+from volid.report.plot.asked import Asked, NothingToDrawError
 from volid.report.plot.palette import SERIES
 from volid.report.plot.panels import figure_with_panels
 from volid.uncertainty.coverage import coverage_intervals
@@ -86,3 +87,10 @@ def volume_distribution(solution: Solution, tool: Sequence[float]) -> Figure:
         panel.set_yticks([])
     panels[0].legend(fontsize=7, frameon=False)
     return figure
+
+
+def draw(asked: Asked) -> Figure:
+    """For the collection of figures."""
+    if asked.solution.samples is None:
+        raise NothingToDrawError("the solution has no samples of Monte Carlo refits (`volid.monte_carlo` makes them)")
+    return volume_distribution(asked.solution, asked.tool)

@@ -6,8 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from volid.compensation.base import base_of
 from volid.compensation.residual.fields import LENGTHS, QUANTITIES
-from volid.compensation.residual.forecast import Forecast
+from volid.compensation.residual.forecast import Forecast, forecast
+from volid.report.plot.asked import Asked
 from volid.report.plot.palette import SERIES
 from volid.report.plot.panels import figure_with_panels
 from volid.report.text.basics import vector
@@ -59,3 +61,12 @@ def _draw_orientations(panel: Any, found: Forecast, x: np.ndarray) -> None:
         panel.plot(x, value, "o", color=colour, label=QUANTITIES[k])
     panel.set_ylabel("largest orientation error / µrad")
     panel.legend(fontsize=8, frameon=False)
+
+
+def draw(asked: Asked) -> Figure:
+    """For the collection of figures: types that add up, for the tool vector alone."""
+    solution = asked.solution
+    base = base_of(solution, tool=asked.tool)
+    types = [[name] for name in ("L-POS", "L-VOL")]
+    found = forecast(solution, types, base, np.array([asked.tool]), every_tool=False)
+    return forecast_figure(found, solution.machine.name)

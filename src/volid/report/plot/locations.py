@@ -10,6 +10,7 @@ import numpy as np
 from volid.fitting.results import FunctionValue
 from volid.fitting.solution import Solution
 from volid.model.iso230 import ROTARY_AXES, parse
+from volid.report.plot.asked import Asked, NothingToDrawError
 from volid.report.plot.palette import SERIES
 from volid.report.plot.panels import figure_with_panels
 
@@ -55,3 +56,10 @@ def _location_column(
         panel.axhline(0.0, color="0.6", lw=0.8)
         panel.set_xticks(x, [r.name for r in shown])
         panel.set_xlim(-0.6, len(shown) - 0.4)
+
+
+def draw(asked: Asked) -> Figure:
+    """For the collection of figures."""
+    if all(axis.is_linear for axis in asked.solution.machine.axes):
+        raise NothingToDrawError("the machine has no rotary axes")
+    return location_errors(asked.solution)

@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from volid.compensation.grids.grid import RotaryGrid
+from volid.compensation.grids.rotary import rotary_grids
 from volid.fitting.solution import Solution
+from volid.report.plot.asked import Asked, NothingToDrawError
 from volid.report.plot.panels import figure_with_panels
 
 if TYPE_CHECKING:
@@ -58,3 +60,11 @@ def rotary_grid(grid: RotaryGrid) -> Figure:
     point = ", ".join(f"{c:g}" for c in grid.reference_point)
     figure.suptitle(f"{grid.type}, {grid.side}: error of the point ({point}) mm in the {grid.frame} frame")
     return figure
+
+
+def draw(asked: Asked) -> dict[str, Figure]:
+    """For the collection of figures: the rotary grids of every side, and the residuals over the angles of each set."""
+    if all(axis.is_linear for axis in asked.solution.machine.axes):
+        raise NothingToDrawError("the machine has no rotary axes")
+    grids = rotary_grids(asked.solution, points=37)
+    return {grid.side: rotary_grid(grid) for grid in grids}

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from volid.fitting.solution import Solution
+from volid.report.plot.asked import Asked, NothingToDrawError
 from volid.report.plot.palette import BLUE
 from volid.report.plot.panels import figure_with_panels
 
@@ -58,3 +59,10 @@ def _section(solution: Solution, tool: tuple[float, float, float], pair: tuple[s
     positions = machine.order(**{**middle, pair[0]: a, pair[1]: b})
     values = solution.evaluate(positions.reshape(-1, len(machine.axes)), np.asarray(tool)).values
     return a, b, values[:, :3].reshape(*a.shape, 3)
+
+
+def draw(asked: Asked) -> Figure:
+    """For the collection of figures."""
+    if len([a for a in asked.solution.machine.letters if a in "XYZ"]) < 2:
+        raise NothingToDrawError("the machine has fewer than two linear axes")
+    return volume_sections(asked.solution, asked.tool)
