@@ -35,6 +35,7 @@ FURTHER: dict[str, tuple[str, ...]] = {
 IN_READINGS = ("positions", "tool_length", "tool_offset")  # items that every reading states
 
 
+YES, NO = "yes", "no"
 UNITS = {
     "_mm": "mm",
     "_C": "°C",
@@ -107,17 +108,19 @@ def _is_file(key: str, value: Mapping[str, Any]) -> bool:
 def _with_unit(key: str, value: Any) -> str:
     """The text of a value, with the unit that its key ends in where it holds numbers: ambient_temperature_C = 20.0 is 20 °C."""
     ends = sorted((end for end in UNITS if key.endswith(end)), key=len)
-    numbers = _text(value)
-    return f"{numbers} {UNITS[ends[-1]]}" if ends and any(c.isdigit() for c in numbers) else numbers
+    text = _text(value)
+    return f"{text} {UNITS[ends[-1]]}" if ends and any(c.isdigit() for c in text) else text
 
 
 def _text(value: Any) -> str:
+    """A value in words: vectors in parentheses, nothing for an empty list, YES or NO."""
     if isinstance(value, Mapping):
-        return "; ".join(f"{k}: {_text(v)}" for k, v in value.items())
+        return ", ".join(f"{k} {_text(v)}" for k, v in value.items())
     if isinstance(value, bool):
-        return "yes" if value else "no"
+        return YES if value else NO
     if isinstance(value, list | tuple):
-        return "; ".join(map(_text, value)) or "none"
+        parts = [f"({_text(v)})" if isinstance(v, list | tuple) else _text(v) for v in value]
+        return ("; " if any(isinstance(v, str) for v in value) else ", ").join(parts)
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
