@@ -1,4 +1,4 @@
-"""Every figure of a solution can be read: on solutions with reversal, cross effects, one tool, a rotary table, in both languages."""
+"""Every figure of a solution can be read: with reversal, cross effects, one tool, a rotary table, in both languages."""
 
 import pytest
 from support.figures import faults
