@@ -54,7 +54,7 @@ def test_reversal_is_that_of_the_solution(rich_solution):
 
 
 def test_one_legend_and_every_remark_once(state):
-    solution, section = state
+    _, section = state
     assert len(section.xpath("//div[@class='legend']")) == 1
     remarks = [li.text_content() for li in section.xpath("//ul/li")]
     assert len(set(remarks)) == len(remarks) <= 4
