@@ -116,8 +116,9 @@ def volume_distribution(solution: Solution, tool: Sequence[float], *, texts: Tex
     estimate = 1e3 * outputs.field_values(centre[None])[0]
     found = coverage_intervals(values)
     figure, panels = figure_with_panels(1, len(FIELD), figsize=(13, 3.2))
+    bins = int(np.clip(1.5 * np.sqrt(len(values)), 10, 60))
     for k, panel in enumerate(panels):
-        panel.hist(values[:, k], bins=60, color=SKY, density=True, label=texts("figures.samples", count=len(values)))
+        panel.hist(values[:, k], bins=bins, color=SKY, density=True, label=texts("figures.samples", count=len(values)))
         panel.axvline(estimate[k], color=BLACK, lw=1.4, label=texts("figures.estimate"))
         for end, label in ((found.shortest_low[k], texts("figures.shortest")), (found.shortest_high[k], None)):
             panel.axvline(end, color=ORANGE, lw=1.2, ls="--", label=label)

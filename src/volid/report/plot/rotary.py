@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -84,9 +83,13 @@ def rotary_grid(grid: RotaryGrid, machine_name: str = "", *, texts: Texts = ENGL
     title = texts("figures.rotary_title", machine=machine_name, type=grid.type, side=texts(f"figures.{grid.side}"))
     labels = figure.axes[0].get_legend_handles_labels()
     heading(figure, title.removeprefix(": "), *labels)
-    notes = [texts("figures.rotary_point", point=shown_vector(grid.reference_point, texts), frame=grid.frame)]
+    notes = [texts("figures.rotary_point", point=shown_vector(grid.reference_point, texts), frame=_frame(grid, texts))]
     note_below(figure, [*notes, *([texts("figures.lines_of_levels")] if len(grid.axes) > 1 else [])])
     return figure
+
+
+def _frame(grid: RotaryGrid, texts: Texts) -> str:
+    return texts("figures.machine_frame") if grid.frame == "machine" else grid.frame
 
 
 def _values(grid: RotaryGrid, rotations: bool) -> np.ndarray:
@@ -116,7 +119,7 @@ def _maps(grid: RotaryGrid, texts: Texts) -> Figure:
 def _lines(grid: RotaryGrid, texts: Texts) -> Figure:
     figure, panels = figure_with_panels(1, 2, figsize=(10, 3.8))
     for rotations, panel in enumerate(panels):
-        _three_lines(panel, grid.nodes[0], _values(grid, bool(rotations)), "ABC" if rotations else "XYZ")
+        _three_lines(panel, grid.nodes[0], _values(grid, bool(rotations)), texts)
         panel.set_title(texts("figures.rotations" if rotations else "figures.translations"), fontsize=9, loc="left")
         panel.set_xlabel(f"{grid.axes[0]} / °")
         in_language(panel.xaxis, texts)
@@ -124,11 +127,11 @@ def _lines(grid: RotaryGrid, texts: Texts) -> Figure:
     return figure
 
 
-def _three_lines(panel: Any, x: np.ndarray, values: np.ndarray, names: Sequence[str]) -> None:
+def _three_lines(panel: Any, x: np.ndarray, values: np.ndarray, texts: Texts) -> None:
     panel.axhline(0.0, color=FAINT, lw=0.8, zorder=0)
-    for k, name in enumerate(names):
-        label = f"{'XYZ'[k]}, {'ABC'[k]}"
-        panel.plot(x, values[..., k], color=SERIES[k], ls=STYLES[k], lw=1.4, label=label, gid=name)
+    for k in range(3):
+        label = texts("figures.in_and_about", line="XYZ"[k])
+        panel.plot(x, values[..., k], color=SERIES[k], ls=STYLES[k], lw=1.4, label=label)
 
 
 def draw(asked: Asked) -> dict[str, Figure]:
