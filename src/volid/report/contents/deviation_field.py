@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 TABLES_ALONE = ("L-POS", "L-STR", "L-SQU")  # what a control does that has tables of single axes and nothing else
 NONE: tuple[str, ...] = ()
 MOST_TOOLS = 3
+SPREAD = 256  # places over the volume, to which the rigid motion of the workpiece is fitted
 BUDGET = 80_000  # nodes over all fields: 0.7 MB in a page
 CROWDED = 400  # nodes: with more of them nothing is seen of the inner ones
 NOTHING = 1e-8  # mm: a type that changes the field by less everywhere does nothing
@@ -137,26 +138,34 @@ class _Request(NamedTuple):
 
     def fields(self, tool: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
         """Values, u, motions and whether they are rigid, as `DeviationFields` has them, for one tool vector."""
-        positions = [self.lattice.positions(place) for place in self.places]
-        plain = [self.solution.evaluate(q, tool) for q in positions]
-        known = np.array([d.determined[:, :3].all(axis=1) for d in plain])
-        left = np.array([[left_by(self.solution, c, q, tool) for c in self.controls] for q in positions])
-        values = np.where(known[:, None, :, None], left, np.nan)
-        rigid = any(d.rigid is not None and d.rigid.any() for d in plain)
-        return values, np.array([d.u[:, :3] for d in plain]), self._motions(tool, positions), rigid
+        nodes = np.concatenate([self.lattice.positions(place) for place in self.places])
+        volume = spread_positions(
+            self.solution.machine, SPREAD
+        )  # with the nodes: one long computation is quicker than many
+        both = np.concatenate([nodes, volume])
+        left = np.array([left_by(self.solution, c, both, tool) for c in self.controls])
+        shape = (len(self.places), -1)
+        plain = self.solution.evaluate(nodes, tool)
+        known = plain.determined[:, :3].all(axis=1)
+        values = np.where(known[:, None], left[:, : len(nodes)], np.nan)
+        values = np.moveaxis(values.reshape(len(self.controls), *shape, 3), 0, 1)
+        motions = WorkpieceMotion(self.solution.machine, volume, tool).motions(left[:, len(nodes) :])
+        rigid = plain.rigid is not None and bool(plain.rigid.any())
+        return (
+            values,
+            plain.u[:, :3].reshape(*shape, 3),
+            self._maps(motions, nodes.reshape(*shape, nodes.shape[1]), tool),
+            rigid,
+        )
 
-    def _motions(self, tool: np.ndarray, positions: Sequence[np.ndarray]) -> np.ndarray:
-        """M of `DeviationFields`, (places, states, 3, 4)."""
-        machine = self.solution.machine
-        volume = spread_positions(machine, 256)
-        left = np.array([left_by(self.solution, c, volume, tool) for c in self.controls])
-        motions = WorkpieceMotion(machine, volume, tool).motions(left)
-        at = np.column_stack([self.lattice.points, np.ones(len(self.lattice.points))])
+    def _maps(self, motions: np.ndarray, nodes: np.ndarray, tool: np.ndarray) -> np.ndarray:
+        """M of `DeviationFields`, (places, states, 3, 4), of rigid motions (states, 6)."""
+        at = np.column_stack([self.lattice.points, np.ones(nodes.shape[1])])
         maps = []
-        for q in positions:
-            moved = np.einsum("mij,sj->msi", rigid_motion_rows(machine, q, tool)[:, :3], motions)
+        for q in nodes:
+            moved = np.einsum("mij,sj->msi", rigid_motion_rows(self.solution.machine, q, tool)[:, :3], motions)
             found = np.linalg.lstsq(at, moved.reshape(len(at), -1), rcond=None)[0]
-            maps.append(found.T.reshape(len(self.controls), 3, 4))
+            maps.append(found.T.reshape(len(motions), 3, 4))
         return np.array(maps)
 
 
