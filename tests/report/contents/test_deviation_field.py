@@ -15,7 +15,7 @@ from volid.fitting.prediction.largest import Places
 from volid.fitting.prediction.working_volume import spread_positions
 from volid.io.compensations import save_compensation
 from volid.model.iso230 import LINEAR_AXES
-from volid.report.contents.deviation_field import deviation_fields
+from volid.report.contents.deviation_field import SPREAD, deviation_fields
 
 TOOL = (40.0, -30.0, -210.0)
 NANOMETRE = 1e-6  # mm: files hold values to a tenth of that
@@ -77,7 +77,7 @@ def test_without_rigid_motion_the_values_are_those_that_the_forecast_finds():
     points = np.column_stack([found.lattice.points, np.ones(len(found.lattice.points))])
     left = found.values[0, 0] - np.einsum("sij,mj->smi", found.motions[0, 0], points)
     q = found.lattice.positions({})
-    volume = spread_positions(solution.machine, 256)
+    volume = spread_positions(solution.machine, SPREAD)
     places = Places(volume, np.zeros_like(volume)).and_also(Places(q, np.zeros_like(q)))
     columns = forecast(solution, [["L-POS"]], base_of(solution, TOOL), places=places, repeatability=0.0).columns
     for values, column in zip(left, columns, strict=True):

@@ -11,7 +11,7 @@ heat.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -19,10 +19,10 @@ import numpy as np
 
 from volid.compensation.base import Base, base_of
 from volid.compensation.control import Control
-from volid.compensation.package import CompensationRequest, compensation_of
+from volid.compensation.package import Compensation, CompensationRequest, compensation_of
 from volid.compensation.residual.fields import moved_by
 from volid.compensation.residual.tools import campaign_tools
-from volid.exceptions import InputError, NotDeterminedError
+from volid.exceptions import NotDeterminedError
 from volid.fitting.prediction.deviations import deviation_values
 from volid.fitting.prediction.working_volume import spread_positions
 from volid.fitting.solution import Solution
@@ -30,15 +30,15 @@ from volid.model.jacobian import rigid_motion_rows
 from volid.model.kinematics import side_rotation
 from volid.model.rigid_fields import WorkpieceMotion
 from volid.report.contents.lattice import FEWEST, MOST, Lattice, lattice_of, rotary_places
+from volid.report.contents.outlook import lists_of
 
 if TYPE_CHECKING:
     from jaxtyping import Float
 
-LINEAR = (("L-POS",), ("L-STR",), ("L-SQU",), ("L-POS", "L-STR", "L-SQU"), ("L-ANG",), ("L-VOL",))
-ROTARY = (("R-POS",), ("R-RAX",), ("R-POR",), ("R-ANG",), ("R-VOL",))
-TOGETHER = (("L-VOL", "R-VOL"), ("L-VOL+", "R-VOL+"))
+TABLES_ALONE = ("L-POS", "L-STR", "L-SQU")  # what a control does that has tables of single axes and nothing else
 NONE: tuple[str, ...] = ()
 MOST_TOOLS = 3
+SPREAD = 256  # places over the volume, to which the rigid motion of the workpiece is fitted
 BUDGET = 80_000  # nodes over all fields: 0.7 MB in a page
 CROWDED = 400  # nodes: with more of them nothing is seen of the inner ones
 NOTHING = 1e-8  # mm: a type that changes the field by less everywhere does nothing
@@ -86,7 +86,11 @@ class DeviationFields:
 
 
 def deviation_fields(
-    solution: Solution, tool: Sequence[float], states: Sequence[Sequence[str]] | None = None, most: int | None = None
+    solution: Solution,
+    tool: Sequence[float],
+    states: Sequence[Sequence[str]] | None = None,
+    most: int | None = None,
+    made: Mapping[str, Compensation] | None = None,
 ) -> DeviationFields:
     """The deviation field of a solution, before and after each type of compensation.
 
@@ -95,6 +99,7 @@ def deviation_fields(
         tool: Tool vector that compensations are based on, and the first one shown, shape (3,) [mm]; others are the campaign's.
         states: Names of types that act together, for each state beside that without any; None: all that the machine can have.
         most: Nodes along the longest axis; None: as many as a page has room for.
+        made: Compensations for `tool` that were computed already, by their types joined by " + ".
 
     Raises:
         InputError: the machine cannot have a type of `states`.
@@ -110,8 +115,8 @@ def deviation_fields(
     """
     base = base_of(solution, tool)
     tools = campaign_tools(solution, np.asarray(tool, dtype=float))[:MOST_TOOLS]
-    asked = _possible(solution) if states is None else [tuple(s) for s in states]
-    acting, lost = _controls(solution, asked, base)
+    asked = states_of(solution) if states is None else [tuple(s) for s in states]
+    acting, lost = _controls(solution, asked, base, made or {})
     acting, idle = _without_idle(solution, acting, base.tool)
     places = rotary_places(solution.machine)
     lattice = lattice_of(solution.machine, most or _room(solution, len(tools) * len(places) * (1 + len(acting))))
@@ -133,26 +138,34 @@ class _Request(NamedTuple):
 
     def fields(self, tool: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
         """Values, u, motions and whether they are rigid, as `DeviationFields` has them, for one tool vector."""
-        positions = [self.lattice.positions(place) for place in self.places]
-        plain = [self.solution.evaluate(q, tool) for q in positions]
-        known = np.array([d.determined[:, :3].all(axis=1) for d in plain])
-        left = np.array([[left_by(self.solution, c, q, tool) for c in self.controls] for q in positions])
-        values = np.where(known[:, None, :, None], left, np.nan)
-        rigid = any(d.rigid is not None and d.rigid.any() for d in plain)
-        return values, np.array([d.u[:, :3] for d in plain]), self._motions(tool, positions), rigid
+        nodes = np.concatenate([self.lattice.positions(place) for place in self.places])
+        volume = spread_positions(
+            self.solution.machine, SPREAD
+        )  # with the nodes: one long computation is quicker than many
+        both = np.concatenate([nodes, volume])
+        left = np.array([left_by(self.solution, c, both, tool) for c in self.controls])
+        shape = (len(self.places), -1)
+        plain = self.solution.evaluate(nodes, tool)
+        known = plain.determined[:, :3].all(axis=1)
+        values = np.where(known[:, None], left[:, : len(nodes)], np.nan)
+        values = np.moveaxis(values.reshape(len(self.controls), *shape, 3), 0, 1)
+        motions = WorkpieceMotion(self.solution.machine, volume, tool).motions(left[:, len(nodes) :])
+        rigid = plain.rigid is not None and bool(plain.rigid.any())
+        return (
+            values,
+            plain.u[:, :3].reshape(*shape, 3),
+            self._maps(motions, nodes.reshape(*shape, nodes.shape[1]), tool),
+            rigid,
+        )
 
-    def _motions(self, tool: np.ndarray, positions: Sequence[np.ndarray]) -> np.ndarray:
-        """M of `DeviationFields`, (places, states, 3, 4)."""
-        machine = self.solution.machine
-        volume = spread_positions(machine, 256)
-        left = np.array([left_by(self.solution, c, volume, tool) for c in self.controls])
-        motions = WorkpieceMotion(machine, volume, tool).motions(left)
-        at = np.column_stack([self.lattice.points, np.ones(len(self.lattice.points))])
+    def _maps(self, motions: np.ndarray, nodes: np.ndarray, tool: np.ndarray) -> np.ndarray:
+        """M of `DeviationFields`, (places, states, 3, 4), of rigid motions (states, 6)."""
+        at = np.column_stack([self.lattice.points, np.ones(nodes.shape[1])])
         maps = []
-        for q in positions:
-            moved = np.einsum("mij,sj->msi", rigid_motion_rows(machine, q, tool)[:, :3], motions)
+        for q in nodes:
+            moved = np.einsum("mij,sj->msi", rigid_motion_rows(self.solution.machine, q, tool)[:, :3], motions)
             found = np.linalg.lstsq(at, moved.reshape(len(at), -1), rcond=None)[0]
-            maps.append(found.T.reshape(len(self.controls), 3, 4))
+            maps.append(found.T.reshape(len(motions), 3, 4))
         return np.array(maps)
 
 
@@ -170,27 +183,29 @@ def left_by(
     return np.asarray(there + moved_by(solution.machine, positions, driven, tools)[:, :3])
 
 
-def _possible(solution: Solution) -> list[tuple[str, ...]]:
-    """The states that are looked at, as far as the machine has the axes."""
-    rotary = any(not a.is_linear for a in solution.machine.axes)
-    return [*LINEAR, *ROTARY, *TOGETHER] if rotary else list(LINEAR)
+def states_of(solution: Solution) -> list[tuple[str, ...]]:
+    """What is compensated in the states that are shown: every type that the machine can have, and types together."""
+    single = lists_of(solution)
+    together = [TABLES_ALONE] if all((name,) in single for name in TABLES_ALONE) else []
+    place = 1 + single.index(TABLES_ALONE[-1:]) if together else 0
+    return [*single[:place], *together, *single[place:]]
 
 
 _Controls = dict[tuple[str, ...], Control]
 
 
 def _controls(
-    solution: Solution, states: Iterable[tuple[str, ...]], base: Base
+    solution: Solution, states: Iterable[tuple[str, ...]], base: Base, made: Mapping[str, Compensation]
 ) -> tuple[_Controls, tuple[tuple[tuple[str, ...], str], ...]]:
-    """A control for every state that the machine can have and the data determine; those that they do not, with the reason."""
+    """A control for every state that the data determine; the other states, with the reason."""
     request, found, lost = CompensationRequest(base, uncertainty=False), {}, []
     for names in states:
         try:
-            found[names] = compensation_of(solution, names, request).control(solution.machine)
+            acting = made.get(" + ".join(names)) or compensation_of(solution, names, request)
         except NotDeterminedError as error:
             lost.append((names, str(error)))
-        except InputError:  # a machine with two axes has no L-STR of three
-            continue
+        else:
+            found[names] = acting.control(solution.machine)
     return found, tuple(lost)
 
 

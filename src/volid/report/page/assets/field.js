@@ -21,7 +21,8 @@ function deviationField(root, data) {
   const form = root.querySelector("form");
   const { state, tool, place, magnification, factor, arrows, own, rigid } = form.elements;
   magnification.max = kept.length - 1;
-  magnification.value = kept.indexOf(data.factor);
+  magnification.defaultValue = kept.indexOf(data.factor);
+  magnification.value = magnification.defaultValue;
 
   const cache = new Map();
   const unpacked = (kind, index) => {
@@ -122,15 +123,14 @@ function deviationField(root, data) {
     const colour = () => ({ colorscale: colours.sizes, cmin: 0, cmax: top() });
     const there = moved(now, chosen());
     const box = Scenes.joined(rows, ...at), bent = Scenes.joined(rows, ...there), shafts = arrowLines(there);
-    const bar = { title: { text: words.length, side: "right", font: { size: 12 } }, thickness: 14, len: 0.8, x: 1, xpad: 4, tickfont: { size: 12 }, outlinewidth: 0 };
     const traces = [
       { type: "scatter3d", mode: "lines", ...box, line: { color: colours.faint, width: 1 }, hoverinfo: "skip" },
       { type: "scatter3d", mode: "lines", ...bent, line: { color: coloured(now), width: 4, ...colour() }, hoverinfo: "skip" },
       { type: "scatter3d", mode: "lines", ...shafts, line: { color: colours.ink, width: 2.5 }, hoverinfo: "skip", visible: arrows.checked },
       { type: "scatter3d", mode: "markers", x: there[0], y: there[1], z: there[2], text: hovers(now), hoverinfo: "text",
-        marker: { size: 2, color: Array.from(now.length), showscale: true, colorbar: bar, ...colour() } },
+        marker: { size: 2, color: Array.from(now.length), showscale: true, colorbar: Scenes.bar(canvas, words.length), ...colour() } },
     ];
-    await Plotly.newPlot(canvas, traces, Scenes.layout(limits, data.axes, colours), Scenes.CONFIG);
+    await Plotly.newPlot(canvas, traces, Scenes.layout(canvas, limits, data.axes, colours), Scenes.CONFIG);
     const zoom = Scenes.views(root, Plotly, canvas, () => limits);
 
     function show(recoloured) {
@@ -159,14 +159,19 @@ function deviationField(root, data) {
     }
     const change = () => { now = field(fieldNumber()); tell(now); return show(true); };
 
-    let waiting = false, busy = Promise.resolve();
+    let waiting = false, working = 0, busy = Promise.resolve();
+    const then = (work) => {
+      canvas.setAttribute("aria-busy", "true");
+      working += 1;
+      busy = busy.then(work).then(() => { working -= 1; if (!working) canvas.setAttribute("aria-busy", "false"); });
+    };
     magnification.addEventListener("input", () => {
       factor.textContent = `${words.deviations} ${Scenes.written(chosen())}`;
       if (waiting) return;
       waiting = true;
-      requestAnimationFrame(() => { waiting = false; busy = busy.then(() => show(false)); });
+      then(() => new Promise(requestAnimationFrame).then(() => { waiting = false; return show(false); }));
     });
-    form.addEventListener("change", (event) => { if (event.target !== magnification) busy = busy.then(change); });
+    form.addEventListener("change", (event) => { if (event.target !== magnification) then(change); });
     form.addEventListener("submit", (event) => event.preventDefault());
     await change();
   };

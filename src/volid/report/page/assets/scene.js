@@ -42,7 +42,7 @@ const Scenes = (() => {
     return words.replace(/\{(\w+)\}/g, (_, name) => values[name]);
   }
 
-  function layout(ranges, titles, colours) {
+  function layout(canvas, ranges, titles, colours) {
     const axis = (k) => ({
       title: { text: "" }, range: ranges[k], tickfont: { size: 12 }, nticks: 6, color: colours.ink,
       gridcolor: colours.faint, zerolinecolor: colours.faint, linecolor: colours.neutral, showspikes: false, exponentformat: "none",
@@ -50,10 +50,10 @@ const Scenes = (() => {
     });
     return {
       scene: {
-        xaxis: axis(0), yaxis: axis(1), zaxis: axis(2), aspectmode: "manual", aspectratio: ratio(ranges, 1),
-        camera: camera("oblique"), dragmode: "orbit", annotations: names(ranges, titles),
+        xaxis: axis(0), yaxis: axis(1), zaxis: axis(2), aspectmode: "manual", aspectratio: ratio(ranges, first(canvas)),
+        camera: camera("oblique"), dragmode: "orbit", domain: { x: [0, 1], y: [isNarrow(canvas) ? 0.13 : 0, 1] }, annotations: names(ranges, titles),
       },
-      font: { family: FONT, size: 12, color: colours.ink }, margin: { l: 0, r: 0, t: 0, b: 0 }, showlegend: false,
+      font: { family: FONT, size: 12, color: colours.ink }, margin: { l: 0, r: 0, t: 0, b: isNarrow(canvas) ? 8 : 0 }, showlegend: false,
       separators: LANGUAGE === "de" ? ",." : ".,", paper_bgcolor: "rgba(0,0,0,0)", hoverlabel: { align: "left" },
     };
   }
@@ -127,9 +127,17 @@ const Scenes = (() => {
     watcher.observe(root);
   }
 
+  /* On a phone a drawing is as wide as it is high: names and numbers of the axes need more of it, and the scale lies below. */
+  const isNarrow = (canvas) => canvas.clientWidth < 600;
+  const first = (canvas) => (isNarrow(canvas) ? 0.78 : 1);
+  const bar = (canvas, words) => ({
+    title: { text: words, side: isNarrow(canvas) ? "top" : "right", font: { size: 12 } }, thickness: 14, tickfont: { size: 12 }, outlinewidth: 0,
+    ...(isNarrow(canvas) ? { orientation: "h", x: 0.5, len: 0.9, y: 0, yanchor: "bottom", ypad: 0 } : { x: 1, len: 0.8, xpad: 4 }),
+  });
+
   /* Buttons for views and distance. */
   function views(root, Plotly, canvas, ranges) {
-    let zoom = 1;
+    let zoom = first(canvas);
     for (const button of root.querySelectorAll("[data-view]")) {
       button.addEventListener("click", () => Plotly.relayout(canvas, { "scene.camera": camera(button.dataset.view) }));
     }
@@ -143,5 +151,5 @@ const Scenes = (() => {
   }
 
   const CONFIG = { displayModeBar: false, responsive: true, scrollZoom: false, doubleClick: false, showTips: false, staticPlot: false };
-  return { CONFIG, camera, joined, layout, mount, names, place, ratio, said, unpacked, views, written };
+  return { CONFIG, bar, camera, joined, layout, mount, names, place, ratio, said, unpacked, views, written };
 })();

@@ -41,9 +41,9 @@ function campaignScene(root, data) {
   });
 
   const bySet = (i) => ({ size: 1.6, color: colours.series[i % colours.series.length], symbol: SYMBOLS[i % SYMBOLS.length], showscale: false });
-  const bySize = (values, i, last) => ({
+  const bySize = (canvas, values, i, last) => ({
     size: 1.8, color: values, colorscale: colours.sizes, cmin: 0, cmax: data.most, symbol: SYMBOLS[i % SYMBOLS.length], showscale: last,
-    colorbar: { title: { text: words.normalised, side: "right", font: { size: 12 } }, thickness: 14, len: 0.8, x: 1, xpad: 4, tickfont: { size: 12 }, outlinewidth: 0 },
+    colorbar: Scenes.bar(canvas, words.normalised),
   });
 
   return async (Plotly, canvas) => {
@@ -58,7 +58,7 @@ function campaignScene(root, data) {
     if (data.tools.length) traces.push(lines(data.tools, { name: words.tools, line: { color: colours.attention, width: 6 } }));
     if (data.stations.length) traces.push(stands(data.stations, "diamond", words.stations));
     if (data.spheres.length) traces.push(stands(data.spheres, "circle-open", words.spheres));
-    const layout = Scenes.layout(data.ranges, data.axes, colours);
+    const layout = Scenes.layout(canvas, data.ranges, data.axes, colours);
     layout.showlegend = true;
     layout.legend = { orientation: "h", x: 0, y: 0, yanchor: "top", font: { size: 12 }, itemsizing: "constant" };
     layout.margin = { l: 0, r: 0, t: 0, b: 8 };
@@ -68,7 +68,7 @@ function campaignScene(root, data) {
     form.addEventListener("change", () => {
       const own = form.elements.colour.value === "size";
       const numbers = points.map((_, i) => 1 + i);
-      const markers = points.map((_, i) => (own ? bySize(sizes[i].map((v) => (Number.isFinite(v) ? v : null)), i, i === 0) : bySet(i)));
+      const markers = points.map((_, i) => (own ? bySize(canvas, sizes[i].map((v) => (Number.isFinite(v) ? v : null)), i, i === 0) : bySet(i)));
       Plotly.restyle(canvas, { marker: markers }, numbers);
     });
   };

@@ -36,7 +36,9 @@ def build(contents: Contents, texts: Texts) -> Section | None:
     """The section; without drawings where the data determine no deviation, None behind a barrier."""
     if contents.barrier:
         return None
-    found = deviation_fields(contents.solution, contents.tool)
+    forecast = contents.outlook.forecast
+    made = {c.name: c.compensation for c in forecast.columns} if forecast else {}
+    found = deviation_fields(contents.solution, contents.tool, made=made)
     title = texts("page.section_field")
     if not found.is_known:
         body = render("field.html", texts, found=None, reasons=contents.solution.statements)
