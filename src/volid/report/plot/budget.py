@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -81,6 +82,7 @@ def _figure(found: Sequence[Contributions], texts: Texts, title: str) -> Figure:
         budget_panel(panel, part, texts)
     handles, labels = panels[0][0].get_legend_handles_labels()
     figure.legend(handles, labels, fontsize=8, frameon=False, loc="outside upper center", ncols=2, title=title or None)
+    figure.supxlabel(fill(texts("budget.how"), 110), fontsize=7, x=0.01, ha="left", color=NEUTRAL)
     return figure
 
 

@@ -115,11 +115,10 @@ def region_panel(panel: Any, readings: Readings, pair: tuple[int, int], texts: T
         colour = "white" if weight > 0.6 * HIGHEST else "black"
         panel.text(x, y, said, ha="center", va="center", fontsize=6.5, color=colour if np.isfinite(weight) else NEUTRAL)
         if cells.flagged[i, j]:
-            corner = (cells.edges[0][i], cells.edges[1][j])
-            size = (np.diff(cells.edges[0])[i], np.diff(cells.edges[1])[j])
-            panel.add_patch(
-                Rectangle(corner, *size, fill=False, ec=ATTENTION, lw=2.0, ls="--", gid="flagged", zorder=3)
-            )
+            corner = (float(cells.edges[0][i]), float(cells.edges[1][j]))
+            width, height = (float(e[k + 1] - e[k]) for e, k in zip(cells.edges, (i, j), strict=True))
+            frame = Rectangle(corner, width, height, fill=False, ec=ATTENTION, lw=2.0, ls="--", gid="flagged", zorder=3)
+            panel.add_patch(frame)
     axes = readings.campaign.machine.axes
     panel.set_xlabel(f"{axes[pair[0]].letter} / {axes[pair[0]].unit}", fontsize=8)
     panel.set_ylabel(f"{axes[pair[1]].letter} / {axes[pair[1]].unit}", fontsize=8)

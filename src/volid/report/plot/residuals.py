@@ -110,7 +110,8 @@ def strips_panel(panel: Any, readings: Readings, texts: Texts) -> None:
     panel.set_xlim(-frame, frame)
     panel.set_xlabel(texts("residuals.normalised"), fontsize=8)
     panel.set_title(texts("residuals.by_station"), fontsize=8, loc="left")
-    panel.set_title(texts("residuals.rms_column"), fontsize=7, loc="right", color=NEUTRAL)
+    above = {"transform": panel.transAxes, "fontsize": 7, "va": "bottom", "color": NEUTRAL}
+    panel.text(1.01, 1.005, texts("residuals.rms_column").replace(" / ", " /\n"), **above)
     quiet(panel)
     panel.tick_params(axis="y", length=0)
 
