@@ -1,7 +1,10 @@
 """The measuring geometry: stations where they truly stand, points where the exact chain has them, in the frame that is named."""
 
+import re
+
 import numpy as np
 import pytest
+from support.small_campaign import fitted, make_campaign
 
 from volid.io import load_campaign
 from volid.report.contents.geometry import frame_of, geometry_of, points_of, spheres_of
@@ -20,6 +23,26 @@ def test_stations_stand_where_they_truly_do(found, virtual):
     ) in found.stations:  # stated places are wrong by 5 mm; the datum moves the frame by the machine's errors, 0.1 mm
         assert station.place == pytest.approx(truth[station.name], abs=0.5)
         assert station.estimated
+
+
+def test_stations_that_know_each_other_are_carried_to_where_they_stand(tmp_path):
+    """Their places are stated in a frame of their own, a quarter turn and a metre away."""
+    virtual = make_campaign(tmp_path)
+    text = virtual.manifest.read_text(encoding="utf-8")
+    turn, shift = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), np.array([1000.0, -200.0, 50.0])
+    truth = virtual.campaign.station_positions
+    for name, place in truth.items():
+        own = [float(c) for c in turn @ place + shift]
+        text = re.sub(
+            rf'(name = "{name}".*?position = )\[[^]]*\]', rf"\g<1>{own}\nknown = true", text, count=1, flags=re.DOTALL
+        )
+    virtual.manifest.write_text(text, encoding="utf-8")
+    solution = fitted(virtual)
+    assert all(station.is_placed for station in solution.campaign.stations)
+    found = geometry_of(solution)
+    assert len(found.stations) == len(truth)
+    for station in found.stations:
+        assert station.place == pytest.approx(truth[station.name], abs=0.5)
 
 
 def test_points_are_those_of_the_exact_chain(found, virtual, solution):

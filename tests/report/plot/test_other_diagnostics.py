@@ -11,7 +11,7 @@ from volid.report.plot.asked import Asked, NothingToDrawError
 from volid.report.plot.collection import draw
 from volid.report.plot.correlation import correlation_matrix
 from volid.report.plot.stations import station_geometry
-from volid.report.plot.uncertainty_map import cut_positions, sections_of, uncertainty_map
+from volid.report.plot.uncertainty_map import cut_positions, sections_of, uncertainty_sections
 
 TOOL = (0.0, 0.0, -150.0)
 NAMES = ("stations", "uncertainty", "correlation")
@@ -62,7 +62,7 @@ def test_u_of_sections_is_twice_the_norm_of_the_standard_uncertainties(solution)
 
 
 def test_sections_have_one_scale_and_state_cut_and_tool(solution):
-    figure = uncertainty_map(solution, TOOL)
+    figure = uncertainty_sections(solution, TOOL)
     titles = [panel.get_title(loc="left") for panel in figure.axes[:3]]
     assert titles == ["Z = −250 mm", "Y = 300 mm", "X = 500 mm"]
     assert "(0, 0, −150) mm" in figure._suptitle.get_text()

@@ -69,9 +69,19 @@ def footnote(readings: Readings, texts: Texts) -> str:
         aside = texts("residuals.aside") if readings.outlier[number] else texts("residuals.used")
         size = f"{readings.normalised[number]:+.1f}".replace("-", "\u2212")
         lines.append(f"{k}: {readings.where(number)} ({readings.label(number)}): {size}, {aside}")
+    return "\n".join([*lines, *remarks(readings, texts)])
+
+
+def remarks(readings: Readings, texts: Texts) -> list[str]:
+    """What has to be known before RMS and dots are trusted: estimated u, a sample of the readings, dots that are left out."""
+    found = []
+    if readings.estimated:
+        found.append(texts("residuals.estimated", sets=", ".join(readings.estimated)))
+    if readings.all_readings > len(readings.row):
+        found.append(texts("residuals.sample", shown=len(readings.row), n=readings.all_readings))
     if len(readings.row) > MOST:
-        lines.append(texts("residuals.thinned", shown=MOST, n=len(readings.row)))
-    return "\n".join(lines)
+        found.append(texts("residuals.thinned", shown=MOST, n=len(readings.row)))
+    return found
 
 
 def marked(readings: Readings, places: np.ndarray, numbers: np.ndarray | None = None) -> Marked:

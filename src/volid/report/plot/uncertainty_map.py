@@ -43,10 +43,10 @@ class Section(NamedTuple):
 
 def draw(asked: Asked) -> Figure:
     """The figure of a solution."""
-    return uncertainty_map(asked.solution, asked.tool, asked.texts)
+    return uncertainty_sections(asked.solution, asked.tool, asked.texts)
 
 
-def uncertainty_map(solution: Solution, tool: tuple[float, float, float], texts: Texts = ENGLISH) -> Figure:
+def uncertainty_sections(solution: Solution, tool: tuple[float, float, float], texts: Texts = ENGLISH) -> Figure:
     """Expanded uncertainty U = 2 √(u_X² + u_Y² + u_Z²) of the deviation of the functional point, on sections through the middle.
 
     All sections have one scale of colours; cut positions and tool are stated. The sections span the travels of the machine
@@ -61,7 +61,7 @@ def uncertainty_map(solution: Solution, tool: tuple[float, float, float], texts:
 
     >>> import volid
     >>> solution = volid.fit(volid.load_campaign("datasets/vertical_multilateration/campaign.toml"))
-    >>> volid.plot.uncertainty_map(solution, (0.0, 0.0, -150.0)).axes[0].get_title(loc="left")
+    >>> volid.plot.uncertainty_sections(solution, (0.0, 0.0, -150.0)).axes[0].get_title(loc="left")
     'Z = −250 mm'
     """
     sections = sections_of(solution, tool)

@@ -13,6 +13,7 @@ from volid.report.contents.contents import Contents
 from volid.report.contents.readings import readings_of
 from volid.report.language import LANGUAGES, Texts
 from volid.report.page.sections.residuals import build, panels_of
+from volid.report.plot.residuals import remarks
 from volid.report.text.summary import summary_data
 
 DATA = re.compile(r'<data value="([^"]+)"(?: data-unit="[^"]+")? data-key="([^"]+)">')
@@ -71,7 +72,7 @@ def test_outliers_are_listed_by_file_and_row_the_largest_first(body, contents):
     assert at == sorted(at)
     rows = re.findall(r'class="n">(\d+)</td><th scope="row"><bdi>([^<]+)</bdi>', body)
     readings = readings_of(contents.solution)
-    assert [where for _, where in rows[:5]] == [readings.where(n) for n in readings.worst]  # numbered as in the figures
+    assert rows == [(str(k), readings.where(n)) for k, n in enumerate(readings.worst, 1)]  # numbered as in the figures
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
@@ -115,6 +116,14 @@ def test_a_hundred_thousand_readings_make_a_small_page(solution):
         positions=np.tile(readings.positions, (times, 1)),
     )
     assert sum(len(panel) for panel in panels_of(many, Texts())) < 1_500_000
+
+
+def test_a_sample_of_the_readings_and_an_estimated_u_are_told(solution):
+    readings = replace(readings_of(solution), all_readings=4_000_000, estimated=("tracker",))
+    told = " ".join(remarks(readings, Texts("de")))
+    assert f"{len(readings.row)} der 4000000 Messwerte" in told
+    assert "Die u von tracker wurde aus eben diesen Restabweichungen geschätzt" in told
+    assert remarks(readings_of(solution), Texts("de")) == []
 
 
 def test_no_number_is_infinite(body):

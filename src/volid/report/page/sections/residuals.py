@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any, NamedTuple
@@ -14,11 +15,19 @@ from volid.report.contents.readings import Readings, readings_of
 from volid.report.language import Texts
 from volid.report.page.section import Section, svg
 from volid.report.page.templates import render
-from volid.report.plot.dots import MOST, RESOLUTION
+from volid.report.plot.dots import RESOLUTION
 from volid.report.plot.panels import figure_with_panels
 from volid.report.plot.residual_distribution import distribution_panel, normal_panel
 from volid.report.plot.residual_regions import moving_pairs, region_panel
-from volid.report.plot.residuals import NAME_LENGTH, has_times, moving_axes, order_panel, position_panel, strips_panel
+from volid.report.plot.residuals import (
+    NAME_LENGTH,
+    has_times,
+    moving_axes,
+    order_panel,
+    position_panel,
+    remarks,
+    strips_panel,
+)
 
 SIZE = (3.9, 2.7)  # inch, of a panel
 LISTED = 10  # readings, and groups, that are listed
@@ -42,14 +51,14 @@ def build(contents: Contents, texts: Texts) -> Section | None:
         texts,
         summary=summary,
         testable=bool(readings.used.any()),
-        redundancy=float(readings.redundancy[~readings.outlier].sum()),
+        redundancy=_redundancy(contents, readings),
         panels=list(panels_of(readings, texts)),
         strips=list(_strips(readings)),
         groups=contents.solution.adequacy.groups,
         flagged=_flagged(contents),
-        worst=_worst(contents),
+        worst=_worst(contents, readings),
         readings=readings,
-        drawn=MOST if len(readings.row) > MOST else 0,
+        remarks=remarks(readings, texts),
         timed=has_times(readings),
         listed=LISTED,
     )
@@ -104,16 +113,31 @@ def _strips(readings: Readings) -> Iterator[dict[str, Any]]:
         }
 
 
+def _redundancy(contents: Contents, readings: Readings) -> float:
+    """How many readings check others; from the readings that are kept where a file of an earlier version does not say it."""
+    stated = contents.solution.adequacy.redundancy
+    return stated if math.isfinite(stated) else float(readings.redundancy[~readings.outlier].sum())
+
+
 def _flagged(contents: Contents) -> list[bool]:
     """Which groups have residuals that are significantly too large, all groups counted."""
     groups = contents.solution.adequacy.groups
     return [g.probability * len(groups) < SIGNIFICANT and g.unit_weight > 1.0 for g in groups]
 
 
-def _worst(contents: Contents) -> list[dict[str, Any]]:
-    """Readings set aside and readings beyond the critical value, the largest first, with the key of each."""
+def _worst(contents: Contents, readings: Readings) -> list[dict[str, Any]]:
+    """Readings set aside and readings beyond the critical value, the largest first, with the key and the number of each.
+
+    Of readings that were read part by part only a sample is drawn: those that are not have no number.
+    """
+    numbered = {(readings.where(n), readings.label(n)): k for k, n in enumerate(readings.worst, 1)}
     found = [
-        {**reading, "key": f"{key}.{i}", "aside": key == "outliers"}
+        {
+            **reading,
+            "key": f"{key}.{i}",
+            "aside": key == "outliers",
+            "number": numbered.get((reading["where"], reading["label"])),
+        }
         for key in ("outliers", "suspects")
         for i, reading in enumerate(contents.summary[key])
     ]
