@@ -96,7 +96,7 @@ def budget_panel(panel: Any, part: Sequence[Contributions], texts: Texts) -> Non
     panel.plot(ends, rows, "|", color=BLACK, ms=10, mew=1.6, label=texts("budget.total"), gid="total", **style)
     for i, source in enumerate(part[0].parts):
         values = [scale * o.parts[source] if o.parts[source] >= LEAST * o.expanded else np.nan for o in part]
-        look = {"color": SERIES[i % len(SERIES)], "mec": "white", "mew": 0.4, "alpha": 0.95}
+        look = {"color": SERIES[i % len(SERIES)], "mec": BLACK, "mew": 0.4, "alpha": 0.95}
         panel.plot(values, rows, MARKERS[i % len(MARKERS)], ms=5.5, label=source, gid=f"source {i}", **look, **style)
     panel.set_yticks(rows, [output_words(o.output, texts) for o in part])
     panel.set_ylim(len(part) - 0.5, -0.5)

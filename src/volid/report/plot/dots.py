@@ -113,6 +113,13 @@ def near_each_other(at: np.ndarray, near: float = NEAR) -> list[list[int]]:
     return groups
 
 
+def halo() -> list[Any]:
+    """What makes a text readable on lines and points: a white seam around its letters, for `path_effects`."""
+    from matplotlib.patheffects import withStroke
+
+    return [withStroke(linewidth=2.0, foreground="white")]
+
+
 def quiet(panel: Any) -> None:
     """A panel with small letters and without frame at the top and the right."""
     panel.tick_params(labelsize=7)

@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 
 CELLS = 4  # along every axis
 SIGNIFICANT = 1e-3  # probability by chance, of all cells together, from which on a cell is framed
-HIGHEST = 2.0  # RMS over expected that has the darkest colour
+HIGHEST = 3.0  # RMS over expected that has the darkest colour: 1 is light enough for black letters
+DARK = 1.5  # from which on letters are white
 
 
 class Cells(NamedTuple):
@@ -111,8 +112,9 @@ def region_panel(panel: Any, readings: Readings, pair: tuple[int, int], texts: T
     middles = [0.5 * (e[1:] + e[:-1]) for e in cells.edges]
     for i, j in np.ndindex(CELLS, CELLS):
         weight, x, y = cells.weight[i, j], middles[0][i], middles[1][j]
-        said = f"{weight:.2f}\nn {cells.n[i, j]:.0f}" if np.isfinite(weight) else "–"
-        colour = "white" if weight > 0.6 * HIGHEST else "black"
+        mark = " !" if cells.flagged[i, j] else ""
+        said = f"{weight:.2f}{mark}\nn {cells.n[i, j]:.0f}" if np.isfinite(weight) else "–"
+        colour = "white" if weight > DARK else "black"
         panel.text(x, y, said, ha="center", va="center", fontsize=6.5, color=colour if np.isfinite(weight) else NEUTRAL)
         if cells.flagged[i, j]:
             corner = (float(cells.edges[0][i]), float(cells.edges[1][j]))
