@@ -23,7 +23,7 @@ from volid.report.plot.functions import (
     legend_of_ways,
     remarks,
 )
-from volid.report.plot.panels import SMALL_SIZE, small_panel
+from volid.report.plot.panels import SMALL_SIZE, signs, small_panel
 from volid.report.symbols import in_words
 
 POINTS = 101  # of a curve
@@ -52,7 +52,7 @@ def _introduction(found: Mapping[str, Curve], axes: list[Axis], ends: Mapping[st
     """What the panels show, the one legend, and what they do not show, each said once."""
     text = texts("functions.introduction", scales=texts("functions.same_scales"))
     lines = Markup("").join(Markup("<li>{}</li>").format(line) for line in remarks(found, axes, texts))
-    listed = Markup('<ul class="remarks">{}</ul>').format(lines) if lines else ""
+    listed = Markup('<ul class="note">{}</ul>').format(lines) if lines else ""
     return Markup('<p>{}</p>\n<div class="legend">{}</div>\n{}').format(text, _legend(found, ends, texts), listed)
 
 
@@ -91,7 +91,7 @@ def _table(axis: Axis, rows: list[Mapping[str, Any]], texts: Texts) -> Markup:
     keys = ["function", "range", "u", *(["reversal"] if reversal else [])]
     head = Markup("").join(Markup('<th scope="col">{}</th>').format(texts(f"functions.table_{key}")) for key in keys)
     body = Markup("\n").join(_row(row, reversal, texts) for row in rows)
-    low, high = (f"{end:g}" for end in axis.travel)
+    low, high = (signs(f"{end:g}", texts) for end in axis.travel)
     caption = texts("functions.table_caption", axis=axis.letter, low=low, high=high, unit=axis.unit)
     return Markup("<table><caption>{}</caption>\n<thead><tr>{}</tr></thead>\n<tbody>\n{}\n</tbody></table>").format(
         caption, head, body
