@@ -69,20 +69,20 @@ def geometry_of(solution: Solution) -> MeasuringGeometry:
     ('workpiece', ['S1', 'S2', 'S3', 'S4', 'S5', 'S6'], [0.0, 90.0, -700.0])
     """
     campaign = solution.campaign
-    body = _frame(campaign)
+    body = frame_of(campaign)
     stations = _stations(solution, body)
     named = {s.name for s in stations}
     return MeasuringGeometry(
         body,
         stations,
-        _spheres(campaign),
-        _points(campaign, body),
+        spheres_of(campaign),
+        points_of(campaign, body),
         _corners(solution, body),
         tuple(s.name for s in campaign.stations if s.name not in named),
     )
 
 
-def _frame(campaign: Campaign) -> str:
+def frame_of(campaign: Campaign) -> str:
     """The body in whose frame the geometry is drawn."""
     count: dict[str, int] = {}
     for s in campaign.sets:
@@ -144,7 +144,7 @@ def _placed(campaign: Campaign, station: Station, values: Mapping[Any, float]) -
     return np.asarray(turned, dtype=float) + moved[:3]
 
 
-def _spheres(campaign: Campaign) -> tuple[Stand, ...]:
+def spheres_of(campaign: Campaign) -> tuple[Stand, ...]:
     """What stands on the workpiece at a place of its own, where it is when all axes are at 0."""
     found: dict[str, np.ndarray] = {}
     for s in campaign.sets:
@@ -153,7 +153,7 @@ def _spheres(campaign: Campaign) -> tuple[Stand, ...]:
     return tuple(Stand(name, place, np.zeros((0, 3)), False) for name, place in found.items())
 
 
-def _points(campaign: Campaign, body: str) -> np.ndarray:
+def points_of(campaign: Campaign, body: str) -> np.ndarray:
     """Distinct measured functional points in the frame of a body."""
     parts = [_seen(campaign.machine, s, body) for s in campaign.sets if KINDS[s.kind].sees_tool(s)]
     points = np.concatenate([np.zeros((0, 3)), *parts])

@@ -16,6 +16,7 @@ from volid.campaign import Campaign, ObservationSet
 from volid.fitting.diagnosis.adequacy import reading_label
 from volid.fitting.diagnosis.robust import critical_value
 from volid.fitting.solution import Solution
+from volid.fitting.streamed import STREAMED
 from volid.observations import KINDS
 
 CHECKED = 1e-3  # 1 - h from which on others check a reading
@@ -45,6 +46,8 @@ class Readings:
         outlier: Whether it was set aside, shape (n,).
         time: Shape (n,) [s]; NaN where it is not recorded.
         positions: Commanded positions of the first functional point, shape (n, n_axes) [mm or degrees].
+        all_readings: How many readings the fit used; more than n where they were read part by part and a sample was kept.
+        estimated: Names of the sets whose u was estimated from these residuals, so that their RMS is no check of it.
 
     >>> import volid
     >>> readings = readings_of(volid.fit(volid.load_campaign("datasets/vertical_multilateration/campaign.toml")))
@@ -61,6 +64,8 @@ class Readings:
     outlier: np.ndarray
     time: np.ndarray
     positions: np.ndarray
+    all_readings: int = 0
+    estimated: tuple[str, ...] = ()
 
     @property
     def checked(self) -> np.ndarray:
@@ -75,7 +80,7 @@ class Readings:
     @cached_property
     def critical(self) -> float:
         """Critical value of the largest of all normalised residuals."""
-        return critical_value(int((~self.outlier).sum()))
+        return critical_value(max(self.all_readings, len(self.row)) - int(self.outlier.sum()))
 
     @cached_property
     def worst(self) -> np.ndarray:
@@ -146,6 +151,8 @@ def readings_of(solution: Solution) -> Readings:
         outlier=np.concatenate([o.ravel() for o in found.outliers]),
         time=np.concatenate([_times(s) for s in sets]),
         positions=np.concatenate([np.repeat(s.positions, s.readings.shape[1], axis=0) for s in sets]),
+        all_readings=int(solution.options.get(STREAMED, solution.campaign.n_readings)),
+        estimated=tuple(dict.fromkeys(c.set for c in solution.variance_components if c.is_estimated)),
     )
 
 

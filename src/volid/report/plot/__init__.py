@@ -26,7 +26,7 @@ _FIGURES = {  # name: module of this folder
     "residuals_by_position": "residuals",
     "residuals_by_region": "residual_regions",
     "station_geometry": "stations",
-    "uncertainty_map": "uncertainty_map",
+    "uncertainty_sections": "uncertainty_map",
     "correlation_matrix": "correlation",
     "budget_bars": "budget",
     "coverage_bands": "coverage",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -81,6 +82,7 @@ def _figure(found: Sequence[Contributions], texts: Texts, title: str) -> Figure:
         budget_panel(panel, part, texts)
     handles, labels = panels[0][0].get_legend_handles_labels()
     figure.legend(handles, labels, fontsize=8, frameon=False, loc="outside upper center", ncols=2, title=title or None)
+    figure.supxlabel(fill(texts("budget.how"), 110), fontsize=7, x=0.01, ha="left", color=NEUTRAL)
     return figure
 
 
@@ -94,7 +96,7 @@ def budget_panel(panel: Any, part: Sequence[Contributions], texts: Texts) -> Non
     panel.plot(ends, rows, "|", color=BLACK, ms=10, mew=1.6, label=texts("budget.total"), gid="total", **style)
     for i, source in enumerate(part[0].parts):
         values = [scale * o.parts[source] if o.parts[source] >= LEAST * o.expanded else np.nan for o in part]
-        look = {"color": SERIES[i % len(SERIES)], "mec": "white", "mew": 0.4, "alpha": 0.95}
+        look = {"color": SERIES[i % len(SERIES)], "mec": BLACK, "mew": 0.4, "alpha": 0.95}
         panel.plot(values, rows, MARKERS[i % len(MARKERS)], ms=5.5, label=source, gid=f"source {i}", **look, **style)
     panel.set_yticks(rows, [output_words(o.output, texts) for o in part])
     panel.set_ylim(len(part) - 0.5, -0.5)

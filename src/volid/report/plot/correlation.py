@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import permutations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from volid.fitting.solution import Solution
 from volid.report.contents.correlations import LISTED, STRONG, Correlations, Pair, correlations_of
 from volid.report.language import ENGLISH, Texts
 from volid.report.plot.asked import Asked
+from volid.report.plot.dots import halo
 from volid.report.plot.palette import BLACK, FAINT, NEUTRAL, SIGNED
 from volid.report.plot.panels import figure_with_panels
 
@@ -18,6 +20,7 @@ if TYPE_CHECKING:
 
 SIDE = 7.5  # inch, of the matrix
 NAMED = 0.15  # inch, a block needs for its name
+VISIBLE = 0.5  # from which on the sign of a block's strongest correlation is written into it
 
 
 def draw(asked: Asked) -> Figure:
@@ -72,6 +75,7 @@ def matrix_panel(panel: Any, found: Correlations) -> Any:
     for block in found.blocks[1:]:
         for line in (panel.axhline, panel.axvline):
             line(block.parameters.start, color=BLACK, lw=0.3, gid="block")
+    _signs(panel, found)
     ticks, names = _names(found, p)
     panel.set_xticks(ticks, names, rotation=90)
     panel.set_yticks(ticks, names)
@@ -80,6 +84,18 @@ def matrix_panel(panel: Any, found: Correlations) -> Any:
     panel.set_ylim(p, 0)
     panel.set_aspect("equal")
     return image
+
+
+def _signs(panel: Any, found: Correlations) -> None:
+    """The sign of the strongest correlation within a block that has room for it, which no print in grey would tell."""
+    least = NAMED / SIDE * len(found.matrix)
+    wide = [b.parameters for b in found.blocks if b.parameters.stop - b.parameters.start >= least]
+    for a, b in permutations(wide, 2):
+        part = found.matrix[a, b]
+        rho = part.flat[np.nanargmax(np.abs(part))] if np.isfinite(part).any() else 0.0
+        if abs(rho) > VISIBLE:
+            style = {"ha": "center", "va": "center", "fontsize": 8, "path_effects": halo(), "gid": "sign"}
+            panel.text(0.5 * (b.start + b.stop), 0.5 * (a.start + a.stop), "+" if rho > 0.0 else "\u2212", **style)
 
 
 def _names(found: Correlations, p: int) -> tuple[list[float], list[str]]:

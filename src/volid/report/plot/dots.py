@@ -11,7 +11,7 @@ from volid.report.plot.palette import ATTENTION, FAINT, NEUTRAL, SERIES
 MOST = 5000  # dots of a panel
 LARGEST = 0.25  # share of them that is kept for the largest
 PIXELS = 300  # dots from which on they are drawn as a picture within the figure: one of 100,000 stays small
-RESOLUTION = 220  # dots per inch of that picture
+RESOLUTION = 170  # dots per inch of that picture
 LEAST, ROOM = 4.0, 8.0  # the frame, in normalised residuals: at least, and in robust standard deviations at most
 NEAR = 0.06  # of the frame: numbers of the worst that lie nearer to each other are written as one
 
@@ -111,6 +111,13 @@ def near_each_other(at: np.ndarray, near: float = NEAR) -> list[list[int]]:
         else:
             home.append(i)
     return groups
+
+
+def halo() -> list[Any]:
+    """What makes a text readable on lines and points: a white seam around its letters, for `path_effects`."""
+    from matplotlib.patheffects import withStroke
+
+    return [withStroke(linewidth=2.0, foreground="white")]
 
 
 def quiet(panel: Any) -> None:

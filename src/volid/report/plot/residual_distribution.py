@@ -14,6 +14,7 @@ from volid.report.plot.palette import ATTENTION, FAINT, NEUTRAL, SERIES
 
 BINS = 40
 LEVEL = 0.95  # of the band
+CURVE = 160  # points of the band
 
 
 def distribution_panel(panel: Any, readings: Readings, texts: Texts) -> None:
@@ -58,7 +59,8 @@ def normal_panel(panel: Any, readings: Readings, texts: Texts) -> None:
     if values.size:
         quantiles, low, high = order_band(len(values))
         kept = thinned(quantiles)
-        panel.fill_between(quantiles[kept], low[kept], high[kept], color=FAINT, lw=0, label=texts("residuals.band"))
+        band = thinned(quantiles, CURVE)
+        panel.fill_between(quantiles[band], low[band], high[band], color=FAINT, lw=0, label=texts("residuals.band"))
         ends = quantiles[[0, -1]]
         panel.plot(ends, ends, color=NEUTRAL, lw=0.9, ls="--")
         picture = len(kept) > PIXELS

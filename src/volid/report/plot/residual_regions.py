@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 
 CELLS = 4  # along every axis
 SIGNIFICANT = 1e-3  # probability by chance, of all cells together, from which on a cell is framed
-HIGHEST = 2.0  # RMS over expected that has the darkest colour
+HIGHEST = 3.0  # RMS over expected that has the darkest colour: 1 is light enough for black letters
+DARK = 1.5  # from which on letters are white
 
 
 class Cells(NamedTuple):
@@ -111,15 +112,15 @@ def region_panel(panel: Any, readings: Readings, pair: tuple[int, int], texts: T
     middles = [0.5 * (e[1:] + e[:-1]) for e in cells.edges]
     for i, j in np.ndindex(CELLS, CELLS):
         weight, x, y = cells.weight[i, j], middles[0][i], middles[1][j]
-        said = f"{weight:.2f}\nn {cells.n[i, j]:.0f}" if np.isfinite(weight) else "–"
-        colour = "white" if weight > 0.6 * HIGHEST else "black"
+        mark = " !" if cells.flagged[i, j] else ""
+        said = f"{weight:.2f}{mark}\nn {cells.n[i, j]:.0f}" if np.isfinite(weight) else "–"
+        colour = "white" if weight > DARK else "black"
         panel.text(x, y, said, ha="center", va="center", fontsize=6.5, color=colour if np.isfinite(weight) else NEUTRAL)
         if cells.flagged[i, j]:
-            corner = (cells.edges[0][i], cells.edges[1][j])
-            size = (np.diff(cells.edges[0])[i], np.diff(cells.edges[1])[j])
-            panel.add_patch(
-                Rectangle(corner, *size, fill=False, ec=ATTENTION, lw=2.0, ls="--", gid="flagged", zorder=3)
-            )
+            corner = (float(cells.edges[0][i]), float(cells.edges[1][j]))
+            width, height = (float(e[k + 1] - e[k]) for e, k in zip(cells.edges, (i, j), strict=True))
+            frame = Rectangle(corner, width, height, fill=False, ec=ATTENTION, lw=2.0, ls="--", gid="flagged", zorder=3)
+            panel.add_patch(frame)
     axes = readings.campaign.machine.axes
     panel.set_xlabel(f"{axes[pair[0]].letter} / {axes[pair[0]].unit}", fontsize=8)
     panel.set_ylabel(f"{axes[pair[1]].letter} / {axes[pair[1]].unit}", fontsize=8)

@@ -10,7 +10,7 @@ from volid.fitting.solution import Solution
 from volid.report.contents.geometry import MeasuringGeometry, Stand, geometry_of
 from volid.report.language import ENGLISH, Texts
 from volid.report.plot.asked import Asked
-from volid.report.plot.dots import near_each_other, quiet
+from volid.report.plot.dots import halo, near_each_other, quiet
 from volid.report.plot.palette import ATTENTION, BLACK, NEUTRAL, SERIES
 from volid.report.plot.panels import figure_with_panels
 
@@ -146,13 +146,10 @@ def _stands(panel: Any, stands: tuple[Stand, ...], pair: list[int], look: tuple[
 
 def _names(panel: Any, stands: tuple[Stand, ...], pair: list[int], size: float) -> None:
     """Names beside their places; those that coincide in a view share one text."""
-    from matplotlib.patheffects import withStroke
-
     if not stands:
         return
     places = np.array([s.place for s in stands])[:, pair]
-    halo = withStroke(linewidth=2.0, foreground="white")
     for members in near_each_other(places / size, NEAR):
         text, at = ", ".join(stands[i].name for i in members), places[members[0]]
-        style = {"fontsize": 8, "ha": "left", "va": "bottom", "zorder": 5, "path_effects": [halo]}
+        style = {"fontsize": 8, "ha": "left", "va": "bottom", "zorder": 5, "path_effects": halo()}
         panel.annotate(text, at, (4, 3), textcoords="offset points", **style)

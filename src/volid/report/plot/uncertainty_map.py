@@ -34,13 +34,19 @@ class Section(NamedTuple):
     expanded: np.ndarray
     cut: dict[str, float]
 
+    @property
+    def has_area(self) -> bool:
+        """Whether U is known on more than lines and single points."""
+        known = np.isfinite(self.expanded)
+        return bool((known[1:, 1:] & known[1:, :-1] & known[:-1, 1:] & known[:-1, :-1]).any())
+
 
 def draw(asked: Asked) -> Figure:
     """The figure of a solution."""
-    return uncertainty_map(asked.solution, asked.tool, asked.texts)
+    return uncertainty_sections(asked.solution, asked.tool, asked.texts)
 
 
-def uncertainty_map(solution: Solution, tool: tuple[float, float, float], texts: Texts = ENGLISH) -> Figure:
+def uncertainty_sections(solution: Solution, tool: tuple[float, float, float], texts: Texts = ENGLISH) -> Figure:
     """Expanded uncertainty U = 2 √(u_X² + u_Y² + u_Z²) of the deviation of the functional point, on sections through the middle.
 
     All sections have one scale of colours; cut positions and tool are stated. The sections span the travels of the machine
@@ -55,12 +61,12 @@ def uncertainty_map(solution: Solution, tool: tuple[float, float, float], texts:
 
     >>> import volid
     >>> solution = volid.fit(volid.load_campaign("datasets/vertical_multilateration/campaign.toml"))
-    >>> volid.plot.uncertainty_map(solution, (0.0, 0.0, -150.0)).axes[0].get_title(loc="left")
+    >>> volid.plot.uncertainty_sections(solution, (0.0, 0.0, -150.0)).axes[0].get_title(loc="left")
     'Z = −250 mm'
     """
     sections = sections_of(solution, tool)
     largest = largest_of(sections)
-    shown = [s for s in sections if np.isfinite(s.expanded).any()]
+    shown = [s for s in sections if s.has_area]
     spans = [(float(np.ptp(s.across)), float(np.ptp(s.up))) for s in shown]
     widths = [max(width, 0.25 * max(max(spans))) for width, _ in spans]
     height = (WIDTH - 2.2) / sum(widths) * max(up for _, up in spans)
@@ -72,7 +78,7 @@ def uncertainty_map(solution: Solution, tool: tuple[float, float, float], texts:
     figure.colorbar(image, ax=panels[0], label="U (k = 2) / µm", shrink=0.9)
     said = ", ".join(f"{t:g}".replace("-", "\u2212") for t in tool)
     figure.suptitle(f"{solution.machine.name}: {texts('uncertainty_map.title', tool=said)}", fontsize=10)
-    if not all(np.isfinite(s.expanded).all() for s in sections):
+    if not all(np.isfinite(s.expanded).all() for s in shown):
         figure.supxlabel(texts("uncertainty_map.hatched"), fontsize=8, color=ATTENTION)
     return figure
 
@@ -84,8 +90,8 @@ def sections_of(solution: Solution, tool: tuple[float, float, float]) -> list[Se
     if len(letters) < 2:
         raise NothingToDrawError("a section of the working volume needs two linear axes")
     found = [_section(solution, tool, pair) for pair in combinations(letters, 2)]
-    if not any(np.isfinite(s.expanded).any() for s in found):
-        raise NothingToDrawError("the deviation is not determined for this tool vector anywhere on the sections")
+    if not any(s.has_area for s in found):
+        raise NothingToDrawError("the deviation is not determined for this tool vector on any section")
     return found
 
 

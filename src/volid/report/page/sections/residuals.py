@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
-from typing import Any
+from functools import partial
+from typing import Any, NamedTuple
 
 from markupsafe import Markup
 
@@ -13,14 +15,31 @@ from volid.report.contents.readings import Readings, readings_of
 from volid.report.language import Texts
 from volid.report.page.section import Section, svg
 from volid.report.page.templates import render
-from volid.report.plot.dots import MOST, RESOLUTION
+from volid.report.plot.dots import RESOLUTION
 from volid.report.plot.panels import figure_with_panels
 from volid.report.plot.residual_distribution import distribution_panel, normal_panel
 from volid.report.plot.residual_regions import moving_pairs, region_panel
-from volid.report.plot.residuals import has_times, moving_axes, order_panel, position_panel, strips_panel
+from volid.report.plot.residuals import (
+    NAME_LENGTH,
+    has_times,
+    moving_axes,
+    order_panel,
+    position_panel,
+    remarks,
+    strips_panel,
+)
 
 SIZE = (3.9, 2.7)  # inch, of a panel
 LISTED = 10  # readings, and groups, that are listed
+LETTER = 0.055  # inch, of a name beside a panel
+
+
+class Frame(NamedTuple):
+    """Height of a panel, and what is left free beside it, at the left and at the right [inch]."""
+
+    height: float = SIZE[1]
+    left: float = 0.56
+    right: float = 0.16
 
 
 def build(contents: Contents, texts: Texts) -> Section | None:
@@ -32,14 +51,14 @@ def build(contents: Contents, texts: Texts) -> Section | None:
         texts,
         summary=summary,
         testable=bool(readings.used.any()),
-        redundancy=float(readings.redundancy[~readings.outlier].sum()),
+        redundancy=_redundancy(contents, readings),
         panels=list(panels_of(readings, texts)),
         strips=list(_strips(readings)),
         groups=contents.solution.adequacy.groups,
         flagged=_flagged(contents),
-        worst=_worst(contents),
+        worst=_worst(contents, readings),
         readings=readings,
-        drawn=MOST if len(readings.row) > MOST else 0,
+        remarks=remarks(readings, texts),
         timed=has_times(readings),
         listed=LISTED,
     )
@@ -48,27 +67,32 @@ def build(contents: Contents, texts: Texts) -> Section | None:
 
 def panels_of(readings: Readings, texts: Texts) -> Iterator[Markup]:
     """The figures of the section one after the other: by station, over time, distributions, positions, regions."""
-    tall = (SIZE[0], max(SIZE[1], 1.0 + 0.15 * len(readings.strips)))
-    yield _drawn(lambda p: strips_panel(p, readings, texts), texts("residuals.by_station"), tall)
+    names = max(len(s.name) for s in readings.strips)
+    frame = Frame(max(SIZE[1], 1.0 + 0.15 * len(readings.strips)), 0.25 + LETTER * min(names, NAME_LENGTH + 1), 0.5)
+    yield _drawn(partial(strips_panel, readings=readings, texts=texts), texts("residuals.by_station"), frame)
     over = texts("residuals.over_time" if has_times(readings) else "residuals.over_order")
-    yield _drawn(lambda p: order_panel(p, readings, texts), over)
+    yield _drawn(partial(order_panel, readings=readings, texts=texts), over)
     if not readings.used.any():
         return
-    yield _drawn(lambda p: distribution_panel(p, readings, texts), texts("residuals.distribution"))
-    yield _drawn(lambda p: normal_panel(p, readings, texts), texts("residuals.probability"))
+    yield _drawn(partial(distribution_panel, readings=readings, texts=texts), texts("residuals.distribution"))
+    yield _drawn(partial(normal_panel, readings=readings, texts=texts), texts("residuals.probability"))
     axes = readings.campaign.machine.axes
     for i in moving_axes(readings):
         label = texts("residuals.over_axis", axis=axes[i].letter)
-        yield _drawn(lambda p, i=i: position_panel(p, readings, i, texts), label)
+        yield _drawn(partial(position_panel, readings=readings, i=i, texts=texts), label)
     for pair in moving_pairs(readings):
         label = texts("residuals.region_of", axes=", ".join(axes[i].letter for i in pair))
-        yield _drawn(lambda p, pair=pair: region_panel(p, readings, pair, texts), label)
+        yield _drawn(partial(region_panel, readings=readings, pair=pair, texts=texts), label)
 
 
-def _drawn(draw: Callable[[Any], Any], label: str, size: tuple[float, float] = SIZE) -> Markup:
-    """One panel as SVG, its dots as a picture that is sharp in print."""
-    figure, panel = figure_with_panels(figsize=size)
+def _drawn(draw: Callable[[Any], Any], label: str, frame: Frame | None = None) -> Markup:
+    """One panel as SVG, its dots as a picture that is sharp in print. To find margins would take as long as to draw."""
+    frame = Frame() if frame is None else frame
+    figure, panel = figure_with_panels(figsize=(SIZE[0], frame.height))
+    figure.set_layout_engine(None)
     figure.set_dpi(RESOLUTION)
+    low, high = 0.45 / frame.height, 1.0 - 0.4 / frame.height
+    figure.subplots_adjust(frame.left / SIZE[0], low, 1.0 - frame.right / SIZE[0], high)
     draw(panel)
     if not panel.get_title(loc="left"):
         panel.set_title(label, fontsize=8, loc="left")
@@ -89,16 +113,31 @@ def _strips(readings: Readings) -> Iterator[dict[str, Any]]:
         }
 
 
+def _redundancy(contents: Contents, readings: Readings) -> float:
+    """How many readings check others; from the readings that are kept where a file of an earlier version does not say it."""
+    stated = contents.solution.adequacy.redundancy
+    return stated if math.isfinite(stated) else float(readings.redundancy[~readings.outlier].sum())
+
+
 def _flagged(contents: Contents) -> list[bool]:
     """Which groups have residuals that are significantly too large, all groups counted."""
     groups = contents.solution.adequacy.groups
     return [g.probability * len(groups) < SIGNIFICANT and g.unit_weight > 1.0 for g in groups]
 
 
-def _worst(contents: Contents) -> list[dict[str, Any]]:
-    """Readings set aside and readings beyond the critical value, the largest first, with the key of each."""
+def _worst(contents: Contents, readings: Readings) -> list[dict[str, Any]]:
+    """Readings set aside and readings beyond the critical value, the largest first, with the key and the number of each.
+
+    Of readings that were read part by part only a sample is drawn: those that are not have no number.
+    """
+    numbered = {(readings.where(n), readings.label(n)): k for k, n in enumerate(readings.worst, 1)}
     found = [
-        {**reading, "key": f"{key}.{i}", "aside": key == "outliers"}
+        {
+            **reading,
+            "key": f"{key}.{i}",
+            "aside": key == "outliers",
+            "number": numbered.get((reading["where"], reading["label"])),
+        }
         for key in ("outliers", "suspects")
         for i, reading in enumerate(contents.summary[key])
     ]
