@@ -97,8 +97,8 @@ def line_panel(panel: Any, place: LinePlace, texts: Texts) -> None:
     key = "leans" if place.leans else "place"
     name = texts("constants.spindle") if place.axis == SPINDLE else texts("constants.axis", axis=place.axis)
     known = [c for c in place.constants if c is not None and c.is_known]
-    values = [f"{c.name} {with_u(c, texts)}" for c in sorted(known)]
-    panel.set_title("\n".join([texts(f"constants.{key}", line=name), *values]), fontsize=8)
+    stated = [f"{c.name} {with_u(c, texts)}" for c in sorted(known)]
+    panel.set_title("\n".join([texts(f"constants.{key}", line=name), *stated]), fontsize=8)
     for label, direction, constant, sign in zip(
         (panel.set_xlabel, panel.set_ylabel), place.directions, place.constants, place.signs, strict=True
     ):

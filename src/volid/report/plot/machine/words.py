@@ -25,7 +25,7 @@ def words_of(machine: Machine, tool: Sequence[float] | None, texts: Texts) -> di
 
 def _lines(body: Body, texts: Texts) -> list[str]:
     if body.axis is None:
-        return [texts(f"machine.{body.kind}", label=body.label)]
+        return [texts(f"machine.{body.role}", label=body.label)]
     axis, unit = body.axis, " mm" if body.axis.is_linear else "°"
     span = f"{number(axis.travel[0], texts)} … {number(axis.travel[1], texts)}{unit}"
     found = [f"{body.label}: {span}", texts("machine.zero", at=f"{number(axis.reference, texts)}{unit}")]
