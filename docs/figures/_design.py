@@ -9,7 +9,7 @@ THREE = [*ONE, [80.0, 0.0, -250.0], [0.0, 90.0, -200.0]]
 
 
 def rows(t, tool):
-    """Deviation of the functional point by 72 coefficients, (m, 3, 72); t (m, 3) from -1 to 1 over the travels, tool (m, 3) [mm]."""
+    """Deviation by 72 coefficients, (m, 3, 72); t (m, 3) from -1 to 1 over the travels, tool (m, 3) [mm]."""
     q, columns = t * HALF, []
     for axis in range(3):
         arm = np.where(np.arange(3) > axis, q, 0.0) + tool  # what the carriage of this axis carries

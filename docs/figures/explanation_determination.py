@@ -32,7 +32,9 @@ def draw() -> Figure:
     panel.set_xlim(0.0, 72.0)
     panel.set_xticks([0, 18, 36, 54, 72])
     panel.text(69.0, -0.45, "69", ha="center", va="bottom", fontsize=8, color=NEUTRAL)
-    figure.supxlabel("determined combinations, of 72 coefficients; the last three are the frame of the workpiece", fontsize=8)
+    figure.supxlabel(
+        "determined combinations, of 72 coefficients; the last three are the frame of the workpiece", fontsize=8
+    )
     for side in ("top", "right", "left"):
         panel.spines[side].set_visible(False)
     return figure

@@ -44,7 +44,9 @@ def sketch(panel) -> None:
         tip = turn @ np.array([0.0, -length])
         panel.plot([0.0, tip[0]], [0.0, tip[1]], color=colour, lw=2.2, zorder=1 - length)
         panel.plot([0.0, 0.0], [0.0, -length], color=NEUTRAL, ls=":", lw=1.2)
-        panel.annotate("", tip, (0.0, -length), arrowprops={"arrowstyle": "->", "color": colour, "lw": 1.6, "shrinkA": 0})
+        panel.annotate(
+            "", tip, (0.0, -length), arrowprops={"arrowstyle": "->", "color": colour, "lw": 1.6, "shrinkA": 0}
+        )
     panel.text(0.72, 0.36, "carriage of X,\nturned by EBX > 0", fontsize=8, va="bottom", ha="center")
     panel.text(0.08, -1.12, "150 mm", fontsize=8, va="center")
     panel.text(0.08, -2.2, "300 mm: twice the deviation", fontsize=8, va="center")
