@@ -12,7 +12,7 @@ from volid.fitting.solution import Solution
 from volid.io.basics.provenance import provenance
 from volid.io.evaluations.limits import Limits, judge_all
 from volid.plausibility.record import Item, record
-from volid.report.contents.outlook import Outlook, outlook
+from volid.report.contents.outlook import DRAWS, Outlook, outlook
 from volid.report.contents.quantities import quantities
 from volid.report.text.summary import summary_data
 from volid.standards.results import Evaluation
@@ -81,7 +81,7 @@ def gather(
     """
     if tool is not None:
         solution.ask(tool)
-    summary = summary_data(solution, tool)
+    summary = summary_data(solution, tool, DRAWS)
     x, y, z = summary["tool"]
     shown = not solution.adequacy.barrier
     sizes = volume_sizes(solution, (x, y, z)) if shown else None
