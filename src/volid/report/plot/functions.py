@@ -24,7 +24,7 @@ from volid.report.plot.curves import (
     shown_axes,
 )
 from volid.report.plot.palette import BLACK, BLUE, FAINT, GREEN, NEUTRAL, ORANGE, SIGNED
-from volid.report.plot.panels import figure_with_panels, heading, level_lines, note_below
+from volid.report.plot.panels import figure_with_panels, heading, in_language, level_lines, note_below
 from volid.report.symbols import in_words
 
 if TYPE_CHECKING:
@@ -125,6 +125,8 @@ def draw_function(
     panel.set_xlim(*ends_of(shown.axis))
     panel.set_ylim(*(ends or limits([shown]))[shown.unit])
     panel.tick_params(labelsize=8)
+    in_language(panel.xaxis, texts)
+    in_language(panel.yaxis, texts)
 
 
 def ends_of(axis: Axis) -> tuple[float, float]:
@@ -242,6 +244,8 @@ def draw_cross_effect(
     if other is not None:
         panel.set_ylabel(f"{other.letter} / {other.unit}", fontsize=8)
     panel.tick_params(labelsize=8)
+    in_language(panel.xaxis, texts)
+    in_language(panel.yaxis, texts)
     return areas
 
 
