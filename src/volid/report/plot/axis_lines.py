@@ -18,6 +18,7 @@ from volid.model.machine import Axis
 from volid.report.language import Texts
 from volid.report.plot.constants import Constant, constants_of, with_u
 from volid.report.plot.palette import ATTENTION, BLUE, FAINT, NEUTRAL
+from volid.report.plot.panels import in_language
 
 MARGIN = 1.35
 _MINUS = "\N{MINUS SIGN}"
@@ -104,7 +105,7 @@ def line_panel(panel: Any, place: LinePlace, texts: Texts) -> None:
     ):
         symbol = "–" if constant is None else f"{_MINUS if sign < 0.0 else ''}{constant.name}"
         label(texts("constants.towards", direction=direction, symbol=symbol, unit=place.unit), fontsize=7)
-    _frame(panel, place)
+    _frame(panel, place, texts)
     values, expanded = place.values, place.expanded
     if np.isfinite(values).all():
         panel.annotate("", values, (0.0, 0.0), arrowprops={"arrowstyle": "->", "color": BLUE, "lw": 1.4, "shrinkB": 0})
@@ -115,7 +116,7 @@ def line_panel(panel: Any, place: LinePlace, texts: Texts) -> None:
         )
 
 
-def _frame(panel: Any, place: LinePlace) -> None:
+def _frame(panel: Any, place: LinePlace, texts: Texts) -> None:
     """Equal scales about the nominal line, which is a cross."""
     from matplotlib.ticker import MaxNLocator
 
@@ -130,3 +131,4 @@ def _frame(panel: Any, place: LinePlace) -> None:
     panel.tick_params(labelsize=7, length=2)
     for line in (panel.xaxis, panel.yaxis):
         line.set_major_locator(MaxNLocator(4, symmetric=True))
+        in_language(line, texts)

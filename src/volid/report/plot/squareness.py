@@ -19,7 +19,7 @@ from volid.report.plot.asked import Asked, NothingToDrawError
 from volid.report.plot.axis_lines import LinePlace, line_panel, line_places
 from volid.report.plot.constants import Constant, constants_of, with_u
 from volid.report.plot.palette import ATTENTION, BLACK, BLUE, FAINT, NEUTRAL
-from volid.report.plot.panels import figure_with_panels
+from volid.report.plot.panels import figure_with_places
 from volid.report.text.squareness import squareness_symbol
 
 if TYPE_CHECKING:
@@ -90,15 +90,14 @@ def squareness_figure(solution: Solution, texts: Texts = ENGLISH) -> Figure:
 
 def sketch_panels(rows: int = 1, columns: int = 1, below: float = 0.0) -> tuple[Figure, list[Axes]]:
     """A figure with places for sketches, of `SIZE` each, and `below` inches for a note; the panels row by row."""
-    width, height = SIZE[0] * columns, SIZE[1] * rows + below
-    figure, panels = figure_with_panels(rows, columns, figsize=(width, height), squeeze=False)
-    figure.set_layout_engine("none")  # quicker, and squares stay squares with their titles on the paper
     left, bottom, right, top = _MARGINS
-    for (row, column), panel in np.ndenumerate(panels):
-        x, y = SIZE[0] * column + left, height - SIZE[1] * (row + 1) + bottom
-        size = (SIZE[0] - left - right, SIZE[1] - bottom - top)
-        panel.set_position((x / width, y / height, size[0] / width, size[1] / height))
-    return figure, list(panels.ravel())
+    size = (SIZE[0] - left - right, SIZE[1] - bottom - top)
+    places = [
+        (SIZE[0] * column + left, SIZE[1] * row + below + bottom, *size)
+        for row in reversed(range(rows))
+        for column in range(columns)
+    ]
+    return figure_with_places((SIZE[0] * columns, SIZE[1] * rows + below), places)
 
 
 def sketch_panel(panel: Axes, sketch: Angle | LinePlace, texts: Texts) -> None:

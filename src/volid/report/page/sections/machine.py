@@ -13,9 +13,9 @@ from volid.report.language import Texts
 from volid.report.page.section import Section, svg
 from volid.report.page.templates import render
 from volid.report.plot.machine.drawing import machine_panel, of_solution, scheme_of
-from volid.report.plot.machine.layout import PRIME, has_own_direction
+from volid.report.plot.machine.layout import PRIME, has_own_direction, tokens_of
 from volid.report.plot.machine.row import SIDE, chain_panel
-from volid.report.plot.panels import figure_with_panels
+from volid.report.plot.panels import figure_with_places
 
 
 def build(contents: Contents, texts: Texts) -> Section | None:
@@ -36,23 +36,16 @@ def build(contents: Contents, texts: Texts) -> Section | None:
 
 def _drawing(machine: Machine, tool: tuple[float, float, float], texts: Texts) -> Markup:
     scheme = scheme_of(machine, tool, texts)
-    figure, panel = figure_with_panels(figsize=scheme.size)
-    _fill(figure, panel)
+    figure, (panel,) = figure_with_places(scheme.size, [(0.0, 0.0, *scheme.size)])
     machine_panel(panel, scheme)
     return svg(figure, texts("machine.drawn", structure=machine.structure))
 
 
 def _chain(machine: Machine, texts: Texts) -> Markup:
-    figure, panel = figure_with_panels(figsize=(SIDE * (len(machine.axes) + 4), SIDE))
-    _fill(figure, panel)
+    size = (SIDE * len(tokens_of(machine)), SIDE)
+    figure, (panel,) = figure_with_places(size, [(0.0, 0.0, *size)])
     chain_panel(panel, machine)
     return svg(figure, texts("machine.chain", structure=machine.structure))
-
-
-def _fill(figure: Any, panel: Any) -> None:
-    """Let a panel fill its figure: there is nothing around it."""
-    figure.set_layout_engine("none")
-    panel.set_position((0.0, 0.0, 1.0, 1.0))
 
 
 def _axes(machine: Machine, solution: Solution) -> list[dict[str, Any]]:
