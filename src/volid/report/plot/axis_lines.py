@@ -17,7 +17,7 @@ from volid.model.iso230 import DIRECTIONS, ROTARY_AXES, SPINDLE, TRANSLATIONS
 from volid.model.machine import Axis
 from volid.report.language import Texts
 from volid.report.plot.constants import Constant, constants_of, with_u
-from volid.report.plot.palette import ATTENTION, BLUE, FAINT, NEUTRAL
+from volid.report.plot.palette import BLUE, FAINT, NEUTRAL
 from volid.report.plot.panels import in_language
 
 MARGIN = 1.35
@@ -111,9 +111,9 @@ def line_panel(panel: Any, place: LinePlace, texts: Texts) -> None:
         panel.annotate("", values, (0.0, 0.0), arrowprops={"arrowstyle": "->", "color": BLUE, "lw": 1.4, "shrinkB": 0})
         panel.errorbar(*values, xerr=expanded[0], yerr=expanded[1], fmt="o", ms=4, color=BLUE, capsize=3, lw=1.0)
     else:
-        panel.text(
-            0.5, 0.72, texts("constants.unknown"), transform=panel.transAxes, ha="center", fontsize=8, color=ATTENTION
-        )
+        panel.text(0.5, 0.72, texts("constants.unknown"), transform=panel.transAxes, ha="center", fontsize=8)
+        panel.set_xticks([])
+        panel.set_yticks([])
 
 
 def _frame(panel: Any, place: LinePlace, texts: Texts) -> None:

@@ -37,7 +37,7 @@ def _element(panel: Any, x: float, token: str, carries_workpiece: bool) -> None:
     colour = {"w": GREEN, "t": GREEN, "b": NEUTRAL}.get(token, SKY if carries_workpiece else YELLOW)
     spindle = token.startswith("(")
     style = "round,pad=0,rounding_size=0.3" if token.rstrip("'") in "ABC" else "round,pad=0,rounding_size=0.05"
-    face = "white" if spindle else tint(colour, 0.35)
+    face = "white" if spindle else tint(colour, 0.2 if token in "wt" else 0.35)
     corner = (x - 0.5 * WIDTH, -0.5 * HEIGHT)
     panel.add_patch(
         FancyBboxPatch(corner, WIDTH, HEIGHT, style, fc=face, ec=BLACK, lw=0.8, ls="--" if spindle else "-", zorder=2)
