@@ -58,6 +58,15 @@ def test_within_its_uncertainty_an_axis_stands_upright_and_without_value_it_says
     assert panel.get_title() == "EC(0X)Y\nnot determined"
 
 
+def test_a_line_that_is_known_in_one_direction_only_is_not_drawn():
+    found = {"EX0C": Constant("EX0C", 0.02, 0.001), "EY0C": Constant("EY0C", np.nan, np.nan)}
+    figure, (panel,) = sketch_panels()
+    line_panel(panel, next(places_of("C", 2, found)), ENGLISH)
+    assert "not determined" in [t.get_text() for t in panel.texts]
+    assert panel.get_title().endswith("EX0C 20.0 ± 1.0 µm")  # what is known is said
+    assert faults(figure) == []
+
+
 @pytest.mark.parametrize("structure", [*STRUCTURES.values(), *NUTATING.values(), "w A' X' b Y Z t", "w b X Y Z A t"])
 def test_lines_stand_and_lean_as_in_the_exact_chain(structure):
     """Parameters of all rotary axes at once; the drawn numbers are those of the physical lines in the machine frame."""

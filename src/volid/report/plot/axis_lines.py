@@ -17,7 +17,8 @@ from volid.model.iso230 import DIRECTIONS, ROTARY_AXES, SPINDLE, TRANSLATIONS
 from volid.model.machine import Axis
 from volid.report.language import Texts
 from volid.report.plot.constants import Constant, constants_of, with_u
-from volid.report.plot.palette import ATTENTION, BLUE, FAINT, NEUTRAL
+from volid.report.plot.palette import BLUE, FAINT, NEUTRAL
+from volid.report.plot.panels import in_language
 
 MARGIN = 1.35
 _MINUS = "\N{MINUS SIGN}"
@@ -97,25 +98,25 @@ def line_panel(panel: Any, place: LinePlace, texts: Texts) -> None:
     key = "leans" if place.leans else "place"
     name = texts("constants.spindle") if place.axis == SPINDLE else texts("constants.axis", axis=place.axis)
     known = [c for c in place.constants if c is not None and c.is_known]
-    values = [f"{c.name} {with_u(c, texts)}" for c in sorted(known)]
-    panel.set_title("\n".join([texts(f"constants.{key}", line=name), *values]), fontsize=8)
+    stated = [f"{c.name} {with_u(c, texts)}" for c in sorted(known)]
+    panel.set_title("\n".join([texts(f"constants.{key}", line=name), *stated]), fontsize=8)
     for label, direction, constant, sign in zip(
         (panel.set_xlabel, panel.set_ylabel), place.directions, place.constants, place.signs, strict=True
     ):
         symbol = "–" if constant is None else f"{_MINUS if sign < 0.0 else ''}{constant.name}"
         label(texts("constants.towards", direction=direction, symbol=symbol, unit=place.unit), fontsize=7)
-    _frame(panel, place)
+    _frame(panel, place, texts)
     values, expanded = place.values, place.expanded
     if np.isfinite(values).all():
         panel.annotate("", values, (0.0, 0.0), arrowprops={"arrowstyle": "->", "color": BLUE, "lw": 1.4, "shrinkB": 0})
         panel.errorbar(*values, xerr=expanded[0], yerr=expanded[1], fmt="o", ms=4, color=BLUE, capsize=3, lw=1.0)
     else:
-        panel.text(
-            0.5, 0.72, texts("constants.unknown"), transform=panel.transAxes, ha="center", fontsize=8, color=ATTENTION
-        )
+        panel.text(0.5, 0.72, texts("constants.unknown"), transform=panel.transAxes, ha="center", fontsize=8)
+        panel.set_xticks([])
+        panel.set_yticks([])
 
 
-def _frame(panel: Any, place: LinePlace) -> None:
+def _frame(panel: Any, place: LinePlace, texts: Texts) -> None:
     """Equal scales about the nominal line, which is a cross."""
     from matplotlib.ticker import MaxNLocator
 
@@ -130,3 +131,4 @@ def _frame(panel: Any, place: LinePlace) -> None:
     panel.tick_params(labelsize=7, length=2)
     for line in (panel.xaxis, panel.yaxis):
         line.set_major_locator(MaxNLocator(4, symmetric=True))
+        in_language(line, texts)

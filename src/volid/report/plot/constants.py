@@ -10,6 +10,7 @@ from volid.fitting.tabulation import constant
 from volid.model.axis_lines import MACHINE, constant_rows
 from volid.model.iso230 import DIRECTIONS, LINEAR_AXES, SPINDLE, parse
 from volid.report.language import Texts
+from volid.report.plot.panels import signs
 
 K = 2.0
 
@@ -59,7 +60,5 @@ def with_u(found: Constant, texts: Texts) -> str:
         return texts("constants.unknown")
     value, expanded = found.scale * found.value, found.scale * found.expanded
     places = max(0, 1 - math.floor(math.log10(float(f"{expanded:.1e}")))) if expanded > 0.0 else 1
-    text = f"{round(value, places) + 0.0:.{places}f} ± {expanded:.{places}f} {found.unit}".replace(
-        "-", "\N{MINUS SIGN}"
-    )
-    return text.replace(".", ",") if texts.language == "de" else text
+    numbers = f"{round(value, places) + 0.0:.{places}f} ± {expanded:.{places}f}"
+    return f"{signs(numbers, texts)} {found.unit}"

@@ -18,8 +18,8 @@ from volid.report.language import ENGLISH, Texts
 from volid.report.plot.asked import Asked, NothingToDrawError
 from volid.report.plot.axis_lines import LinePlace, line_panel, line_places
 from volid.report.plot.constants import Constant, constants_of, with_u
-from volid.report.plot.palette import ATTENTION, BLACK, BLUE, FAINT, NEUTRAL
-from volid.report.plot.panels import figure_with_panels
+from volid.report.plot.palette import BLACK, BLUE, FAINT, NEUTRAL
+from volid.report.plot.panels import figure_with_places
 from volid.report.text.squareness import squareness_symbol
 
 if TYPE_CHECKING:
@@ -90,15 +90,14 @@ def squareness_figure(solution: Solution, texts: Texts = ENGLISH) -> Figure:
 
 def sketch_panels(rows: int = 1, columns: int = 1, below: float = 0.0) -> tuple[Figure, list[Axes]]:
     """A figure with places for sketches, of `SIZE` each, and `below` inches for a note; the panels row by row."""
-    width, height = SIZE[0] * columns, SIZE[1] * rows + below
-    figure, panels = figure_with_panels(rows, columns, figsize=(width, height), squeeze=False)
-    figure.set_layout_engine("none")  # quicker, and squares stay squares with their titles on the paper
     left, bottom, right, top = _MARGINS
-    for (row, column), panel in np.ndenumerate(panels):
-        x, y = SIZE[0] * column + left, height - SIZE[1] * (row + 1) + bottom
-        size = (SIZE[0] - left - right, SIZE[1] - bottom - top)
-        panel.set_position((x / width, y / height, size[0] / width, size[1] / height))
-    return figure, list(panels.ravel())
+    size = (SIZE[0] - left - right, SIZE[1] - bottom - top)
+    places = [
+        (SIZE[0] * column + left, SIZE[1] * row + below + bottom, *size)
+        for row in reversed(range(rows))
+        for column in range(columns)
+    ]
+    return figure_with_places((SIZE[0] * columns, SIZE[1] * rows + below), places)
 
 
 def sketch_panel(panel: Axes, sketch: Angle | LinePlace, texts: Texts) -> None:
@@ -152,7 +151,7 @@ def angle_panel(panel: Any, found: Angle, texts: Texts) -> None:
         style = {"arrowstyle": "-|>", "color": colour, "lw": 2.2 if own else 1.4, "shrinkA": 0, "shrinkB": 0}
         panel.annotate("", found.directions[k], (0.0, 0.0), arrowprops=style, gid=f"axis-{letter}")
         panel.text(*(1.12 * found.directions[k]), f"+{letter}", ha="center", va="center", fontsize=9)
-    _arc(panel, found)
+    _arc(panel, found, texts)
     at = {"x": 0.5, "y": -0.1} if leaning == 1 else {"x": -0.09, "y": 0.5}
     panel.text(**at, s=texts("constants.datum"), ha="center", va="center", fontsize=7.5, rotation=90 * (1 - leaning))
     panel.text(
@@ -162,15 +161,14 @@ def angle_panel(panel: Any, found: Angle, texts: Texts) -> None:
     panel.set_title(f"{symbol}\n{with_u(found.constant, texts)}", fontsize=8, loc="center")
 
 
-def _arc(panel: Any, found: Angle) -> None:
+def _arc(panel: Any, found: Angle, texts: Texts) -> None:
     """The angle between both positive directions, and whether it is larger or smaller than 90°."""
     from matplotlib.patches import Arc
 
     ends = np.degrees(np.arctan2(found.directions[:, 1], found.directions[:, 0]))
     panel.add_patch(Arc((0.0, 0.0), 0.62, 0.62, theta1=ends[0], theta2=ends[1], color=BLACK, lw=0.9))
-    words = {1.0: "> 90°", -1.0: "< 90°", 0.0: "90°"}.get(found.sign, "n.d.")
-    colour = ATTENTION if words == "n.d." else BLACK
-    panel.text(0.40, 0.40, words, ha="center", va="center", fontsize=10, color=colour)
+    words = {1.0: "> 90°", -1.0: "< 90°", 0.0: "90°"}.get(found.sign, texts("page.not_determined_short"))
+    panel.text(0.40, 0.40, words, ha="center", va="center", fontsize=10)
 
 
 def draw(asked: Asked) -> Figure:

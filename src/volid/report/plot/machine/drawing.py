@@ -112,7 +112,7 @@ def machine_panel(panel: Any, scheme: Scheme) -> None:
     panel.set_ylim(*upright)
     _bed(panel, scheme.found, scheme.texts)
     for k, body in enumerate(upwards(scheme.found)):
-        if body.kind == "tool":
+        if body.role == "tool":
             _tool(panel, body, scheme.tool)
         else:
             _body(panel, body, 3 * k + 3)
@@ -142,17 +142,17 @@ def _body(panel: Any, body: Body, order: int) -> None:
     middle = body.height + (-0.5 if body.carries_workpiece else 0.5) * joint
     box(panel, (0.0, 0.0, middle), (0.3, 0.3, joint), Look(BLACK, order))
     centre, front = np.array([0.0, 0.0, body.height]), 0.0
-    look = Look(_COLOURS.get(body.kind, SKY if body.carries_workpiece else YELLOW), order + 1)
-    if body.kind == "rotary" and body.axis is not None:
+    look = Look(_COLOURS.get(body.role, SKY if body.carries_workpiece else YELLOW), order + 1)
+    if body.role == "rotary" and body.axis is not None:
         _rotary_body(panel, body.axis, centre, look)
-    elif body.kind == "spindle":
+    elif body.role == "spindle":
         cylinder(panel, centre, (0.0, 0.0, 1.0), (0.7, 0.3), look._replace(edge="--"))
     else:
-        size = body.size if body.kind == "linear" else (0.9, 0.9, 0.66)
+        size = body.size if body.role == "linear" else (0.9, 0.9, 0.66)
         box(panel, centre, size, look)
         front = 0.5 * size[1]
     behind = {"boxstyle": "round,pad=0.12", "fc": "white", "ec": "none", "alpha": 0.8} if front == 0.0 else None
-    style = {"fontsize": 10 if body.kind != "spindle" else 8, "fontweight": "bold", "bbox": behind, "zorder": 100}
+    style = {"fontsize": 10 if body.role != "spindle" else 8, "fontweight": "bold", "bbox": behind, "zorder": 100}
     panel.text(*project(centre - [0.0, front, 0.0]), body.label, ha="center", va="center", **style)
 
 
@@ -187,7 +187,7 @@ def _words(panel: Any, body: Body, scheme: Scheme) -> None:
 def _arrow(panel: Any, body: Body, axis: Axis) -> None:
     """Which way the axis moves its body when the commanded position grows, in perspective, with the axis's letter."""
     middle, along = np.array([ARROWS, 0.0, body.height]), body.motion
-    if body.kind == "linear":
+    if body.role == "linear":
         half = 0.36 * along / np.linalg.norm(project(along))
         start, end = project([middle - half, middle + half])
         away = (end - start) / np.linalg.norm(end - start)
@@ -199,7 +199,7 @@ def _arrow(panel: Any, body: Body, axis: Axis) -> None:
         panel.plot(*line.T, color=NEUTRAL, lw=0.8, ls="-.")
         start, end, shift = curve[-5], curve[-1], np.zeros(2)
     panel.annotate("", end, start, arrowprops=_HEAD, zorder=_TOP, gid=f"arrow-{axis.letter}")
-    at = end + shift if body.kind == "linear" else np.array([ARROWS + 0.68, body.height - 0.3])
+    at = end + shift if body.role == "linear" else np.array([ARROWS + 0.68, body.height - 0.3])
     panel.text(*at, f"+{body.label}", ha="center", va="center", fontsize=8, zorder=_TOP)
 
 

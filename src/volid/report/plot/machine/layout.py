@@ -33,14 +33,14 @@ class Body:
 
     Args:
         token: As in the structural code: "w", "X'", "(C)", "t".
-        kind: "workpiece", "tool", "spindle", "linear" or "rotary".
+        role: "workpiece", "tool", "spindle", "linear" or "rotary".
         axis: The axis that moves it; None for what no axis moves.
         height: Height of its centre in the drawing.
         carries_workpiece: Whether it stands on the workpiece's side of the bed.
     """
 
     token: str
-    kind: str
+    role: str
     axis: Axis | None
     height: float
     carries_workpiece: bool
@@ -58,16 +58,14 @@ class Body:
     @property
     def row(self) -> float:
         """Height of its row."""
-        if self.kind != "rotary":
+        if self.role != "rotary":
             return ROW
         return INCLINED_ROW if self.is_inclined else ROTARY_ROW
 
     @property
     def is_inclined(self) -> bool:
         """Whether its axis has another direction than its letter promises."""
-        return self.axis is not None and not np.allclose(
-            self.axis.unit_vector, replace(self.axis, direction=(0.0, 0.0, 0.0)).unit_vector
-        )
+        return self.axis is not None and has_own_direction(self.axis)
 
     @property
     def motion(self) -> np.ndarray:
@@ -77,6 +75,11 @@ class Body:
             return np.zeros(3)
         sense = -1.0 if self.axis.primed else 1.0
         return sense * np.asarray(self.axis.unit_vector)
+
+
+def has_own_direction(axis: Axis) -> bool:
+    """Whether an axis has another direction than its letter promises."""
+    return not np.allclose(axis.unit_vector, replace(axis, direction=(0.0, 0.0, 0.0)).unit_vector)
 
 
 @dataclass(frozen=True)

@@ -94,5 +94,5 @@ def circle_about(axis: np.ndarray, angles: np.ndarray) -> np.ndarray:
 def _face(panel: Any, corners: np.ndarray, look: Look, share: float) -> None:
     from matplotlib.patches import Polygon
 
-    style = {"lw": 0.7, "ls": look.edge, "joinstyle": "round", "zorder": look.order}
+    style: dict[str, Any] = {"lw": 0.7, "ls": look.edge, "joinstyle": "round", "zorder": look.order}
     panel.add_patch(Polygon(project(corners), facecolor=tint(look.colour, share), edgecolor=BLACK, **style))

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from volid.model.machine import Machine
 from volid.report.language import Texts
 from volid.report.plot.machine.layout import Body, layout
+from volid.report.plot.panels import signs
 
 
 def words_of(machine: Machine, tool: Sequence[float] | None, texts: Texts) -> dict[str, list[str]]:
@@ -25,7 +26,7 @@ def words_of(machine: Machine, tool: Sequence[float] | None, texts: Texts) -> di
 
 def _lines(body: Body, texts: Texts) -> list[str]:
     if body.axis is None:
-        return [texts(f"machine.{body.kind}", label=body.label)]
+        return [texts(f"machine.{body.role}", label=body.label)]
     axis, unit = body.axis, " mm" if body.axis.is_linear else "°"
     span = f"{number(axis.travel[0], texts)} … {number(axis.travel[1], texts)}{unit}"
     found = [f"{body.label}: {span}", texts("machine.zero", at=f"{number(axis.reference, texts)}{unit}")]
@@ -38,8 +39,7 @@ def _lines(body: Body, texts: Texts) -> list[str]:
 
 def number(value: float, texts: Texts) -> str:
     """A number with a real minus sign and the decimal sign of the language, at most three decimals."""
-    text = f"{round(value, 3) + 0.0:.10g}".replace("-", "\N{MINUS SIGN}")
-    return text.replace(".", ",") if texts.language == "de" else text
+    return signs(f"{round(value, 3) + 0.0:.10g}", texts)
 
 
 def triple(values: Sequence[float], texts: Texts) -> str:
