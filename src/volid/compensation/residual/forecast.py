@@ -16,12 +16,13 @@ state is passed on. Repeatability of what no reading came back to is not include
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from volid.backend.steps import Step
 from volid.compensation.base import Base
 from volid.compensation.grids.request import Rule
 from volid.compensation.motion import Motion, asked_motion
@@ -107,6 +108,7 @@ def forecast(
     made_from: Solution | None = None,
     every_tool: bool = False,
     repeatability: Mapping[str, float] | float | None = None,
+    progress: Callable[[str], None] | None = None,
 ) -> Forecast:
     """Predictions for each list of types, after "none", for each tool vector.
 
@@ -128,6 +130,7 @@ def forecast(
         repeatability: Standard deviation of the functional point [mm], or of positions by axis letter [mm or degrees], in
             place of
             what the campaign shows; 0 leaves it out.
+        progress: Function that is called with messages about the progress.
 
     Raises:
         InputError: as `compensate` and `Control` raise it.
@@ -150,7 +153,11 @@ def forecast(
     repeats = repeats_of(solution, repeatability)
     task = _Task(fields, draws, _Believed(control or {}, np.asarray(tool_error)), places is None, repeats)
     source_of_values = solution if made_from is None else made_from
-    columns = [_column(names, compensation_of(source_of_values, names, request), task) for names in ((), *lists)]
+    columns = []
+    for names in ((), *lists):
+        columns.append(_column(names, compensation_of(source_of_values, names, request), task))
+        if progress is not None:
+            progress(Step(len(columns), 1 + len(lists), "types of compensation"))
     used = np.array([f.tool for f in fields])
     in_datum = np.array([volumetric_summary(solution, tuple(t)).before_max for t in used.tolist()])
     alone = np.array([_rms_of(repeats, f) for f in fields])
