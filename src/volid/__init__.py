@@ -101,6 +101,7 @@ _PUBLIC = {  # public name: where it comes from, in the order of the work
     "Check": "volid.validation.check:Check",
     # to look at, and to hand over
     "plot": "volid.report:plot",
+    "save_report": "volid.report.page.page:save_report",
     "save_workbook": "volid.report.workbook.workbook:save_workbook",
     "save_dcc": "volid.report.certificate.certificate:save_dcc",
     # what can go wrong

@@ -41,6 +41,7 @@ from volid.planning.standard import standard_plan
 from volid.plausibility.checks import check_campaign, closures
 from volid.report import plot as plot
 from volid.report.certificate.certificate import save_dcc
+from volid.report.page.page import save_report
 from volid.report.text.summary import summary
 from volid.report.workbook.workbook import save_workbook
 from volid.standards.results import Evaluation
@@ -125,6 +126,7 @@ __all__ = [  # noqa: RUF022
     "quick_check",
     "Check",
     "plot",
+    "save_report",
     "save_workbook",
     "save_dcc",
     "accept_unusual",

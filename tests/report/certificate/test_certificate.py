@@ -36,6 +36,9 @@ FACTS = {
 }  # fmt: skip
 
 
+NOTHING = Evaluation("ISO 230-1", "machine", ())
+
+
 def saved(solution, folder, **keywords):
     volid.save_dcc(solution, folder / "result.xml", **keywords)
     return ET.parse(folder / "result.xml").getroot()
@@ -46,7 +49,7 @@ def root(solution, tmp_path_factory):
     return saved(solution, tmp_path_factory.mktemp("dcc"), data=FACTS)
 
 
-def administration(solution, data=FACTS, conformity=None, lang="en", source=""):
+def administration(solution, data=FACTS, conformity=NOTHING, lang="en", source=""):
     """The part without the numbers, which takes no time: administrative data with statements, and conditions."""
     request = Request(solution, facts_of(solution.campaign, data), source, lang)
     root = ET.Element("root")
@@ -177,6 +180,14 @@ def test_constants_and_volume_equal_the_summary(solution, root):
     assert numbers(quantities["volid_toolVector"], ".//si:valueXMLList", "mm") == list(solution.most_used_tool())
 
 
+def test_limits_are_judged(solution, tmp_path):
+    root = saved(solution, tmp_path, data=FACTS, limits={"EC0Y": 1e-9, "EXX": 1.0e-1})
+    found = {
+        text(s, "dcc:name/dcc:content"): text(s, "dcc:conformity") for s in all_of(root, ".//dcc:statement[@refType]")
+    }
+    assert found == {"EC0Y": "fail", "EXX": "pass"} and violations(root) == []
+
+
 def test_facts_stand_where_they_belong(root):
     core = root.find(".//dcc:coreData", SPACES)
     assert [
@@ -270,11 +281,21 @@ def test_conformity_by_the_rule_of_the_limits(solution):
     root, _ = administration(solution, conformity=judged(evaluation, limits))
     found = [e.text for e in all_of(root, ".//dcc:conformity")]
     assert found == ["pass", "conditionalPass", "conditionalFail", "fail"]
+    assert len(all_of(root, ".//dcc:statement[@refType='basic_conformity']")) == 4
     statement = all_of(root, ".//dcc:statement[@refType='basic_conformity']")[1]
     assert [numbers(q, ".//si:value", "mm") for q in all_of(statement, ".//dcc:quantity")] == [[0.0095], [0.010]]
     assert "guard band" in text(statement, "dcc:declaration/dcc:content") and text(statement, "dcc:norm").startswith(
         "ISO 14253-1"
     )
+
+
+def test_no_conformity_of_what_is_not_determined(solution):
+    evaluation = judged(Evaluation("ISO 230-1", "", (Quantity("a", np.nan, "mm", U=np.nan),)), {"a": 0.01})
+    root, _ = administration(solution, conformity=evaluation)
+    statement = root.find(".//dcc:statement[@refType='basic_conformity']", SPACES)
+    assert statement.find("dcc:conformity", SPACES) is None
+    assert "not determined" in text(statement, "dcc:declaration/dcc:content")
+    assert [numbers(q, ".//si:value", "mm") for q in all_of(statement, ".//dcc:quantity")] == [[0.010]]
 
 
 def test_the_hash_is_that_of_the_file(solution, solution_file):

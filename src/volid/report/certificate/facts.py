@@ -85,6 +85,11 @@ def facts_of(campaign: Campaign, given: Mapping[str, Any] | None = None, where: 
     return facts
 
 
+def check_facts(given: Mapping[str, Any], where: str) -> None:
+    """Raises `InputError` naming a key that is not known, or whose value is not what is expected."""
+    _read(given, where)
+
+
 def _read(table: Mapping[str, Any], where: str) -> dict[str, Any]:
     readers = {
         "country": _country, "identifier": _text, "begin": _day, "end": _day, "place": _place,

@@ -18,7 +18,7 @@ from volid.report.text.basics import scale_of
 K = 2.0
 POINTS, NARROW, WIDE, HEIGHT = 121, 40, 120, 18
 LINE, BAND, UP, DOWN, ASCII_LINE, ASCII_BAND = "braille", "·", "+", "o", "*", "."
-_PLAIN = {**str.maketrans("┌┐└┘├┤┬┴┼─│µ·", "++++||++|-|u."), ord("°"): "deg"}
+_PLAIN: dict[int, str | int | None] = {**str.maketrans("┌┐└┘├┤┬┴┼─│µ·", "++++||++|-|u."), ord("°"): "deg"}
 _TICKS = 6
 
 
