@@ -40,8 +40,8 @@ from volid.model.machine import Datum, Machine
 from volid.planning.standard import standard_plan
 from volid.plausibility.checks import check_campaign, closures
 from volid.report import plot as plot
-from volid.report.page.page import save_report
 from volid.report.certificate.certificate import save_dcc
+from volid.report.page.page import save_report
 from volid.report.text.summary import summary
 from volid.report.workbook.workbook import save_workbook
 from volid.standards.results import Evaluation

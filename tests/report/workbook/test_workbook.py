@@ -116,15 +116,21 @@ def test_every_reading_has_its_residual(solution, book):
 
 
 def test_what_is_not_determined_is_blank_and_named(single_tool_solution, tmp_path):
-    volid.save_workbook(single_tool_solution, tmp_path / "result.xlsx")
+    title, note = "=1+1", "@SUM(A1)"
+    campaign = replace(single_tool_solution.campaign, title=title, conditions={"note": note})
+    volid.save_workbook(replace(single_tool_solution, campaign=campaign), tmp_path / "result.xlsx", lang="de")
     book = openpyxl.load_workbook(tmp_path / "result.xlsx")
     unknown = {r.name for r in single_tool_solution.functions() if np.isnan(r.value) and r.name[2] != "0"}
     assert unknown
     for name in unknown:
-        heading, rows = table(book, f"Functions {name[2]}")
+        heading, rows = table(book, f"Funktionen {name[2]}")
         (j,) = [j for j, title in enumerate(heading) if title.startswith(f"{name} [")]
         assert any(row[j] is None for row in rows)
-    texts = [row[1] for row in table(book, "Not determined")[1]]
+    texts = [row[1] for row in table(book, "Nicht bestimmt")[1]]
+    cells = [cell for sheet in book for row in sheet.iter_rows() for cell in row]
+    assert not [cell for cell in cells if cell.data_type == "f"]
+    assert {title, note} <= {cell.value for cell in cells}
+    assert book.sheetnames[0] == "Ergebnis"
     assert set(single_tool_solution.statements) <= set(texts)
 
 
@@ -140,22 +146,12 @@ def test_sheets_have_filters_and_headings_that_stay(book):
         assert sheet.freeze_panes == "A2" and sheet.auto_filter.ref and sheet.print_title_rows == "$1:$1"
 
 
-def test_german_headings(solution, tmp_path):
-    volid.save_workbook(solution, tmp_path / "ergebnis.xlsx", lang="de")
-    names = openpyxl.load_workbook(tmp_path / "ergebnis.xlsx").sheetnames
-    assert names[0] == "Ergebnis" and "Rechtwinkligkeit" in names
-
-
-def test_foreign_texts_are_never_run(solution, tmp_path):
-    campaign = replace(
-        solution.campaign, title=EVIL[0], conditions={text: text for text in EVIL}, sets=solution.campaign.sets
-    )
-    volid.save_workbook(replace(solution, campaign=campaign), tmp_path / "evil.xlsx")
-    book = openpyxl.load_workbook(tmp_path / "evil.xlsx")
-    cells = [cell for sheet in book for row in sheet.iter_rows() for cell in row]
+def test_foreign_texts_are_never_run(tmp_path):
+    table = Table("Texts", [Column("=text", width=20)], [[text] for text in EVIL])
+    write_workbook(tmp_path / "evil.xlsx", [table], EVIL[0])
+    cells = [row[0] for row in openpyxl.load_workbook(tmp_path / "evil.xlsx")["Texts"].iter_rows()]
     assert not [cell for cell in cells if cell.data_type == "f" or cell.hyperlink]
-    values = {cell.value for cell in cells if cell.data_type in ("s", "inlineStr")}
-    assert {"\\x07" if text == "\x07" else text for text in EVIL} <= values
+    assert [cell.value for cell in cells] == ["=text", *("\\x07" if text == "\x07" else text for text in EVIL)]
 
 
 def test_a_long_table_goes_on_on_a_second_sheet(tmp_path, monkeypatch):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +17,8 @@ from volid.report.certificate.element import DCC, SCHEMA, SCHEMA_INSTANCE, SI, a
 from volid.report.certificate.facts import facts_of
 from volid.report.certificate.results import add_results
 from volid.report.certificate.statements import add_statements
+from volid.report.contents.contents import Contents, gather
 from volid.report.language import Texts
-from volid.report.text.summary import summary_data
-from volid.standards.results import Evaluation
 
 HEAD = """\
 <?xml version="1.0" encoding="UTF-8"?>
@@ -31,13 +30,12 @@ HEAD = """\
 def save_dcc(
     solution: Solution,
     path: str | Path,
-    overwrite: bool = False,
     *,
-    tool: Sequence[float] | None = None,
+    tool: Any = None,
+    limits: str | Path | Mapping[str, Any] | None = None,
     data: Mapping[str, Any] | None = None,
-    conformity: Evaluation | None = None,
-    source: str = "",
     lang: str = "en",
+    overwrite: bool = False,
 ) -> tuple[str, ...]:
     """Write a solution in the format of a digital calibration certificate (DCC 3.3.0, D-SI 2.2), as an unsigned result file.
 
@@ -46,19 +44,18 @@ def save_dcc(
     methods, instruments, conditions, verdict, what is not determined, and conformity where limits were judged. Lengths are in
     metre, rotations in radian, positions of rotary axes in degree; every number reads back as the library's, digit by digit.
     Fixed texts are in English and German. Laboratory, customer, persons, machine numbers, instruments and dates come from the
-    table `certificate` of the campaign's [conditions], or from `data` with the same keys, which the docstring of
+    table `dcc` of the campaign's [conditions], or from `data` with the same keys, which the docstring of
     `volid.report.certificate.facts` shows. What nobody stated is named in a statement, and written as "not stated" where the
     schema demands it; nothing is invented.
 
     Args:
         solution: As `volid.fit` or `volid.load_solution` gives it.
-        path: The file, such as "result.xml".
-        overwrite: Whether an existing file may be replaced.
+        path: The file, such as "result.xml"; it appears completely or not at all.
         tool: Tool vector of the volumetric numbers, shape (3,) [mm]; None: the one of most readings.
+        limits: Largest sizes allowed by symbol [mm, rad], as for `save_report`; conformity is stated by their decision rule.
         data: Facts that a certificate needs, which stand before those of [conditions].
-        conformity: Quantities that were judged by limits.
-        source: Name of the solution's file, whose SHA-256 is stated; "": that of its numbers is.
         lang: Language that stands first, "en" or "de".
+        overwrite: Whether an existing file may be replaced.
 
     Returns:
         Keys of the facts that nobody stated.
@@ -75,16 +72,23 @@ def save_dcc(
     >>> missing[:3]
     ('identifier', 'begin', 'end')
     """
-    if reason := solution.adequacy.barrier:
-        raise InputError(f"no result file is made of this solution: {reason}. Mend the campaign, and fit again")
     find_target(path, overwrite)  # refused now, not after the work
-    request = Request(solution, facts_of(solution.campaign, data), source, Texts(lang).language)
-    root = _tree(request, summary_data(solution, tool), conformity)
-    write_bytes(path, HEAD.encode() + ET.tostring(root, encoding="utf-8") + b"\n", overwrite)
+    request = Request(solution, facts_of(solution.campaign, data), lang=Texts(lang).language)
+    certificate_of(gather(solution, tool, limits=limits, expected=False), path, request, overwrite)
     return request.missing()
 
 
-def _tree(request: Request, summary: Mapping[str, Any], conformity: Evaluation | None) -> ET.Element:
+def certificate_of(contents: Contents, path: str | Path, request: Request, overwrite: bool = False) -> None:
+    """Write the certificate data of the contents of a report. Raises as `save_dcc` does."""
+    if contents.barrier:
+        raise InputError(
+            f"no result file is made of this solution: {contents.barrier}. Mend the campaign, and fit again"
+        )
+    tree = _tree(request, contents)
+    write_bytes(path, HEAD.encode() + ET.tostring(tree, encoding="utf-8") + b"\n", overwrite)
+
+
+def _tree(request: Request, contents: Contents) -> ET.Element:
     for prefix, space in (("dcc", DCC), ("si", SI), ("xsi", SCHEMA_INSTANCE)):
         ET.register_namespace(prefix, space)
     location = f"{DCC} {DCC}/v{SCHEMA}/dcc.xsd"
@@ -92,14 +96,14 @@ def _tree(request: Request, summary: Mapping[str, Any], conformity: Evaluation |
         f"{{{DCC}}}digitalCalibrationCertificate",
         {"schemaVersion": SCHEMA, f"{{{SCHEMA_INSTANCE}}}schemaLocation": location},
     )
-    add_statements(administrative_data(root, request), request, conformity)
+    add_statements(administrative_data(root, request), request, contents.evaluation)
     part = add(add(root, "measurementResults"), "measurementResult")
     add_texts(part, "name", "result_name")
     add_methods(part, request)
     add_software(part, "usedSoftware", request.solution.provenance.get("volid", ""))
     add_instruments(part, request)
     add_conditions(part, request)
-    add_results(part, request, summary)
+    add_results(part, contents)
     add_origin(part, request)
     ET.indent(root)
     return root

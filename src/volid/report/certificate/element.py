@@ -47,7 +47,7 @@ def plain(text: str) -> str:
     return " ".join(shown(text).split()) or "-"
 
 
-def add_texts(parent: ET.Element, name: str, key: str, **values: Any) -> ET.Element:
+def add_texts(parent: ET.Element, name: str, key: str, /, **values: Any) -> ET.Element:
     """An element whose contents are a text of texts/certificate.toml in every language."""
     child = add(parent, name)
     for language in LANGUAGES:

@@ -14,19 +14,19 @@ import numpy as np
 
 from volid.io.functions_csv import round_place
 from volid.model.iso230 import DIRECTIONS
-from volid.report.certificate.administration import Request
 from volid.report.certificate.element import add, add_list, add_real, add_texts, add_words, plain
+from volid.report.contents.contents import Contents
 from volid.report.contents.curves import Curve, curves, plain_symbol
 from volid.report.contents.volume import volume_values
 from volid.report.language import LANGUAGES, Texts
 from volid.report.symbols import in_words
 
 
-def add_results(part: ET.Element, request: Request, summary: Mapping[str, Any]) -> None:
+def add_results(part: ET.Element, contents: Contents) -> None:
     """`dcc:results` of a measurement result."""
     results = add(part, "results")
-    found = curves(request.solution)
-    for axis in sorted(request.solution.machine.axes, key=lambda a: DIRECTIONS.index(a.letter)):
+    found, summary = curves(contents.solution), contents.summary
+    for axis in sorted(contents.solution.machine.axes, key=lambda a: DIRECTIONS.index(a.letter)):
         own = [c for c in found if c.error.axis == axis.letter]
         if own:
             data = _result(results, "motions", axis=axis.letter)
@@ -37,7 +37,7 @@ def add_results(part: ET.Element, request: Request, summary: Mapping[str, Any]) 
             data = _result(results, key)
             for row in summary[key]:
                 _constant(data, row)
-    _volume(results, request, summary)
+    _volume(results, contents)
 
 
 def _result(results: ET.Element, key: str, **values: Any) -> ET.Element:
@@ -69,7 +69,7 @@ def _name(parent: ET.Element, symbol: str, name: str) -> None:
 
 def _motion(data: ET.Element, curve: Curve, unit: str) -> None:
     """A list: positions, values with U or coverage intervals, u. Positions without a value are left out, and said."""
-    known = np.isfinite(curve.values) & np.isfinite(curve.u)
+    known = curve.known
     one = add(data, "list", refType=ref_type(curve.title))
     _name(one, curve.title, curve.name)
     if not known.all():
@@ -102,24 +102,22 @@ def _constant(data: ET.Element, row: Mapping[str, Any]) -> None:
         add_real(one, row["value"], row["unit"], row["U"])
 
 
-def _volume(results: ET.Element, request: Request, summary: Mapping[str, Any]) -> None:
+def _volume(results: ET.Element, contents: Contents) -> None:
     """Volumetric accuracy and deviation for one tool vector, which stands before them."""
-    x, y, z = summary["tool"]
     data = _result(results, "volume")
     tool = add(data, "quantity", refType="volid_toolVector")
     add_texts(tool, "name", "tool_vector")
-    add_list(tool, [x, y, z], "mm")
-    for v in volume_values(request.solution, (x, y, z)):
+    add_list(tool, contents.tool, "mm")
+    letters, volume = contents.solution.machine.letters, contents.summary["volume"]
+    for v in volume_values(contents):
         one = add(data, "quantity", refType=f"basic_measuredValue {'iso230' if v.key[0] == 'V' else 'volid'}_{v.key}")
         add_texts(one, "name", f"volume_{v.key}")
         if v.place:
-            letters = request.solution.machine.letters
             place = ", ".join(f"{a} {p:g}" for a, p in zip(letters, v.place, strict=True))
             add_texts(one, "description", "volume_place", place=plain(place))
         if np.isnan(v.value):
             add_texts(one, "noQuantity", "not_determined_or_left_out")
         else:
             add_real(one, v.value, v.unit, v.U)
-    if summary["volume"] and summary["volume"]["left_out"]:
-        names = ", ".join(summary["volume"]["left_out"])
-        add_texts(data, "text", "left_out", names=names)
+    if volume and volume["left_out"]:
+        add_texts(data, "text", "left_out", names=", ".join(volume["left_out"]))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import xml.etree.ElementTree as ET
 
 from volid.report.certificate.administration import Request
@@ -10,7 +11,7 @@ from volid.report.language import LANGUAGES, Texts
 from volid.standards.results import FAIL, PASS, SIMPLE, Evaluation, Quantity
 
 
-def add_statements(part: ET.Element, request: Request, conformity: Evaluation | None) -> None:
+def add_statements(part: ET.Element, request: Request, conformity: Evaluation) -> None:
     """`dcc:statements` within the administrative data."""
     statements, solution = add(part, "statements"), request.solution
     _declared(statements, "unsigned")
@@ -23,8 +24,8 @@ def add_statements(part: ET.Element, request: Request, conformity: Evaluation | 
         _declared(statements, "not_converged")
     for text in (*solution.statements, *solution.unseen):
         _words(_declared(statements, "limitation"), text)
-    for quantity in conformity.quantities if conformity is not None else ():
-        if quantity.limit is not None and conformity is not None:
+    for quantity in conformity.quantities:
+        if quantity.limit is not None:
             _conformity(statements, quantity, conformity.rule)
 
 
@@ -69,10 +70,14 @@ def _conformity(statements: ET.Element, quantity: Quantity, rule: str) -> None:
         add_words(statement, "description", quantity.text)
     if rule != SIMPLE:
         add(statement, "norm", "ISO 14253-1:2017")
-    add_texts(statement, "declaration", "rule_simple" if rule == SIMPLE else "rule_guard_band")
-    add(statement, "conformity", _status(quantity))
+    known = math.isfinite(quantity.value)
+    rule_key = "rule_simple" if rule == SIMPLE else "rule_guard_band"
+    add_texts(statement, "declaration", rule_key if known else "no_conformity")
+    if known:
+        add(statement, "conformity", _status(quantity))
     data = add(statement, "data")
-    for key, value, expanded in (("measured", quantity.value, quantity.U), ("limit", quantity.limit, None)):
+    numbers = (("measured", quantity.value, quantity.U), ("limit", quantity.limit, None))
+    for key, value, expanded in numbers if known else numbers[1:]:
         one = add(
             data, "quantity", refType="basic_measuredValue" if key == "measured" else "basic_conformityLimitUpper"
         )

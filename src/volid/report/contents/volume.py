@@ -11,12 +11,13 @@ from typing import NamedTuple
 import numpy as np
 
 from volid.backend.rms import rms
-from volid.compensation.residual.accuracy import K, volume_sizes
+from volid.compensation.residual.accuracy import K
 from volid.fitting.prediction.deviations import gradient_matrix
 from volid.fitting.prediction.largest import Places, values_at, with_largest
 from volid.fitting.prediction.spread import linear_uncertainty
 from volid.fitting.solution import Solution
 from volid.model.iso230 import DIRECTIONS
+from volid.report.contents.contents import Contents
 
 
 class VolumeValue(NamedTuple):
@@ -33,23 +34,21 @@ class VolumeValue(NamedTuple):
     place: tuple[float, ...] = ()
 
 
-def volume_values(solution: Solution, tool: tuple[float, float, float]) -> list[VolumeValue]:
+def volume_values(contents: Contents) -> list[VolumeValue]:
     """V_X … V_C, the largest and the RMS deviation before compensation in the stated datum, each with U.
-
-    Args:
-        solution: A solution, as `volid.fit` makes it.
-        tool: Tool vector, (3,) [mm].
 
     Source: ISO 230-1:2012 3.8 for the ranges.
     """
-    sizes = volume_sizes(solution, tool)
+    solution, sizes = contents.solution, contents.sizes
+    if sizes is None:
+        return []
     found = [
         _unless_nothing(VolumeValue(f"V_{letter}", value, expanded, "mm" if k < 3 else "rad"))
         for k, (letter, value, expanded) in enumerate(
             zip(DIRECTIONS, *(v.tolist() for v in sizes.accuracy), strict=True)
         )
     ]
-    return [*found, *_lengths(solution, np.asarray(tool, dtype=float), *(float(v[0]) for v in sizes.largest))]
+    return [*found, *_lengths(solution, np.asarray(contents.tool, dtype=float), *(float(v[0]) for v in sizes.largest))]
 
 
 def _unless_nothing(found: VolumeValue) -> VolumeValue:

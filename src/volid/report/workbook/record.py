@@ -8,7 +8,8 @@ from typing import Any
 
 from volid.fitting.solution import Solution
 from volid.io.functions_csv import source_lines
-from volid.plausibility.record import Item, record
+from volid.plausibility.record import Item
+from volid.report.contents.contents import Contents
 from volid.report.contents.curves import plain_symbol
 from volid.report.contents.volume import volume_values
 from volid.report.language import Texts
@@ -19,7 +20,7 @@ from volid.report.workbook.table import Column, Table, micro_of, micro_row
 WORDS = 90  # width of a column of sentences
 
 
-def result_sheet(solution: Solution, summary: Mapping[str, Any], texts: Texts) -> Table:
+def result_sheet(contents: Contents, texts: Texts) -> Table:
     """The first sheet: verdict, what was measured, and the numbers most asked for."""
     columns = [
         Column(texts("workbook.what"), width=44),
@@ -28,12 +29,12 @@ def result_sheet(solution: Solution, summary: Mapping[str, Any], texts: Texts) -
         Column("U (k = 2)", "µm, µrad", spread=0),
         Column(texts("workbook.unit")),
     ]
-    rows: list[list[Any]] = [[label, text, None, None, ""] for label, text in _facts(solution, summary, texts)]
+    summary = contents.summary
+    rows: list[list[Any]] = [[label, text, None, None, ""] for label, text in _facts(summary, texts)]
     for r in summary["squareness"]:
         words = angle_words(r["name"], r["value"], r["U"], texts) or texts("workbook.not_determined")
         rows.append([r["symbol"], words, *micro_row(r, "value", "U")])
-    x, y, z = summary["tool"]
-    for v in volume_values(solution, (x, y, z)):
+    for v in volume_values(contents):
         scale = scale_of(v.unit)
         words = texts("workbook.blank") if isnan(v.value) else ""
         rows.append([texts(f"workbook.{v.key}"), words, scale * v.value, scale * v.U, unit_of(v.unit)])
@@ -52,7 +53,7 @@ def result_sheet(solution: Solution, summary: Mapping[str, Any], texts: Texts) -
     return Table(texts("workbook.sheet_result"), columns, rows)
 
 
-def _facts(solution: Solution, summary: Mapping[str, Any], texts: Texts) -> Iterator[tuple[str, str]]:
+def _facts(summary: Mapping[str, Any], texts: Texts) -> Iterator[tuple[str, str]]:
     yield texts("workbook.verdict"), texts(f"workbook.grade_{summary['grade'].replace(', ', '_').replace(' ', '_')}")
     yield texts("workbook.verdict_words"), summary["verdict"]
     yield texts("workbook.lack_of_fit"), summary["lack_of_fit"]["words"]
@@ -75,15 +76,17 @@ def _facts(solution: Solution, summary: Mapping[str, Any], texts: Texts) -> Iter
         yield texts("workbook.note"), note
 
 
-def campaign_sheet(solution: Solution, texts: Texts) -> Table:
+def campaign_sheet(contents: Contents, texts: Texts) -> Table:
     """The record of conditions, ISO/TR 16907 9.1: what it asks for first, and what is missing by name; then all other keys."""
     columns = [
         Column(texts("workbook.what"), width=44),
         Column(texts("workbook.key"), width=32),
         Column(texts("workbook.text"), width=WORDS),
     ]
-    rows = [row for item in record(solution.campaign) for row in _item(item, texts)]
-    rows += [[texts("workbook.station", name=s.name), "", _station(s, texts)] for s in solution.campaign.stations]
+    rows = [row for item in contents.record for row in _item(item, texts)]
+    rows += [
+        [texts("workbook.station", name=s.name), "", _station(s, texts)] for s in contents.solution.campaign.stations
+    ]
     return Table(texts("workbook.sheet_campaign"), columns, rows)
 
 

@@ -17,12 +17,14 @@ from volid.fitting.solution import Solution
 from volid.io.functions_csv import round_place
 from volid.model.axis_lines import MACHINE
 from volid.model.iso230 import DIRECTIONS
+from volid.report.contents.contents import Contents
 from volid.report.contents.curves import Curve, curves, plain_symbol
 from volid.report.contents.volume import volume_values
 from volid.report.language import Texts
 from volid.report.symbols import angle_words, in_words
 from volid.report.text.basics import scale_of, unit_of
 from volid.report.workbook.table import Chart, Column, Table, micro_of, micro_row
+from volid.standards.results import SIMPLE, Evaluation
 
 K = 2.0
 MIXED = "µm, µrad"
@@ -133,7 +135,7 @@ def _chart(own: Sequence[Curve], starts: Sequence[int], rotations: bool, letter:
     return Chart(title, "", unit, [(c.title, 0, start, start + 1) for c, start in drawn], (0.0, 0.0))
 
 
-def volume_sheet(solution: Solution, summary: Mapping[str, Any], texts: Texts) -> Table:
+def volume_sheet(contents: Contents, texts: Texts) -> Table:
     """Volumetric accuracy and the largest deviation, with U, and what an L-VOL grid leaves."""
     columns = [
         Column(texts("workbook.quantity"), width=60),
@@ -144,11 +146,12 @@ def volume_sheet(solution: Solution, summary: Mapping[str, Any], texts: Texts) -
         Column(texts("workbook.unit")),
         Column(texts("workbook.place"), width=40),
     ]
-    x, y, z = summary["tool"]
+    summary, letters = contents.summary, contents.solution.machine.letters
+    x, y, z = contents.tool
     rows: list[list[Any]] = [[texts("workbook.tool", x=f"{x:g}", y=f"{y:g}", z=f"{z:g}"), *[None] * 6]]
-    for v in volume_values(solution, (x, y, z)):
+    for v in volume_values(contents):
         numbers = (scale_of(v.unit) * v.value, scale_of(v.unit) * v.U)
-        place = [f"{a} {p:g}" for a, p in zip(solution.machine.letters, v.place, strict=False)]
+        place = [f"{a} {p:g}" for a, p in zip(letters, v.place, strict=False)]
         rows.append(
             [
                 texts(f"workbook.{v.key}"),
@@ -187,6 +190,24 @@ def _expected(volume: Mapping[str, Any], texts: Texts) -> Iterator[list[Any]]:
 def _half(row: Sequence[Any]) -> float:
     """Half of the interval of a row of the forecast."""
     return 0.5 * (float(row[7]) - float(row[6]))
+
+
+def limits_sheet(found: Evaluation, texts: Texts) -> Table:
+    """Quantities that were judged by limits, with the decision rule."""
+    columns = [
+        Column(texts("workbook.symbol"), width=20),
+        Column(texts("workbook.value"), MIXED, spread=1),
+        Column("U (k = 2)", MIXED, spread=0),
+        Column(texts("workbook.limit"), MIXED),
+        Column(texts("workbook.unit")),
+        Column(texts("workbook.conformity"), width=16),
+        Column(texts("workbook.rule"), width=90),
+    ]
+    rule, rows = texts("certificate.rule_simple" if found.rule == SIMPLE else "certificate.rule_guard_band"), []
+    for q in (q for q in found.quantities if q.limit is not None):
+        numbers = [micro_of(v, q.unit) for v in (q.value, q.U, q.limit)]
+        rows.append([q.symbol, *numbers, unit_of(q.unit), texts(f"workbook.conformity_{q.verdict}"), rule])
+    return Table(texts("workbook.sheet_limits"), columns, rows)
 
 
 def forecast_sheet(found: Forecast, texts: Texts) -> Table:
