@@ -8,7 +8,7 @@ from pathlib import Path
 
 from machinery.writing import write
 
-_WIDTH = "100"  # columns of usage lines
+_WIDTH = "90"  # columns of usage lines
 
 
 def write_commands(target: Path) -> None:
