@@ -11,6 +11,7 @@ from volid.cli.common import (
     attention,
     conclude,
     explain,
+    in_options,
     print_json,
     write_figure,
 )
@@ -89,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
 def _say(found: list[Named], args: argparse.Namespace) -> None:
     """What was written, and what was left out for which reason."""
     written = [f"{n.name}.{args.format}" for n in found if not n.reason]
-    left_out = {n.name: n.reason for n in found if n.reason}
+    left_out = {n.name: in_options(n.reason, args) for n in found if n.reason}
     if args.json:
         print_json({"folder": args.output, "written": written, "left_out": left_out})
         return

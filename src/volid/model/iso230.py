@@ -75,24 +75,6 @@ def motion(direction: str, axis: str) -> str:
     return f"E{direction}{axis}"
 
 
-_WORDS = {
-    "positioning": "positioning of {axis}",
-    "straightness": "straightness of {axis} in {direction} direction",
-    "roll": "roll of {axis}",
-    "angular": "angular error motion of {axis} about {line}",
-    "angular_positioning": "angular positioning of {axis}",
-    "tilt": "tilt error motion of {axis} about {line}",
-    "axial": "axial error motion of {axis}",
-    "radial": "radial error motion of {axis} in {direction} direction",
-    "squareness": "squareness: rotation of the {axis} axis about {line}",
-    "zero_position": "zero position of {axis}",
-    "orientation": "error of the orientation of {axis} about {line}",
-    "position": "error of the position of {axis} in {direction} direction",
-    "tool_rotation": "tool frame (spindle) rotation about {line}",
-    "tool_position": "tool frame (spindle) position in {line}",
-}
-
-
 def describe(name: str) -> str:
     """The symbol in words, as ISO 230-1 puts it.
 
@@ -101,45 +83,46 @@ def describe(name: str) -> str:
     >>> describe("EYX")
     'straightness of X in Y direction'
     """
-    sort, values = sort_of(name)
-    return _WORDS[sort].format(**values)
-
-
-def sort_of(name: str) -> tuple[str, dict[str, str]]:
-    """What sort of error a symbol names, and the letters that its description needs: axis, direction, and line turned about.
-
-    >>> sort_of("EAX")
-    ('roll', {'axis': 'X', 'direction': 'A', 'line': 'X'})
-    """
     error = parse(name)
     if error.axis == SPINDLE:
-        sort = "tool_rotation" if error.is_rotation else "tool_position"
-    elif error.location:
-        sort = _location_sort(error)
-    else:
-        sort = _linear_sort(error) if error.axis in LINEAR_AXES else _rotary_sort(error)
-    return sort, {"axis": error.axis, "direction": error.direction, "line": _line(error.direction)}
+        kind = "rotation" if error.is_rotation else "position"
+        return f"tool frame (spindle) {kind} {'about' if error.is_rotation else 'in'} {_line(error.direction)}"
+    if error.location:
+        return _describe_location(error)
+    if error.axis in LINEAR_AXES:
+        return _describe_linear(error)
+    return _describe_rotary(error)
 
 
 def _line(direction: str) -> str:
     return dict(zip(ROTATIONS, LINEAR_AXES, strict=True)).get(direction, direction)
 
 
-def _location_sort(error: ErrorName) -> str:
+def _describe_location(error: ErrorName) -> str:
     if error.axis in LINEAR_AXES:
-        return "squareness"
+        return f"squareness: rotation of the {error.axis} axis about {_line(error.direction)}"
     if error.direction == error.axis:
-        return "zero_position"
-    return "orientation" if error.is_rotation else "position"
-
-
-def _linear_sort(error: ErrorName) -> str:
+        return f"zero position of {error.axis}"
     if error.is_rotation:
-        return "roll" if _line(error.direction) == error.axis else "angular"
-    return "positioning" if error.direction == error.axis else "straightness"
+        return f"error of the orientation of {error.axis} about {_line(error.direction)}"
+    return f"error of the position of {error.axis} in {error.direction} direction"
 
 
-def _rotary_sort(error: ErrorName) -> str:
+def _describe_linear(error: ErrorName) -> str:
+    if not error.is_rotation:
+        if error.direction == error.axis:
+            return f"positioning of {error.axis}"
+        return f"straightness of {error.axis} in {error.direction} direction"
+    if _line(error.direction) == error.axis:
+        return f"roll of {error.axis}"
+    return f"angular error motion of {error.axis} about {_line(error.direction)}"
+
+
+def _describe_rotary(error: ErrorName) -> str:
+    if error.direction == error.axis:
+        return f"angular positioning of {error.axis}"
     if error.is_rotation:
-        return "angular_positioning" if error.direction == error.axis else "tilt"
-    return "axial" if error.direction == _line(error.axis) else "radial"
+        return f"tilt error motion of {error.axis} about {_line(error.direction)}"
+    if error.direction == _line(error.axis):
+        return f"axial error motion of {error.axis}"
+    return f"radial error motion of {error.axis} in {error.direction} direction"

@@ -65,8 +65,9 @@ class Curve:
 
     @property
     def known(self) -> float:
-        """Share of the values that the data determine."""
-        return float(np.mean([np.isfinite(way.values).mean() for way in self.ways]))
+        """Share of the steps at both of whose ends the data determine the value: 0 where only the reference is, which is 0."""
+        ends = [np.isfinite(way.values) for way in self.ways]
+        return float(np.mean([np.mean(known[1:] & known[:-1]) for known in ends]))
 
     @property
     def span(self) -> tuple[float, float]:

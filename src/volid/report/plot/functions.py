@@ -10,7 +10,6 @@ import numpy as np
 from volid.fitting.solution import Solution
 from volid.model.iso230 import DIRECTIONS, parse
 from volid.model.machine import Axis
-from volid.report.described import described
 from volid.report.language import ENGLISH, Texts
 from volid.report.plot.asked import Asked, NothingToDrawError
 from volid.report.plot.curves import (
@@ -25,7 +24,8 @@ from volid.report.plot.curves import (
     shown_axes,
 )
 from volid.report.plot.palette import BLACK, BLUE, FAINT, GREEN, NEUTRAL, ORANGE, SIGNED
-from volid.report.plot.panels import figure_with_panels, heading, level_lines, note_below
+from volid.report.plot.panels import figure_with_panels, heading, in_language, level_lines, note_below
+from volid.report.symbols import in_words
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -121,10 +121,12 @@ def draw_function(
         )
         label = texts("functions." + {0: "value", 1: "approached_up", -1: "approached_down"}[way.direction])
         panel.plot(shown.positions, way.values, color=colour, ls=style, lw=1.3, label=label)
-    panel.set_title(f"{shown.name}: {described(shown.name, texts)}", fontsize=8, loc="left", color=NEUTRAL)
+    panel.set_title(f"{shown.name}: {in_words(shown.name, texts)}", fontsize=8, loc="left", color=NEUTRAL)
     panel.set_xlim(*ends_of(shown.axis))
     panel.set_ylim(*(ends or limits([shown]))[shown.unit])
     panel.tick_params(labelsize=8)
+    in_language(panel.xaxis, texts)
+    in_language(panel.yaxis, texts)
 
 
 def ends_of(axis: Axis) -> tuple[float, float]:
@@ -200,8 +202,8 @@ def cross_effects(solution: Solution, *, texts: Texts = ENGLISH) -> Figure:
     maps = {name: cross_effect(solution, name) for name in names}
     for panel, name in zip(panels.ravel(), names, strict=False):
         alike = [maps[n][2] for n in names if parse(n).is_rotation == parse(name).is_rotation]
-        draw_cross_effect(panel, solution, name, maps[name], largest_of(alike), texts)
-        figure.colorbar(panel.collections[0], ax=panel, label=parse(name).report_unit)
+        areas = draw_cross_effect(panel, solution, name, maps[name], largest_of(alike), texts)
+        figure.colorbar(areas, ax=panel, label=parse(name).report_unit)
     for panel in panels.ravel()[len(names) :]:
         panel.set_axis_off()
     heading(figure, texts("functions.cross_title", machine=solution.machine.name))
@@ -221,7 +223,7 @@ def cross_names(solution: Solution) -> list[str]:
 
 def draw_cross_effect(
     panel: Any, solution: Solution, name: str, field: tuple[np.ndarray, ...], largest: float, texts: Texts = ENGLISH
-) -> None:
+) -> Any:
     """A map of an error motion over its two axes in a panel, with lines of equal value, dashed where they are negative.
 
     Args:
@@ -231,15 +233,20 @@ def draw_cross_effect(
         field: As `cross_effect` gives it.
         largest: End of the scale of both signs [µm or µrad].
         texts: The language.
+
+    Returns the areas, for a colour bar.
     """
     x, y, values = field
-    level_lines(panel, x, y, values.T, largest, SIGNED)
+    areas = level_lines(panel, x, y, values.T, largest, SIGNED)
     own, other = solution.machine.axis(parse(name).axis), other_axis(solution, name)
-    panel.set_title(f"{name}: {described(name, texts)}", fontsize=8, loc="left", color=NEUTRAL)
+    panel.set_title(f"{name}: {in_words(name, texts)}", fontsize=8, loc="left", color=NEUTRAL)
     panel.set_xlabel(f"{own.letter} / {own.unit}", fontsize=8)
     if other is not None:
         panel.set_ylabel(f"{other.letter} / {other.unit}", fontsize=8)
     panel.tick_params(labelsize=8)
+    in_language(panel.xaxis, texts)
+    in_language(panel.yaxis, texts)
+    return areas
 
 
 def draw(asked: Asked) -> dict[str, Figure]:

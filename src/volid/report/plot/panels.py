@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from volid.report.language import Texts
 from volid.report.plot.palette import NEUTRAL, SIGNED
 
 if TYPE_CHECKING:
@@ -34,6 +35,80 @@ def figure_with_panels(
     return figure, figure.subplots(rows, columns, **kwargs)
 
 
+SMALL_SIZE = (3.4, 1.8)  # inches of a small panel
+
+
+def figure_with_places(size: tuple[float, float], places: Sequence[Sequence[float]]) -> tuple[Figure, list[Any]]:
+    """A figure whose panels stand where they are told: drawn at once, and true to scale.
+
+    Args:
+        size: Width and height [inch].
+        places: Of each panel, left and lower edge, width and height [inch].
+
+    >>> figure, (panel,) = figure_with_places((4.0, 2.0), [(0.4, 0.5, 3.5, 1.25)])
+    >>> [round(float(v), 3) for v in panel.get_position().extents]
+    [0.1, 0.25, 0.975, 0.875]
+    """
+    figure = _figure_class()(figsize=size)
+    width, height = size
+    return figure, [figure.add_axes((x / width, y / height, w / width, h / height)) for x, y, w, h in places]
+
+
+def small_panel(
+    size: tuple[float, float] = SMALL_SIZE, edges: tuple[float, float, float, float] = (0.5, 0.4, 0.08, 0.26)
+) -> tuple[Figure, Any]:
+    """A small figure with one panel, for a page with many of them.
+
+    Args:
+        size: Width and height [inch].
+        edges: Room at the left, below, at the right and above [inch].
+    """
+    left, below, right, above = edges
+    figure, panels = figure_with_places(size, [(left, below, size[0] - left - right, size[1] - below - above)])
+    return figure, panels[0]
+
+
+def signs(text: str, texts: Texts) -> str:
+    """A number as figures write it in a language: with a minus sign, and in German with a decimal comma.
+
+    >>> signs("-12.5", Texts("de"))
+    '−12,5'
+    """
+    found = text.replace("-", "\u2212")
+    return found.replace(".", ",") if texts.language == "de" else found
+
+
+def shown_vector(values: Sequence[float], texts: Texts) -> str:
+    """A vector as figures write it in a language; no line breaks within it.
+
+    >>> shown_vector((0.0, 0.5, -150.0), Texts("de")).replace("\\u00a0", " ")
+    '(0; 0,5; −150)'
+    """
+    separator = ";\u00a0" if texts.language == "de" else ",\u00a0"
+    return f"({separator.join(signs(f'{value:g}', texts) for value in values)})"
+
+
+def in_language(axis: Any, texts: Texts) -> None:
+    """The numbers of an axis of matplotlib, `panel.xaxis` or of a colour bar, in the signs of a language."""
+    from matplotlib.ticker import ScalarFormatter
+
+    if texts.language == "de" and isinstance(axis.get_major_formatter(), ScalarFormatter):
+        axis.set_major_formatter(_comma_formatter()())
+
+
+@cache
+def _comma_formatter() -> Any:
+    from matplotlib.ticker import ScalarFormatter
+
+    class CommaFormatter(ScalarFormatter):
+        """Numbers with a decimal comma."""
+
+        def __call__(self, x: float, pos: int | None = None) -> str:
+            return super().__call__(x, pos).replace(".", ",")
+
+    return CommaFormatter
+
+
 TITLE, SMALL = 11, 8  # points of a figure's title, and of its legend and notes
 
 
@@ -46,20 +121,24 @@ def heading(figure: Figure, title: str, handles: Sequence[Any] = (), labels: Seq
         handles, labels: Of the legend; none: there is none.
     """
     width, height = figure.get_size_inches()
-    lines = wrap(title, int(10.5 * width))
-    figure.suptitle("\n".join(lines), fontsize=TITLE)
+    lines = wrap(title, int(11.5 * width))
+    engine: Any = figure.get_layout_engine()
+    place = (
+        {} if engine is not None else {"y": 1.0 - 0.06 / height}
+    )  # a place of its own takes a title out of the layout
+    figure.suptitle("\n".join(lines), fontsize=TITLE, **place)
     if not labels:
         return
     beside = sum(len(label) + 7 for label in labels) <= 13.0 * width
     in_a_row = len(labels) if beside else max(1, int(13.0 * width / (max(map(len, labels)) + 7)))
     rows = -(-len(labels) // in_a_row)
-    below = 1.0 - (0.06 + len(lines) * 1.25 * TITLE / 72.0) / height
+    below = 1.0 - (0.1 + len(lines) * 1.25 * TITLE / 72.0) / height
     figure.legend(
         handles, labels, fontsize=SMALL, frameon=False, ncols=min(in_a_row, len(labels)), borderaxespad=0.0,
         borderpad=0.0, loc="upper center", bbox_to_anchor=(0.5, below),
     )  # fmt: skip
-    engine: Any = figure.get_layout_engine()
-    engine.set(rect=(0.0, 0.0, 1.0, 1.0 - rows * 1.8 * SMALL / 72.0 / height))
+    if engine is not None:
+        engine.set(rect=(0.0, 0.0, 1.0, 1.0 - rows * 1.8 * SMALL / 72.0 / height))
 
 
 def note_below(figure: Figure, lines: Sequence[str], width: int | None = None) -> None:
@@ -70,7 +149,7 @@ def note_below(figure: Figure, lines: Sequence[str], width: int | None = None) -
         lines: One for each sentence; none: nothing is written.
         width: Characters of a line; by default as many as fit.
     """
-    characters = width or int(13.5 * figure.get_figwidth())
+    characters = width or int(15 * figure.get_figwidth())
     text = "\n".join(part for line in lines for part in wrap(line, characters))
     if text:
         figure.supxlabel(text, fontsize=SMALL, color=NEUTRAL, ha="left", x=0.02)
@@ -89,7 +168,7 @@ def round_levels(largest: float, signed: bool, most: int = 12) -> np.ndarray:
 
 
 def level_lines(panel: Any, x: np.ndarray, y: np.ndarray, values: np.ndarray, largest: float, colours: str) -> Any:
-    """A field as areas between round levels, with lines at them, dashed below zero, so that it can be read in grey too.
+    """A field as areas between round levels; of values of both signs with lines at them, dashed below zero, to be read in grey.
 
     Args:
         panel: Axes of matplotlib.
@@ -100,9 +179,9 @@ def level_lines(panel: Any, x: np.ndarray, y: np.ndarray, values: np.ndarray, la
 
     Returns the areas, for a colour bar.
     """
-    levels = round_levels(largest, colours == SIGNED)
+    levels = round_levels(largest, colours == SIGNED, 16 if colours == SIGNED else 12)
     areas = panel.contourf(x, y, values, levels=levels, cmap=colours)
-    if np.nanmin(values) < levels[-2] and np.nanmax(values) > levels[1]:
+    if colours == SIGNED and np.nanmin(values) < levels[-2] and np.nanmax(values) > levels[1]:
         dashes = ["--" if level < 0.0 else "-" for level in levels]
         widths = [1.2 if abs(level) < 1e-12 else 0.5 for level in levels]
         panel.contour(x, y, values, levels=levels, colors=NEUTRAL, linestyles=dashes, linewidths=widths)

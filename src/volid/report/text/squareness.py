@@ -12,11 +12,22 @@ that carries the workpiece has the same angle.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from volid.model.error_functions import squareness_effect
 from volid.model.iso230 import parse
 
 RIGHT = "not distinguishable from 90°"
+LARGER, SMALLER, NINETY = "larger", "smaller", "90"
+
+
+class Angle(NamedTuple):
+    """The angle between the positive directions of two linear axes: `size` is LARGER or SMALLER than 90°, or NINETY where U does
+    not let the two be told apart."""
+
+    first: str
+    second: str
+    size: str
 
 
 def other_axis(name: str) -> str:
@@ -44,9 +55,23 @@ def angle_in_words(name: str, value: float, expanded: float) -> str:
     >>> angle_in_words("EC0Y", 21e-6, 2e-6)
     'angle between +X and +Y larger than 90°'
     """
-    if not (math.isfinite(value) and math.isfinite(expanded)):
+    between = angle_of(name, value, expanded)
+    if between is None:
         return ""
+    found = RIGHT if between.size == NINETY else f"{between.size} than 90°"
+    return f"angle between +{between.first} and +{between.second} {found}"
+
+
+def angle_of(name: str, value: float | None, expanded: float | None) -> Angle | None:
+    """The same in parts; None if not determined. Arguments as of `angle_in_words`.
+
+    >>> angle_of("EC0Y", 21e-6, 2e-6)
+    Angle(first='X', second='Y', size='larger')
+    """
+    if value is None or expanded is None or not (math.isfinite(value) and math.isfinite(expanded)):
+        return None
     first, second = sorted((other_axis(name), parse(name).axis))
+    if abs(value) <= expanded:
+        return Angle(first, second, NINETY)
     nearer = squareness_effect(name)[1] * value > 0.0
-    found = RIGHT if abs(value) <= expanded else f"{'smaller' if nearer else 'larger'} than 90°"
-    return f"angle between +{first} and +{second} {found}"
+    return Angle(first, second, SMALLER if nearer else LARGER)
