@@ -101,6 +101,7 @@ _PUBLIC = {  # public name: where it comes from, in the order of the work
     "Check": "volid.validation.check:Check",
     # to look at
     "plot": "volid.report:plot",
+    "save_report": "volid.report.page.page:save_report",
     # what can go wrong
     "accept_unusual": "volid.backend.consent:accept_unusual",
     "VolidError": "volid.exceptions:VolidError",

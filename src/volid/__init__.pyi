@@ -40,6 +40,7 @@ from volid.model.machine import Datum, Machine
 from volid.planning.standard import standard_plan
 from volid.plausibility.checks import check_campaign, closures
 from volid.report import plot as plot
+from volid.report.page.page import save_report
 from volid.report.text.summary import summary
 from volid.standards.results import Evaluation
 from volid.uncertainty.trials.monte_carlo import monte_carlo
@@ -123,6 +124,7 @@ __all__ = [  # noqa: RUF022
     "quick_check",
     "Check",
     "plot",
+    "save_report",
     "accept_unusual",
     "VolidError",
     "InputError",

@@ -19,7 +19,7 @@ from contextlib import suppress
 from volid.backend.consent import accept_unusual
 from volid.cli.common import in_options
 from volid.cli.environment import prepare, version
-from volid.cli.faults import report
+from volid.cli.faults import report_fault
 from volid.cli.interrupts import INTERRUPTS
 from volid.cli.streams import is_of_a_stream, output_on_standard_output, silence, streams
 from volid.exceptions import NotDeterminedError, VolidError, shown
@@ -146,7 +146,7 @@ def _answer(verb: str, arguments: list[str]) -> int:
     except Exception as error:
         if is_of_a_stream(error):
             raise
-        return report(verb, error, arguments)
+        return report_fault(verb, error, arguments)
 
 
 def _parsed(verb: str, arguments: list[str]) -> argparse.Namespace:

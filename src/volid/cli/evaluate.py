@@ -106,8 +106,7 @@ def _write(evaluations: Sequence[Evaluation], standard: Any, args: argparse.Name
 
 
 def _say(evaluations: Sequence[Evaluation], args: argparse.Namespace) -> int:
-    from volid.report.text.evaluations import evaluation_lines, evaluations_data
-    from volid.standards.results import FAIL, UNDECIDED
+    from volid.report.text.evaluations import evaluation_lines, evaluations_data, unproved
 
     if args.json:
         print_json(evaluations_data(evaluations))
@@ -115,8 +114,4 @@ def _say(evaluations: Sequence[Evaluation], args: argparse.Namespace) -> int:
         print(in_options("\n\n".join("\n".join(evaluation_lines(e)) for e in evaluations), args))
         for path in filter(None, (args.output, args.figure, getattr(args, "tables", None))):
             print(f"written: {path}")
-    said = {FAIL: "exceeds its limit", UNDECIDED: "is within U of its limit, so that neither pass nor fail is proved"}
-    exceeded = [
-        f"{e.subject}: {q.symbol} {said[q.verdict]}" for e in evaluations for q in e.quantities if q.verdict in said
-    ]
-    return conclude(args, [*exceeded, *(text for e in evaluations for text in e.attention)])
+    return conclude(args, [*unproved(evaluations), *(text for e in evaluations for text in e.attention)])

@@ -19,7 +19,7 @@ FAULT = 70  # EX_SOFTWARE of sysexits.h
 _PACKAGES = ("volid", "numpy", "scipy", "jax", "jaxlib", "equinox", "lineax", "optimistix", "h5py", "matplotlib")
 
 
-def report(verb: str, error: BaseException, arguments: Sequence[str]) -> int:
+def report_fault(verb: str, error: BaseException, arguments: Sequence[str]) -> int:
     """Say it in one line, write the file, return the exit status."""
     name = f"volid {verb}".rstrip()
     what = cut(f"{type(error).__name__}: {' '.join(str(error).split())}".removesuffix(": "), 300)

@@ -3,16 +3,33 @@
 from __future__ import annotations
 
 import argparse
+from typing import TYPE_CHECKING
 
-from volid.cli.common import add_output, add_solution, attention, check_output, conclude, explain, usable_solution
+from volid.cli.common import add_output, add_solution, attention, check_output, conclude, explain, print_json
+from volid.cli.numbers import add_unusual, tool_vector
 from volid.cli.progress import Progress
+
+if TYPE_CHECKING:
+    from volid.report.contents.contents import Contents
 
 HELP = "one page to look at, to print and to hand over: verdict, figures, the deviation field, limits, provenance"
 _EPILOG = """\
-example:
-  volid report solution.h5 -o report.html
+The page is one HTML file that needs no other, and prints to A4 with page numbers. Volumetric numbers
+hold for one tool vector. Expanded uncertainties U have k = 2.
 
-exit status: 0 good; 1 written, but the result needs attention, which is named; 2 bad input
+LIMITS.toml names the largest size allowed, in mm and rad, by symbol:
+  rule = "guard band"        # ISO 14253-1 with U (default); or "simple": the value alone is compared
+  largest_deviation = 0.050  # of the functional point over the working volume
+  V_X = 0.040                # to V_C: volumetric accuracy of ISO 230-1, range of a component
+  EC0Y = 15e-6               # squareness and location errors, their size
+  EXX = 0.010                # error motions, their range over the measured travel
+  "E[YZ]X" = 0.005           # all symbols of a form that have no limit of their own
+
+example:
+  volid report solution.h5 -o report.html --limits limits.toml
+
+exit status: 0 good; 1 written, but the result needs attention, or a limit is exceeded or not proved
+to be kept, which is named; 2 bad input
 """
 
 
@@ -20,23 +37,46 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
     explain(parser, _EPILOG)
     add_solution(parser)
+    parser.add_argument("--tool", metavar="x,y,z", type=tool_vector, help="tool vector, mm; default: the most used one")
+    parser.add_argument(
+        "--limits", metavar="LIMITS.toml", help="largest sizes allowed, see below; conformity is stated"
+    )
     parser.add_argument("--lang", choices=("en", "de"), default="en", help="language of the page; default en")
+    parser.add_argument(
+        "--title", metavar="TEXT", default="", help="title of the page; default: from the machine's name"
+    )
+    add_unusual(parser)
     add_output(parser, "REPORT.html", "the page, one file that needs no other", required=True)
 
 
 def run(args: argparse.Namespace) -> int:
     """Read, gather, draw, write. Raises `InputError`, `OutputError`."""
-    check_output(args.output, args.force, [args.solution])
+    check_output(args.output, args.force, [args.solution, *([args.limits] if args.limits else [])])
     with Progress() as progress:
         progress("reading the solution")
         from volid.io.functions_csv import text_output
+        from volid.io.solutions import read_solution
         from volid.report.contents.contents import gather
         from volid.report.language import Texts
         from volid.report.page.page import page
 
-        solution = usable_solution(args.solution)
+        solution = read_solution(args.solution)
+        progress("evaluating the working volume")
+        contents = gather(solution, args.tool, args.solution, args.limits, args.title, args.command_line)
         progress("drawing")
-        text = page(gather(solution, source=args.solution), Texts(args.lang))
+        text = page(contents, Texts(args.lang))
         with text_output(args.output, args.force) as stream:
             stream.write(text)
-    return conclude(args, attention(solution))
+    return _say(contents, args)
+
+
+def _say(contents: Contents, args: argparse.Namespace) -> int:
+    """What was written, and what needs attention."""
+    from volid.report.text.evaluations import evaluations_data, unproved
+
+    if args.json:
+        print_json(evaluations_data([contents.evaluation]))
+    else:
+        print(f"written: {args.output}")
+    barrier = [f"no numbers are shown: {contents.barrier}"] if contents.barrier else []
+    return conclude(args, [*barrier, *attention(contents.solution), *unproved([contents.evaluation])])

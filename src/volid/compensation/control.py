@@ -254,6 +254,8 @@ class Control:
             wanted = np.einsum("mji,mjk,mk->mi", now, before, wanted)
         if linear:
             directions = axis_directions(self.machine, after)[:, :, linear]
+            if (directions == directions[:1]).all():  # no rotary axis lies between workpiece and linear axes
+                directions = directions[:1]
             step[:, linear] = np.einsum("mij,mj->mi", np.linalg.pinv(directions), wanted)
         return step
 

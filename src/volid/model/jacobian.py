@@ -120,10 +120,12 @@ def _dot(a: Vector, b: Vector) -> Any:
 
 def _put(row: list[Any], axis: Axis | None, start: int, x: Vector) -> None:
     """Partials by three error values in the axis's own frame, from machine frame components."""
+    if axis is None or axis.is_linear or not axis.axis_frame:  # the machine's
+        row[start : start + 3] = x
+        return
+    frame = axis.frame
     for k in range(3):
-        row[start + k] = (
-            x[k] if axis is None else sum(float(axis.frame[i, k]) * x[i] for i in range(3) if axis.frame[i, k])
-        )
+        row[start + k] = sum(float(frame[i, k]) * x[i] for i in range(3) if frame[i, k])
 
 
 def influence(

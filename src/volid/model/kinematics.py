@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from volid.backend.elementary import computed_once, constant_like, in_rows
-from volid.model.geometry import Vector, add, rotate_about, rotate_small, rotation_vector, subtract
+from volid.model.geometry import Vector, add, rotate_about, rotate_small, rotation_vector, skew, subtract
 from volid.model.iso230 import LINEAR_AXES
 from volid.model.machine import Axis, Machine
 
@@ -210,8 +210,10 @@ def nominal_point(
 
 def turn(axis: Axis, degrees: Float[np.ndarray, " m"]) -> Float[np.ndarray, "m 3 3"]:
     """Rotations by some angles (m,) [°] about the direction of a rotary axis, (m, 3, 3)."""
-    columns = [_rows(nominal_factor(axis, degrees, (x, y, z), True), len(degrees)) for x, y, z in np.eye(3)]
-    return np.stack(columns, axis=2)
+    angle = np.asarray(degrees, dtype=float) * RADIAN
+    c, s = (f(angle)[:, None, None] for f in (np.cos, np.sin))
+    along = np.asarray(axis.unit_vector)
+    return np.asarray(c * np.eye(3) + s * skew(along) + (1.0 - c) * np.outer(along, along))
 
 
 def side_rotation(machine: Machine, positions: Float[np.ndarray, "m axes"], primed: bool) -> Float[np.ndarray, "m 3 3"]:
@@ -220,11 +222,12 @@ def side_rotation(machine: Machine, positions: Float[np.ndarray, "m axes"], prim
     `primed`: R_w of the table, from the machine frame to the workpiece frame; else R_h of the head, from the tool frame to the
     machine frame (CONVENTIONS 5).
     """
-    turned = np.tile(np.eye(3), (len(positions), 1, 1))
+    turned = None
     for i, axis in enumerate(machine.axes):
         if axis.primed == primed and not axis.is_linear:
-            turned = turned @ turn(axis, positions[:, i])
-    return turned
+            own = turn(axis, positions[:, i])
+            turned = own if turned is None else turned @ own
+    return np.tile(np.eye(3), (len(positions), 1, 1)) if turned is None else turned
 
 
 def _rows(x: Vector, m: int) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 A limit is judged by the rule of ISO 14253-1 where the expanded uncertainty U (k = 2) is known: conformity is proved below
 limit - U, nonconformity above limit + U, and between them neither. Without U the value is compared with the limit, and the
-verdict says so.
+verdict says so. Where both sides agreed on simple acceptance, the value alone is compared, whatever its U.
 """
 
 from __future__ import annotations
@@ -14,9 +14,12 @@ from typing import Any
 from volid.exceptions import InputError
 
 PASS, FAIL, UNDECIDED = "pass", "fail", "undecided"
+GUARD_BAND, SIMPLE = "guard band", "simple"
+RULES = (GUARD_BAND, SIMPLE)
 RULE = (
     "ISO 14253-1: pass below limit - U, fail above limit + U, undecided between; without U the value is compared alone"
 )
+SIMPLE_RULE = "simple acceptance, as the limits state it: pass up to the limit, fail above; U is not regarded"
 
 
 @dataclass(frozen=True)
@@ -81,6 +84,7 @@ class Evaluation:
         source: The file or set that was evaluated.
         details: The standard's own result, for figures.
         sections: Further tables below the quantities.
+        rule: The decision rule of its verdicts, one of `RULES`.
 
     >>> Evaluation("ISO 230-2", "X", (Quantity("E", 0.0318, "mm", U=0.0013),))["E"].value
     0.0318
@@ -95,6 +99,7 @@ class Evaluation:
     source: str = ""
     details: Any = field(default=None, repr=False)
     sections: tuple[Section, ...] = field(default=(), repr=False)
+    rule: str = GUARD_BAND
 
     def __getitem__(self, symbol: str) -> Quantity:
         """The quantity of this symbol. Raises `KeyError`, which names those that there are, where there is none."""
@@ -118,10 +123,10 @@ def verdict_of(value: float, limit: float, U: float | None = None) -> str:
     return FAIL if size > limit + margin else UNDECIDED
 
 
-def judged(evaluation: Evaluation, limits: Mapping[str, float]) -> Evaluation:
+def judged(evaluation: Evaluation, limits: Mapping[str, float], rule: str = GUARD_BAND) -> Evaluation:
     """The evaluation with `limits` by symbol, and a verdict for each of their quantities; a quantity without limit stays.
 
-    Each limit is the largest size that is allowed, in the quantity's unit. Raises `InputError` for a limit of a symbol that the
+    Each limit is the largest size that is allowed, in the quantity's unit; `rule`: one of `RULES`. Raises `InputError` for a limit of a symbol that the
     evaluation does not have.
     """
     known = [q.symbol for q in evaluation.quantities]
@@ -131,10 +136,12 @@ def judged(evaluation: Evaluation, limits: Mapping[str, float]) -> Evaluation:
                 f"limits: {symbol} is no quantity of {evaluation.standard}, {evaluation.subject}; "
                 f"expected one of {', '.join(known)}"
             )
-    return replace(evaluation, quantities=tuple(_judged(q, limits.get(q.symbol)) for q in evaluation.quantities))
+    found = tuple(_judged(q, limits.get(q.symbol), rule) for q in evaluation.quantities)
+    return replace(evaluation, quantities=found, rule=rule)
 
 
-def _judged(quantity: Quantity, limit: float | None) -> Quantity:
+def _judged(quantity: Quantity, limit: float | None, rule: str) -> Quantity:
     if limit is None:
         return quantity
-    return replace(quantity, limit=limit, verdict=verdict_of(quantity.value, limit, quantity.U))
+    margin = None if rule == SIMPLE else quantity.U
+    return replace(quantity, limit=limit, verdict=verdict_of(quantity.value, limit, margin))

@@ -27,7 +27,13 @@ from volid.compensation.grids.request import Rule
 from volid.compensation.motion import Motion, asked_motion
 from volid.compensation.package import Compensation, CompensationRequest, compensation_of
 from volid.compensation.residual.fields import Field, field_over
-from volid.compensation.residual.prediction import Prediction, parameter_draws, prediction, with_worst_places
+from volid.compensation.residual.prediction import (
+    MOST_SAMPLES,
+    Prediction,
+    parameter_draws,
+    predictions,
+    with_worst_places,
+)
 from volid.compensation.residual.repeats import Repeats, repeats_of
 from volid.compensation.residual.tools import campaign_tools
 from volid.compensation.residual.volume import volumetric_summary
@@ -107,6 +113,7 @@ def forecast(
     made_from: Solution | None = None,
     every_tool: bool = False,
     repeatability: Mapping[str, float] | float | None = None,
+    most_draws: int = MOST_SAMPLES,
 ) -> Forecast:
     """Predictions for each list of types, after "none", for each tool vector.
 
@@ -128,6 +135,7 @@ def forecast(
         repeatability: Standard deviation of the functional point [mm], or of positions by axis letter [mm or degrees], in
             place of
             what the campaign shows; 0 leaves it out.
+        most_draws: At most so many draws of the parameters.
 
     Raises:
         InputError: as `compensate` and `Control` raise it.
@@ -146,11 +154,11 @@ def forecast(
     given = base.tool[None] if tools is None else np.atleast_2d(tools)
     _ask(solution, given, tool_error)
     fields, notes = _fields(solution, places, given, every_tool)
-    draws, source = parameter_draws(solution, seed)
+    draws, source = parameter_draws(solution, seed, most_draws)
     repeats = repeats_of(solution, repeatability)
     task = _Task(fields, draws, _Believed(control or {}, np.asarray(tool_error)), places is None, repeats)
     source_of_values = solution if made_from is None else made_from
-    columns = [_column(names, compensation_of(source_of_values, names, request), task) for names in ((), *lists)]
+    columns = _columns([(names, compensation_of(source_of_values, names, request)) for names in ((), *lists)], task)
     used = np.array([f.tool for f in fields])
     in_datum = np.array([volumetric_summary(solution, tuple(t)).before_max for t in used.tolist()])
     alone = np.array([_rms_of(repeats, f) for f in fields])
@@ -214,17 +222,27 @@ class _Task(NamedTuple):
     repeats: Repeats
 
 
-def _column(names: Sequence[str], made: Compensation, task: _Task) -> Column:
-    """Predictions for each tool vector, the motions asked for with the first one, and the largest unintended motion."""
-    machine, believed, found, unintended = task.fields[0].machine, task.believed, [], 0.0
+def _columns(made: Sequence[tuple[Sequence[str], Compensation]], task: _Task) -> list[Column]:
+    """Predictions of all lists for each tool vector, one vector after the other."""
+    machine, believed = task.fields[0].machine, task.believed
+    found: list[list[Prediction]] = [[] for _ in made]
+    unintended = np.zeros(len(made))
     for plain in task.fields:
-        acting = made.control(machine, **believed.of(plain.tool))
-        of_tool = with_worst_places(plain, acting) if task.search else plain
-        found.append(prediction(of_tool, acting, task.draws, task.repeats))
-        moved = np.linalg.norm(acting.unintended_motion(of_tool.places.positions, of_tool.tool), axis=1)
-        unintended = max(unintended, float(moved.max()))
-    # without the steps of the least increment, which have no speed
+        acting = [compensation.control(machine, **believed.of(plain.tool)) for _, compensation in made]
+        own = [with_worst_places(plain, control) if task.search else plain for control in acting]
+        for i, result in enumerate(predictions(plain, list(zip(own, acting, strict=True)), task.draws, task.repeats)):
+            found[i].append(result)
+            moved = np.linalg.norm(acting[i].unintended_motion(own[i].places.positions, own[i].tool), axis=1)
+            unintended[i] = max(unintended[i], float(moved.max()))
+    return [
+        Column(" + ".join(names) or NONE, tuple(p), _motion(compensation, task), float(u), compensation)
+        for (names, compensation), p, u in zip(made, found, unintended, strict=True)
+    ]
+
+
+def _motion(made: Compensation, task: _Task) -> Motion:
+    """What a compensation asks of the axes with the first tool vector, without the steps of the least increment, which have no
+    speed."""
     first = task.fields[0]
-    smooth = {k: v for k, v in believed.of(first.tool).items() if k != "increment"}
-    motion = asked_motion(made.control(machine, **smooth), first.places.positions, first.tool)
-    return Column(" + ".join(names) or NONE, tuple(found), motion, unintended, made)
+    smooth = {k: v for k, v in task.believed.of(first.tool).items() if k != "increment"}
+    return asked_motion(made.control(first.machine, **smooth), first.places.positions, first.tool)

@@ -9,6 +9,7 @@ is taken out, refer to the places spread evenly.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -51,15 +52,15 @@ class Prediction(NamedTuple):
     exact: np.ndarray
 
 
-def parameter_draws(solution: Solution, seed: int = 0) -> tuple[np.ndarray, str]:
-    """Draws of θ less its estimate, (s, n), and from where they are."""
+def parameter_draws(solution: Solution, seed: int = 0, most: int = MOST_SAMPLES) -> tuple[np.ndarray, str]:
+    """Draws of θ less its estimate, (s, n), and from where they are; at most so many of the solution's samples."""
     theta = np.asarray(solution.parameters)
     if solution.samples is not None:
-        values = solution.samples.outputs(lambda x: x[:, : len(theta)])[:MOST_SAMPLES]
+        values = solution.samples.outputs(lambda x: x[:, : len(theta)])[:most]
         return values - theta, "Monte Carlo samples of the solution"
     root = covariance_root(solution.parameter_covariance)
     return np.random.default_rng(seed).standard_normal(
-        (DRAWS, root.shape[1])
+        (min(DRAWS, most), root.shape[1])
     ) @ root.T, "the covariance of the solution"
 
 
@@ -98,24 +99,56 @@ def with_worst_places(field: Field, acting: Control) -> Field:
 
 def prediction(field: Field, acting: Control, draws: np.ndarray, repeats: Repeats) -> Prediction:
     """What a control leaves over the places of a field, one approach to each; `draws`: of θ less its estimate, (s, n)."""
-    scattering = repeats.columns(field.machine, field.places, field.tool)
-    centre, even = left_by(field, acting)[None], field.places.even
-    axis, without = tool_axes(field.machine, field.places.positions), field.motion().removed_from
-    exact = quantities(without(centre), axis, even)[0]
-    rng, found = np.random.default_rng(len(draws)), []
-    rows, scatter = field.gradient.reshape(-1, draws.shape[1]).T, field.solution.scatter_u()
+    return predictions(field, [(field, acting)], draws, repeats)[0]
+
+
+def predictions(
+    shared: Field, tasks: Sequence[tuple[Field, Control]], draws: np.ndarray, repeats: Repeats
+) -> list[Prediction]:
+    """What each of several controls leaves, over a field whose first places are those of `shared`.
+
+    What the draws (s, n) of θ less its estimate do at the shared places is computed once for all of them.
+    """
+    m = len(shared.places.positions)
+    running = [_Running(field, acting, repeats, len(draws), m) for field, acting in tasks]
+    rows = shared.gradient.reshape(-1, draws.shape[1]).T
     for start in range(0, len(draws), AT_ONCE):
         part = draws[start : start + AT_ONCE]
-        spread = (part @ rows).reshape(len(part), -1, 6)
-        spread += scatter * rng.standard_normal(spread.shape)
-        if scattering.shape[2]:
-            drawn = rng.standard_normal((len(part), len(scattering), scattering.shape[2]))
-            spread += np.einsum("mck,smk->smc", scattering, drawn)
-        found.append(quantities(without(centre + spread), axis, even))
-    values = np.concatenate(found)
-    bounds = coverage_intervals(values)
-    result = [values.mean(axis=0), bounds.low, bounds.high, exact]
-    if not angles_known(field):
-        for numbers in result:
-            numbers[len(LENGTHS) :] = np.nan
-    return Prediction(*result)
+        common = (part @ rows).reshape(len(part), m, 6)
+        for one in running:
+            one.add(part, common)
+    return [one.result() for one in running]
+
+
+class _Running:
+    """A control under way through the draws: `m` places of its field are shared with others."""
+
+    def __init__(self, field: Field, acting: Control, repeats: Repeats, n_draws: int, m: int) -> None:
+        self.field, self.m = field, m
+        self.scattering = repeats.columns(field.machine, field.places, field.tool)
+        self.centre, self.even = left_by(field, acting)[None], field.places.even
+        self.axis, self.without = tool_axes(field.machine, field.places.positions), field.motion().removed_from
+        self.scatter = field.solution.scatter_u()
+        self.rng, self.found = np.random.default_rng(n_draws), list[np.ndarray]()
+
+    def add(self, part: np.ndarray, common: np.ndarray) -> None:
+        """Some draws (s, n), and what they do at the shared places (s, m, 6)."""
+        own = self.field.gradient[self.m :].reshape(-1, part.shape[1])
+        spread = np.concatenate([common, (part @ own.T).reshape(len(part), -1, 6)], axis=1)
+        if self.scatter.any():
+            spread += self.scatter * self.rng.standard_normal(spread.shape)
+        if self.scattering.shape[2]:
+            drawn = self.rng.standard_normal((len(part), len(self.scattering), self.scattering.shape[2]))
+            spread += np.einsum("mck,smk->smc", self.scattering, drawn)
+        self.found.append(quantities(self.without(self.centre + spread), self.axis, self.even))
+
+    def result(self) -> Prediction:
+        """Mean and interval over all draws."""
+        values = np.concatenate(self.found)
+        bounds = coverage_intervals(values)
+        exact = quantities(self.without(self.centre), self.axis, self.even)[0]
+        result = [values.mean(axis=0), bounds.low, bounds.high, exact]
+        if not angles_known(self.field):
+            for numbers in result:
+                numbers[len(LENGTHS) :] = np.nan
+        return Prediction(*result)

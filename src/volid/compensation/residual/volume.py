@@ -11,7 +11,13 @@ from volid.backend.rms import rms
 from volid.compensation.control import Control
 from volid.compensation.grids.grid import Grid, RotaryGrid
 from volid.compensation.residual.fields import Field, field_over, quantities, tool_axes
-from volid.compensation.residual.prediction import mean_left_by, parameter_draws, prediction, with_worst_places
+from volid.compensation.residual.prediction import (
+    MOST_SAMPLES,
+    mean_left_by,
+    parameter_draws,
+    prediction,
+    with_worst_places,
+)
 from volid.compensation.residual.repeats import repeats_of
 from volid.fitting.prediction.largest import values_at, whole_volume, with_largest
 from volid.fitting.solution import Solution
@@ -75,7 +81,7 @@ def volumetric_summary(solution: Solution, tool: tuple[float, float, float]) -> 
 
 
 def predict_residual(
-    solution: Solution, grid: Grid, seed: int = 0, *, rotary: Sequence[RotaryGrid] = ()
+    solution: Solution, grid: Grid, seed: int = 0, *, rotary: Sequence[RotaryGrid] = (), most_draws: int = MOST_SAMPLES
 ) -> ResidualPrediction:
     """The deviation that is expected to remain when a control applies `grid`, from uncertainty and interpolation together.
 
@@ -88,6 +94,7 @@ def predict_residual(
         grid: Grid of the linear axes, over their entire travel.
         seed: Seed of the random numbers for the draws.
         rotary: Grids of the rotary axes; without them a five-axis machine keeps the errors of its rotary axes.
+        most_draws: At most so many draws of the parameters.
 
     Raises:
         NotDeterminedError: the data do not determine the deviation for this tool vector.
@@ -103,21 +110,27 @@ def predict_residual(
     True
     """
     acting = Control(solution.machine, grids=(grid, *rotary))
-    return _predicted(solution, np.asarray(grid.tool, dtype=float), acting, seed)
+    return _predicted(
+        solution, np.asarray(grid.tool, dtype=float), acting, parameter_draws(solution, seed, most_draws)[0]
+    )
 
 
-def predict_uncompensated(solution: Solution, tool: tuple[float, float, float]) -> ResidualPrediction:
+def predict_uncompensated(
+    solution: Solution, tool: tuple[float, float, float], most_draws: int = MOST_SAMPLES
+) -> ResidualPrediction:
     """The same without any compensation, for a tool vector (3,) [mm]: the column "none" of `forecast`.
 
     It differs from `volumetric_summary` by the rigid motion of the workpiece, and holds for both approach directions. Raises
     `NotDeterminedError`.
     """
-    return _predicted(solution, np.asarray(tool, dtype=float), Control(solution.machine), 0)
+    return _predicted(
+        solution, np.asarray(tool, dtype=float), Control(solution.machine), parameter_draws(solution, 0, most_draws)[0]
+    )
 
 
-def _predicted(solution: Solution, tool: np.ndarray, acting: Control, seed: int) -> ResidualPrediction:
+def _predicted(solution: Solution, tool: np.ndarray, acting: Control, draws: np.ndarray) -> ResidualPrediction:
     field = with_worst_places(field_over(solution, whole_volume(solution.model), tool), acting)
-    found = prediction(field, acting, parameter_draws(solution, seed)[0], repeats_of(solution))
+    found = prediction(field, acting, draws, repeats_of(solution))
     (largest, _, mean, *_), (low, *_), (high, *_) = found.value, found.low, found.high
     return ResidualPrediction(float(mean), float(largest), (float(low), float(high)), _interpolation(field, acting))
 

@@ -104,13 +104,14 @@ def largest_places(machine: Machine, values: Values, start: Places, directed: Se
         directed: axes, by number, whose direction of approach matters and is chosen too.
     """
     search = _Search(machine, values, start, tuple(directed))
-    best = -np.inf
+    moving = np.arange(len(search.own))
     for _ in range(ROUNDS):
+        before = search.sizes.copy()
         for axis in range(len(machine.axes)):
-            search.along(axis, np.linspace(*machine.axes[axis].travel, NODES)[None])
-        if not search.sizes.sum() > best:
+            search.along(axis, np.linspace(*machine.axes[axis].travel, NODES)[None], moving)
+        moving = np.flatnonzero(search.sizes > before)  # what no axis has moved stays where it is
+        if not len(moving):
             break
-        best = float(search.sizes.sum())
     for share in CLOSE:
         for axis, a in enumerate(machine.axes):
             near = search.positions[:, [axis]] + share * a.length * np.linspace(-1.0, 1.0, CLOSE_NODES)
@@ -131,20 +132,21 @@ class _Search:
         self.positions, self.directions = start.positions[rows.ravel()], start.directions[rows.ravel()]
         self.sizes = found[rows.ravel(), self.own]
 
-    def along(self, axis: int, nodes: np.ndarray) -> None:
-        """Each place to the best of `nodes` (c or 1, g) of an axis, where that is larger than what it has."""
-        c, g = len(self.own), nodes.shape[1]
+    def along(self, axis: int, nodes: np.ndarray, rows: np.ndarray | None = None) -> None:
+        """Each place, or those of some `rows`, to the best of `nodes` (c or 1, g) of an axis, where that is larger than it has."""
+        rows = np.arange(len(self.own)) if rows is None else rows
+        c, g = len(rows), nodes.shape[1]
         ways = np.array([1.0, -1.0]) if axis in self.directed else np.array([0.0])
         shape = (c, g, len(ways), self.positions.shape[1])
-        q, way = (np.broadcast_to(a[:, None, None], shape).copy() for a in (self.positions, self.directions))
+        q, way = (np.broadcast_to(a[rows][:, None, None], shape).copy() for a in (self.positions, self.directions))
         q[..., axis] = np.broadcast_to(nodes, (c, g))[:, :, None]
         if axis in self.directed:
             way[..., axis] = ways
         q, way = q.reshape(c, -1, shape[3]), way.reshape(c, -1, shape[3])
         found = self.values(q.reshape(-1, shape[3]), way.reshape(-1, shape[3])).reshape(c, q.shape[1], -1)
-        own = np.take_along_axis(found, self.own[:, None, None], axis=2)[:, :, 0]
+        own = np.take_along_axis(found, self.own[rows][:, None, None], axis=2)[:, :, 0]
         row, best = np.arange(c), np.argmax(own, axis=1)
-        better = own[row, best] > self.sizes
+        better = own[row, best] > self.sizes[rows]
         for kept, offered in ((self.positions, q), (self.directions, way)):
-            kept[better] = offered[row, best][better]
-        self.sizes = np.where(better, own[row, best], self.sizes)
+            kept[rows[better]] = offered[row, best][better]
+        self.sizes[rows] = np.where(better, own[row, best], self.sizes[rows])

@@ -1,7 +1,9 @@
 """Limits (TOML) that evaluated quantities are judged by: the largest size that is allowed, in mm, degrees, rad or mm/mm.
 
 ```
+rule = "guard band"  # or "simple": the value alone is compared; the decision rule that both sides agreed on
 E = 0.010            # of every evaluated axis, plane or diagonal
+"E_*" = 0.012        # of every symbol of this form, unless it has a limit of its own
 [X]                  # of this one only; it stands before the one above
 E = 0.008
 R_up = 0.005
@@ -11,6 +13,7 @@ R_up = 0.005
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from fnmatch import fnmatchcase
 from math import inf
 from pathlib import Path
 from typing import Any
@@ -18,13 +21,14 @@ from typing import Any
 from volid.backend.consent import ask
 from volid.exceptions import InputError
 from volid.io.basics.toml_table import Table, is_finite, read_toml
-from volid.standards.results import Evaluation, Quantity, judged
+from volid.standards.results import GUARD_BAND, RULES, Evaluation, Quantity, judged
 
 # unit of a quantity: the limit above which another unit is likely, and which
 _LARGE = {"mm": (1.0, "µm"), "°": (0.1, "arcsec"), "rad": (0.01, "µrad"), "mm/mm": (0.01, "µm/m")}
 
 
 Limits = Mapping[str, Any]  # what the file above holds
+RULE_KEY = "rule"
 
 
 def read_limits(limits: str | Path | Limits) -> dict[str, dict[str, float]]:
@@ -35,13 +39,30 @@ def read_limits(limits: str | Path | Limits) -> dict[str, dict[str, float]]:
     >>> read_limits({"E": 0.010, "X": {"E": 0.008}})
     {'': {'E': 0.01}, 'X': {'E': 0.008}}
     """
-    top = Table(dict(limits), "limits") if isinstance(limits, Mapping) else Table(read_toml(limits), str(limits))
+    top = _table(limits)
     subjects = [key for key, value in top.data.items() if isinstance(value, Mapping)]
     tables = {"": top, **{subject: top.table(subject) for subject in subjects}}
     return {
-        subject: {key: _limit(table, key) for key in table.data if subject or key not in subjects}
+        subject: {key: _limit(table, key) for key in table.data if subject or key not in (*subjects, RULE_KEY)}
         for subject, table in tables.items()
     }
+
+
+def read_rule(limits: str | Path | Limits) -> str:
+    """The decision rule that limits state, "guard band" where they state none. Raises `InputError` for another one.
+
+    >>> read_rule({"rule": "simple", "E": 0.010}), read_rule({"E": 0.010})
+    ('simple', 'guard band')
+    """
+    table = _table(limits)
+    rule = table.get(RULE_KEY, GUARD_BAND)
+    if rule not in RULES:
+        raise table.wrong(RULE_KEY, f"the decision rule, one of {', '.join(RULES)}")
+    return str(rule)
+
+
+def _table(limits: str | Path | Limits) -> Table:
+    return Table(dict(limits), "limits") if isinstance(limits, Mapping) else Table(read_toml(limits), str(limits))
 
 
 def _limit(table: Table, key: str) -> float:
@@ -71,16 +92,26 @@ def judge_all(evaluations: Iterable[Evaluation], limits: str | Path | Limits | N
     if limits is None:
         return evaluations
     own, path = read_limits(limits), "limits" if isinstance(limits, Mapping) else limits
-    general = own.pop("")
+    general, rule = own.pop(""), read_rule(limits)
     _require_known(path, general, own, evaluations)
     result = []
     for evaluation in evaluations:
-        known = {q.symbol for q in evaluation.quantities}
-        mine = {key: value for key, value in general.items() if key in known} | own.get(evaluation.subject, {})
-        result.append(judged(evaluation, mine))
+        mine = _of_symbols(general, evaluation) | _of_symbols(own.get(evaluation.subject, {}), evaluation)
+        result.append(judged(evaluation, mine, rule))
         for quantity in result[-1].quantities:
             _ask_size(path, quantity)
     return result
+
+
+def _of_symbols(limits: Mapping[str, float], evaluation: Evaluation) -> dict[str, float]:
+    """Limits by symbol of an evaluation: those of a form such as "E?X" first, which a symbol's own limit replaces."""
+    known = [q.symbol for q in evaluation.quantities]
+    forms = {name: value for form, value in limits.items() for name in known if _is_of(name, form)}
+    return forms | {name: value for name, value in limits.items() if name in known}
+
+
+def _is_of(symbol: str, form: str) -> bool:
+    return symbol == form or fnmatchcase(symbol, form)
 
 
 def _require_known(
@@ -93,6 +124,6 @@ def _require_known(
             raise InputError(f"{path}: [{subject}] was not evaluated; expected one of {', '.join(subjects)}")
         for symbol in table:
             known = subjects[subject] if subject else symbols
-            if symbol not in known:
+            if not any(_is_of(name, symbol) for name in known):
                 where = f"[{subject}] {symbol}" if subject else symbol
                 raise InputError(f"{path}: {where} is no quantity of this test; expected one of {', '.join(known)}")

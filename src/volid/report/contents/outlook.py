@@ -13,6 +13,7 @@ from volid.exceptions import InputError, NotDeterminedError
 from volid.fitting.solution import Solution
 from volid.model.iso230 import LINEAR_AXES, ROTARY_AXES, parse
 
+DRAWS = 400  # of the parameters: intervals to some percent of their width, in seconds
 TOGETHER = (("L-VOL", "R-VOL"), ("L-VOL+", "R-VOL+"))
 
 
@@ -83,4 +84,4 @@ def _one_by_one(solution: Solution, tool: tuple[float, float, float], lists: lis
 
 
 def _predicted(solution: Solution, tool: tuple[float, float, float], lists: list[tuple[str, ...]]) -> Forecast:
-    return forecast(solution, lists, base_of(solution, tool), np.array([tool]))
+    return forecast(solution, lists, base_of(solution, tool), np.array([tool]), most_draws=DRAWS)

@@ -3,30 +3,74 @@
 from __future__ import annotations
 
 import json
-from functools import cache
+import re
+from collections.abc import Mapping
 from importlib import import_module
-from importlib.resources import files
+from pathlib import Path
 from typing import Any
 
 from markupsafe import Markup
 
-from volid.report.contents.contents import Contents
+from volid.exceptions import shown
+from volid.fitting.solution import Solution
+from volid.io.functions_csv import text_output
+from volid.report.contents.contents import Contents, gather
 from volid.report.language import Texts
 from volid.report.page.section import Section
 from volid.report.page.sections import ORDER
+from volid.report.page.templates import asset, environment
+from volid.report.plot import palette
+
+_COLOURS = {
+    name.lower(): value for name, value in vars(palette).items() if name.isupper() and str(value).startswith("#")
+}
+_PLAIN = re.compile(r"[^0-9A-Za-z ]")
 
 
-@cache
-def environment() -> Any:
-    """Templates of the page; what they are given is escaped."""
-    from jinja2 import Environment, FunctionLoader, StrictUndefined
+def save_report(
+    solution: Solution,
+    path: str | Path,
+    *,
+    tool: Any = None,
+    limits: str | Path | Mapping[str, Any] | None = None,
+    lang: str = "en",
+    title: str = "",
+    overwrite: bool = False,
+) -> Contents:
+    """Write the report of a solution as one HTML file that needs no other, and give back what it says.
 
-    return Environment(loader=FunctionLoader(asset), autoescape=True, undefined=StrictUndefined, trim_blocks=True)
+    Args:
+        solution: As `volid.fit` or `volid.load_solution` gives it.
+        path: The file to write; it appears completely or not at all.
+        tool: Tool vector of the volumetric numbers, shape (3,) [mm]; None: the most used one of the campaign.
+        limits: Largest sizes allowed by symbol [mm, rad], a TOML file or a mapping of its form, such as
+            `{"largest_deviation": 0.05, "EC0Y": 15e-6, "E?0?": 20e-6}`; `volid report --help` lists the symbols.
+        lang: Language of the page, "en" or "de".
+        title: Title of the page; "" for one made from the name of the machine.
+        overwrite: Whether an existing file may be replaced.
 
+    Returns:
+        The contents of the page: `contents.evaluation["largest_deviation"]` has value, U, limit and verdict.
 
-def asset(name: str) -> str:
-    """The text of a file of `assets/`."""
-    return (files("volid.report.page") / "assets" / name).read_text(encoding="utf-8")
+    Raises:
+        InputError: a tool vector that looks like another unit than mm, limits that name no quantity, no such language.
+        OutputError: the file exists, or cannot be written.
+
+    Source: ISO/TR 16907 9.1 (record), ISO 230-1 (volumetric accuracy), ISO 14253-1 (decision rule).
+
+    >>> import tempfile, volid
+    >>> solution = volid.fit(volid.load_campaign("datasets/published_positioning/campaign.toml"))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     contents = volid.save_report(solution, f"{folder}/report.html", limits={"EXX": 0.02})
+    >>> contents.evaluation["EXX"].verdict  # published: E = 31.8 µm
+    'fail'
+    """
+    texts = Texts(lang)
+    contents = gather(solution, tool, limits=limits, title=title)
+    text = page(contents, texts)
+    with text_output(path, overwrite) as stream:
+        stream.write(text)
+    return contents
 
 
 def page(contents: Contents, texts: Texts) -> str:
@@ -37,15 +81,20 @@ def page(contents: Contents, texts: Texts) -> str:
         texts: The language of the page.
     """
     sections = [s for name in ORDER if (s := _section(name, contents, texts)) is not None]
-    return (
+    machine, made = contents.solution.machine, contents.summary["provenance"]
+    title = shown(contents.title or texts("page.title", machine=machine.name))
+    return str(
         environment()
         .get_template("page.html")
         .render(
             texts=texts,
             contents=contents,
-            title=texts("page.title", machine=contents.solution.machine.name),
+            title=title,
+            structure=machine.structure.strip().strip("[]"),
+            date=made.get("date", "")[:10],
+            version=contents.made.get("volid", ""),
             sections=sections,
-            style=Markup(asset("page.css")),
+            style=_style(title),
             script=Markup(asset("page.js")),
             data=_as_script({s.id: s.data for s in sections if s.data is not None}),
         )
@@ -53,7 +102,20 @@ def page(contents: Contents, texts: Texts) -> str:
 
 
 def _section(name: str, contents: Contents, texts: Texts) -> Section | None:
-    return import_module(f"volid.report.page.sections.{name}").build(contents, texts)
+    found = import_module(f"volid.report.page.sections.{name}").build(contents, texts)
+    if found is None:
+        return None
+    body = found.body.replace("<table", Markup('<div class="scroll"><table')).replace(
+        "</table>", Markup("</table></div>")
+    )
+    return Section(found.id, found.title, Markup(body), found.data)
+
+
+def _style(title: str) -> Markup:
+    """The style sheet, with the colours of the palette and the footer of printed pages as variables."""
+    colours = "".join(f"--{name}:{value};" for name, value in _COLOURS.items())
+    footer = _PLAIN.sub(lambda match: f"\\{ord(match.group()):x} ", title)
+    return Markup(f':root{{{colours}--white:white;--footer:"{footer}";}}\n{asset("page.css")}')
 
 
 def _as_script(data: Any) -> Markup:

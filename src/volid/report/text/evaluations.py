@@ -7,7 +7,7 @@ from math import isnan
 from typing import Any
 
 from volid.report.text.basics import bullets, micro, table
-from volid.standards.results import RULE, Evaluation, Quantity
+from volid.standards.results import FAIL, RULE, SIMPLE, SIMPLE_RULE, UNDECIDED, Evaluation, Quantity
 
 _SHOWN = {"mm": (1e3, "µm", 2), "rad": (1e6, "µrad", 1), "mm/mm": (1e6, "µm/m", 1), "°": (3600.0, "arc sec", 2)}
 _SUBJECT = "subject"
@@ -21,7 +21,7 @@ def evaluation_lines(evaluation: Evaluation) -> list[str]:
     title = f"{evaluation.standard}, {evaluation.subject}" + (f", {evaluation.source}" if evaluation.source else "")
     lines = [title, *table(header, rows, right=3 if limits else 2)]
     if limits:
-        lines.append(f"verdict by {RULE}")
+        lines.append(f"verdict by {SIMPLE_RULE if evaluation.rule == SIMPLE else RULE}")
     lines += bullets("remarks", evaluation.remarks)
     for section in evaluation.sections:
         lines += ["", f"{section.title}, µm", *table(section.columns, [_cells(row) for row in section.rows])]
@@ -50,6 +50,17 @@ def evaluations_data(evaluations: Sequence[Evaluation]) -> dict[str, Any]:
         if symbol in entry
     }
     return {"evaluations": entries, **alone}
+
+
+def unproved(evaluations: Sequence[Evaluation]) -> list[str]:
+    """A sentence for every limit that is exceeded, or not proved to be kept."""
+    said = {FAIL: "exceeds its limit", UNDECIDED: "is within U of its limit, so that neither pass nor fail is proved"}
+    return [
+        f"{e.subject}: {q.symbol} {'is not determined' if isnan(q.value) else said[q.verdict]}"
+        for e in evaluations
+        for q in e.quantities
+        if q.verdict in said
+    ]
 
 
 def evaluation_rows(evaluations: Sequence[Evaluation]) -> tuple[tuple[str, ...], list[list[Any]]]:

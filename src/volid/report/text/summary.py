@@ -18,6 +18,7 @@ from volid.campaign import Campaign
 from volid.compensation.grids.linear import linear_grid
 from volid.compensation.grids.parts import left_out
 from volid.compensation.grids.rotary import rotary_grids
+from volid.compensation.residual.prediction import MOST_SAMPLES
 from volid.compensation.residual.tools import campaign_tools
 from volid.compensation.residual.volume import (
     VolumeSummary,
@@ -51,12 +52,15 @@ K = 2.0
 _POINTS = 101  # of each function, for its range and largest u
 
 
-def summary_data(solution: Solution, tool: Sequence[float] | None = None) -> dict[str, Any]:
+def summary_data(
+    solution: Solution, tool: Sequence[float] | None = None, most_draws: int = MOST_SAMPLES
+) -> dict[str, Any]:
     """The summary as plain objects that JSON has, mm and rad; None is what is not determined.
 
     Args:
         solution: A solution, as `volid.fit` makes it.
         tool: Tool vector (3,) for which the volumetric numbers hold [mm]; None: the one of most readings.
+        most_draws: At most so many draws of the parameters for the intervals.
     """
     x, y, z = solution.most_used_tool() if tool is None else map(float, tool)
     data = {
@@ -65,7 +69,7 @@ def summary_data(solution: Solution, tool: Sequence[float] | None = None) -> dic
         **_origin(solution),
         **set_data(solution),
         "tool": [x, y, z],
-        **(_NO_NUMBERS if solution.adequacy.barrier else _numbers(solution, (x, y, z))),
+        **(_NO_NUMBERS if solution.adequacy.barrier else _numbers(solution, (x, y, z), most_draws)),
         "not_determined": list(solution.statements),
         "unseen": list(solution.unseen),
         "held_tool_frame": list(solution.held_tool_rotation),
@@ -91,12 +95,12 @@ _NO_NUMBERS: dict[str, Any] = {  # behind the barrier: they would follow from a 
 }
 
 
-def _numbers(solution: Solution, tool: tuple[float, float, float]) -> dict[str, Any]:
+def _numbers(solution: Solution, tool: tuple[float, float, float], most_draws: int) -> dict[str, Any]:
     """What a solution says about the machine."""
     table = _tabulated(solution)
     return {
         **_constants(solution),
-        "volume": _volume(solution, tool),
+        "volume": _volume(solution, tool, most_draws),
         "functions": [_function(solution, n, rows) for n, rows in table.items() if not parse(n).location],
         "weakest": _weakest(row for rows in table.values() for row in rows),
     }
@@ -208,13 +212,13 @@ def _location_error(solution: Solution, line: LineRow) -> dict[str, Any]:
     return found | {"relative_to": line.relative_to, "line": found["value"], "parameter": sign * found["value"]}
 
 
-def _volume(solution: Solution, tool: tuple[float, float, float]) -> dict[str, Any]:
+def _volume(solution: Solution, tool: tuple[float, float, float], most_draws: int) -> dict[str, Any]:
     """ISO 230-1 volumetric accuracy, deviation before compensation, and as expected after L-VOL (and R-VOL) grids.
 
     `left_out`: error motions of the linear axes that are not in the model; `not_predicted`: why `after` is None.
     """
     found = {
-        **_before(solution, tool),
+        **_before(solution, tool, most_draws),
         "after": None,
         "left_out": left_out(solution.machine, LINEAR_AXES),
         "not_predicted": "not determined for this tool vector",
@@ -222,7 +226,7 @@ def _volume(solution: Solution, tool: tuple[float, float, float]) -> dict[str, A
     if found["left_out"]:
         return found | {"not_predicted": "the model leaves out error functions"}
     try:
-        after = _expected(solution, tool)
+        after = _expected(solution, tool, most_draws)
     except NotDeterminedError:
         return found
     except InputError:
@@ -230,7 +234,7 @@ def _volume(solution: Solution, tool: tuple[float, float, float]) -> dict[str, A
     return found | {"not_predicted": None, "after": after} if math.isfinite(after["max"]) else found
 
 
-def _before(solution: Solution, tool: tuple[float, float, float]) -> dict[str, Any]:
+def _before(solution: Solution, tool: tuple[float, float, float], most_draws: int) -> dict[str, Any]:
     """`accuracy` and the deviation `before` compensation: in the stated datum, with which of the campaign's tool vectors it is
     largest where there are several, and with the rigid motion of the workpiece taken out."""
     before, letters = volumetric_summary(solution, tool), solution.machine.letters
@@ -244,7 +248,7 @@ def _before(solution: Solution, tool: tuple[float, float, float]) -> dict[str, A
     }
     if math.isfinite(before.before_max):
         found["tools"] = _worst_tool(solution, tool, before)
-        free = predict_uncompensated(solution, tool)
+        free = predict_uncompensated(solution, tool, most_draws)
         found["without_rigid_motion"] = {"max": free.maximum, "max_interval_95": free.interval, "rms": free.rms}
     return {"accuracy": dict(zip(DIRECTIONS, before.accuracy.tolist(), strict=True)), "before": found}
 
@@ -263,12 +267,12 @@ def _worst_tool(solution: Solution, tool: tuple[float, float, float], own: Volum
     return {"n": len(known), "max": known[worst].before_max, "tool": list(worst), "at": place}
 
 
-def _expected(solution: Solution, tool: tuple[float, float, float]) -> dict[str, Any]:
+def _expected(solution: Solution, tool: tuple[float, float, float], most_draws: int) -> dict[str, Any]:
     """What is expected to remain after L-VOL (and R-VOL) grids [mm]. Raises `NotDeterminedError`, `InputError`."""
     grid = linear_grid(solution, tool=tool)
     tables = () if all(axis.is_linear for axis in solution.machine.axes) else rotary_grids(solution)
     try:
-        after = predict_residual(solution, grid, rotary=tables)
+        after = predict_residual(solution, grid, rotary=tables, most_draws=most_draws)
     except InputError as blank:  # rotations of the grid, which a turned tool would need
         raise NotDeterminedError(str(blank)) from None
     return {

@@ -1,12 +1,52 @@
-"""Section "compensation" of the page."""
+"""Section "compensation" of the page: what each type of ISO/TR 16907 is expected to leave, side by side."""
 
 from __future__ import annotations
 
+from typing import Any
+
+from volid.compensation.residual.fields import QUANTITIES
+from volid.compensation.residual.forecast import Column, Forecast
 from volid.report.contents.contents import Contents
 from volid.report.language import Texts
-from volid.report.page.section import Section
+from volid.report.page.section import Section, svg
+from volid.report.page.templates import render
+
+_LARGEST, _MOST, _RMS = (QUANTITIES.index(name) for name in ("largest", "95 %", "RMS"))
+_TILT = QUANTITIES.index("tool axis")
 
 
 def build(contents: Contents, texts: Texts) -> Section | None:
-    """The section, None where there is nothing to show."""
-    return None
+    """A table of the types with 95 % intervals, and the figure; the reason where there is no prediction."""
+    if contents.barrier:
+        return None
+    found = contents.outlook
+    body = render(
+        "compensation.html",
+        texts,
+        outlook=found,
+        rows=[_row(column) for column in found.forecast.columns] if found.forecast else [],
+        figure=_figure(found.forecast, contents, texts) if found.forecast else "",
+        contents=contents,
+    )
+    return Section("compensation", texts("page.section_compensation"), body)
+
+
+def _row(column: Column) -> dict[str, Any]:
+    """Numbers of one list of types for the first tool vector [mm, rad]."""
+    p = column.predictions[0]
+    values, low, high = p.value.tolist(), p.low.tolist(), p.high.tolist()
+    return {
+        "name": column.name,
+        "largest": values[_LARGEST],
+        "interval": (low[_LARGEST], high[_LARGEST]),
+        "most": values[_MOST],
+        "rms": values[_RMS],
+        "tilt": values[_TILT],
+        "tilt_interval": (low[_TILT], high[_TILT]),
+    }
+
+
+def _figure(found: Forecast, contents: Contents, texts: Texts) -> Any:
+    from volid.report.plot.forecast import forecast_figure
+
+    return svg(forecast_figure(found, contents.solution.machine.name), texts("compensation.figure"))

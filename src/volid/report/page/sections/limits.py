@@ -1,12 +1,39 @@
-"""Section "limits" of the page."""
+"""Section "limits" of the page: the limits that were given, and conformity by a stated decision rule."""
 
 from __future__ import annotations
 
+import re
+from typing import Any
+
 from volid.report.contents.contents import Contents
+from volid.report.contents.quantities import LARGEST
 from volid.report.language import Texts
 from volid.report.page.section import Section
+from volid.report.page.templates import render
+from volid.report.symbols import in_words
+from volid.standards.results import SIMPLE, Quantity
 
 
 def build(contents: Contents, texts: Texts) -> Section | None:
-    """The section, None where there is nothing to show."""
-    return None
+    """Value, U, limit and verdict of everything that has a limit; nothing without limits."""
+    if not contents.judged:
+        return None
+    judged = [q for q in contents.evaluation.quantities if q.limit is not None]
+    rule = "simple" if contents.evaluation.rule == SIMPLE else "guard_band"
+    rows = [_row(q, texts) for q in judged]
+    body = render("limits.html", texts, rows=rows, rule=rule, source=contents.limits, contents=contents)
+    return Section("limits", texts("page.section_limits"), body)
+
+
+def _row(quantity: Quantity, texts: Texts) -> dict[str, Any]:
+    words = texts("limits.largest") if quantity.symbol == LARGEST else _words(quantity.symbol, texts)
+    symbol = "" if quantity.symbol == LARGEST else quantity.symbol
+    return {"quantity": quantity, "symbol": symbol, "words": words, "key": f"evaluation.{quantity.symbol}"}
+
+
+def _words(symbol: str, texts: Texts) -> str:
+    """What a symbol means as something that is limited: the size of a constant, the range of a component or a motion."""
+    if symbol.startswith("V_"):
+        return texts("limits.accuracy", component=symbol[2:])
+    name = re.sub(r"\(0[A-Z]\)", "0", symbol)
+    return texts("limits.size" if "0" in name else "limits.range", what=in_words(name, texts))

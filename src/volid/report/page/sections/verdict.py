@@ -1,15 +1,140 @@
-"""Section "verdict" of the page."""
+"""Section "verdict" of the page: the result on one screen, the verdict and what to do first, in words."""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
+
 from markupsafe import Markup
 
+from volid.fitting.diagnosis.adequacy import ACCEPTED, ENLARGED, NOT_TESTABLE, QUESTIONED, REJECTED
+from volid.model.iso230 import DIRECTIONS, ROTATIONS
 from volid.report.contents.contents import Contents
 from volid.report.language import Texts
+from volid.report.page.numbers import Numbers
 from volid.report.page.section import Section
+from volid.report.page.templates import english, render, said
+from volid.report.symbols import angle_words, in_words
+from volid.standards.results import FAIL, PASS, UNDECIDED
+
+GOOD, ATTENTION, BAD = "good", "attention", "bad"  # classes of the style, each with a sign of its own
+_KEYS = {
+    ACCEPTED: "accepted",
+    ENLARGED: "enlarged",
+    REJECTED: "rejected",
+    NOT_TESTABLE: "untestable",
+    QUESTIONED: "asked",
+}
+
+
+class Headline(NamedTuple):
+    """The verdict: `tone` is GOOD, ATTENTION or BAD; `key`: of its texts, "verdict.KEY" and "verdict.KEY_do"."""
+
+    tone: str
+    key: str
+
+
+def headline_of(summary: Mapping[str, Any]) -> Headline:
+    """The verdict that stands above everything, from the numbers of `summary_data`.
+
+    >>> headline_of({"grade": "accepted", "barrier": None, "converged": True, "not_determined": [], "unseen": [], "held_tool_frame": []})
+    Headline(tone='good', key='accepted')
+    """
+    key = _KEYS[summary["grade"]]
+    if summary["barrier"]:
+        return Headline(BAD, f"{key}_barrier")
+    if summary["grade"] == REJECTED or not summary["converged"]:
+        return Headline(BAD, key if summary["grade"] == REJECTED else "not_converged")
+    if summary["grade"] == ACCEPTED and not summary["not_determined"] and not summary["unseen"]:
+        return Headline(GOOD, key)
+    return Headline(ATTENTION, "partly" if summary["grade"] == ACCEPTED else key)
 
 
 def build(contents: Contents, texts: Texts) -> Section | None:
-    """The section, None where there is nothing to show."""
-    body = Markup("<p>{}</p>").format(contents.summary["verdict"])
+    """Verdict, what to do, squareness, largest deviation, volumetric accuracy, what compensation leaves, conformity."""
+    summary = contents.summary
+    body = render(
+        "verdict.html",
+        texts,
+        headline=headline_of(summary),
+        points=list(_points(contents, texts)),
+        summary=summary,
+        constants=_constants(summary, texts),
+        accuracy=_accuracy(contents),
+        contents=contents,
+        largest=contents.evaluation["largest_deviation"] if not contents.barrier else None,
+        after=_after(contents),
+        conformity=_conformity(contents),
+    )
     return Section("verdict", texts("page.section_verdict"), body)
+
+
+def _points(contents: Contents, texts: Texts) -> Iterator[Markup]:
+    """What else has to be known before a number is used, each in a sentence."""
+    summary, numbers = contents.summary, Numbers(texts)
+    if summary["barrier"]:
+        yield Markup("{} {}").format(texts("verdict.reason"), english(_sentence(summary["barrier"])))
+    elif summary["grade"] == REJECTED:
+        yield Markup("{} {}").format(texts("verdict.reason"), english(_sentence(summary["verdict"])))
+    if summary["grade"] == ENLARGED and summary["factor"] > 1.0:
+        yield Markup(texts("verdict.factor")).format(factor=numbers.general(summary["factor"], "factor"))
+    for question in summary["questions"] if not summary["barrier"] else ():
+        yield Markup("{} {}").format(texts("verdict.question"), english(_sentence(question["text"])))
+    for cause in summary["causes"][:1]:
+        yield Markup("{} {}").format(texts("verdict.cause"), english(_sentence(cause["what"])))
+        yield Markup("{} {}").format(texts("verdict.cure"), english(_sentence(cause["cure"])))
+    if not summary["barrier"]:
+        yield from _open_points(summary, texts)
+
+
+def _open_points(summary: Mapping[str, Any], texts: Texts) -> Iterator[Markup]:
+    """What is not determined or not seen; details stand in a section of their own."""
+    if summary["not_determined"]:
+        text = texts("verdict.not_determined", count=len(summary["not_determined"]))
+        yield Markup('{} <a href="#not_determined">{}</a>').format(text, texts("verdict.see_not_determined"))
+    if summary["unseen"] and not (summary["rejected"] and summary["causes"]):
+        text = texts("verdict.unseen", count=len(summary["unseen"]))
+        yield Markup('{} <a href="#not_determined">{}</a>').format(text, texts("verdict.see_not_determined"))
+    if summary["active_compensations"]:
+        active = "; ".join(summary["active_compensations"])
+        yield Markup("{} {}").format(texts("verdict.active"), said(active))
+
+
+def _sentence(text: str) -> str:
+    text = text[:1].upper() + text[1:]
+    return text if text.endswith((".", "?", "!")) else f"{text}."
+
+
+def _constants(summary: Mapping[str, Any], texts: Texts) -> list[dict[str, Any]]:
+    """Squareness errors, else location errors, with their words and keys."""
+    chosen = "squareness" if summary["squareness"] else "location_errors"
+    found = []
+    for entry in summary[chosen]:
+        name = re.sub(r"\(0[A-Z]\)", "0", entry["name"])
+        words = angle_words(name, entry["value"], entry["U"], texts) if chosen == "squareness" else ""
+        found.append({**entry, "words": words or in_words(name, texts), "key": f"{chosen}.{entry['name']}"})
+    return found
+
+
+def _accuracy(contents: Contents) -> list[dict[str, Any]]:
+    """Volumetric accuracy, component by component."""
+    by_symbol = {q.symbol: q for q in contents.evaluation.quantities}
+    letters = [letter for letter in DIRECTIONS if f"V_{letter}" in by_symbol]
+    return [
+        {"letter": letter, "quantity": by_symbol[f"V_{letter}"], "rotation": letter in ROTATIONS} for letter in letters
+    ]
+
+
+def _after(contents: Contents) -> dict[str, Any] | None:
+    """The compensation that leaves least, of those that correct the deviation over the whole volume."""
+    return None if contents.barrier else contents.summary["volume"]["after"]
+
+
+def _conformity(contents: Contents) -> dict[str, Any] | None:
+    """How many quantities pass, fail, and are undecided, and the names of those that do not pass."""
+    if not contents.judged:
+        return None
+    found = {v: [q for q in contents.evaluation.quantities if q.verdict == v] for v in (PASS, FAIL, UNDECIDED)}
+    tone = BAD if found[FAIL] else ATTENTION if found[UNDECIDED] else GOOD
+    return {"tone": tone, **found}

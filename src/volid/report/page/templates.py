@@ -1,0 +1,53 @@
+"""Templates of the page: Jinja2 files in `assets/`; what they are given is escaped, and names are isolated from the text around."""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+from markupsafe import Markup
+
+from volid.exceptions import shown
+from volid.report.language import Texts
+from volid.report.page.numbers import Numbers
+
+
+@cache
+def environment() -> Any:
+    """The environment of Jinja2, with the filters `said` and `english`."""
+    from jinja2 import Environment, FunctionLoader, StrictUndefined
+
+    found = Environment(
+        loader=FunctionLoader(asset), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    found.filters |= {"said": said, "english": english}
+    return found
+
+
+def asset(name: str) -> str:
+    """The text of a file of `assets/`."""
+    return (files("volid.report.page") / "assets" / name).read_text(encoding="utf-8")
+
+
+def render(name: str, texts: Texts, **values: Any) -> Markup:
+    """A template of `assets/` with `values`, the `texts` of a language, and `numbers` in that language."""
+    return Markup(environment().get_template(name).render(texts=texts, numbers=Numbers(texts), **values))
+
+
+def said(text: object) -> Markup:
+    """What a user wrote, such as the name of a station: control characters and marks of direction are shown, not obeyed.
+
+    >>> print(said('<b>S1\\u202e'))
+    <bdi>&lt;b&gt;S1\\u202e</bdi>
+    """
+    return Markup("<bdi>{}</bdi>").format(shown(str(text)))
+
+
+def english(text: object) -> Markup:
+    """A sentence that the library composes, which stays English on a German page.
+
+    >>> print(english("model accepted by the data"))
+    <span lang="en">model accepted by the data</span>
+    """
+    return Markup('<span lang="en">{}</span>').format(shown(str(text)))
