@@ -1,6 +1,6 @@
-"""The site: settings for Sphinx. What is written at build (figures, commands, copies of texts of the repository) comes from `machinery`.
+"""The site, for Sphinx: `.venv/bin/python -m sphinx -W --keep-going -b html docs docs/_build/html`.
 
-    .venv/bin/python -m sphinx -W --keep-going -b html docs docs/_build/html
+What is written at build (figures, commands, copies of texts of the repository) comes from `machinery`.
 """
 
 import sys

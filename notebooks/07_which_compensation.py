@@ -14,9 +14,9 @@
 # %% [markdown]
 # # Which compensation type buys what?
 #
-# ISO/TR 16907 knows fifteen types of compensation. A control has some of them, each costs something: a measurement, an option of
-# the control, a table to keep. This notebook asks, for one machine, what each of them leaves, before anything is loaded; how far
-# that depends on the tool, on the fineness of a grid and on the resolution of the control; and what rotary axes add.
+# ISO/TR 16907 knows fifteen types of compensation. A control has some of them, each costs something: a measurement, an option
+# of the control, a table to keep. This notebook asks, for one machine, what each of them leaves, before anything is loaded; how
+# far that depends on the tool, on the fineness of a grid and on the resolution of the control; and what rotary axes add.
 #
 # **The data are synthetic.** Because the machine is virtual, the prediction can be compared with what truly remains.
 
@@ -27,7 +27,6 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import volid
-from volid.plot import forecast_figure
 
 root = Path("..") if Path("../datasets").exists() else Path(".")
 TOOL, LONG, SIDEWAYS = (0.0, 0.0, -150.0), (0.0, 0.0, -350.0), (80.0, 0.0, -250.0)
@@ -47,9 +46,10 @@ assert not solution.adequacy.rejected
 
 # %% [markdown]
 # ## Type by type
-# `volid.forecast` (on the command line `volid residual`) lets a simulated control apply each type as it would be written, and evaluates
-# what remains over the whole working volume, with 95 % intervals from the covariance of the solution. A rigid motion of the workpiece is
-# taken out: aligning the part takes it up. Tables hold along the specific lines through the middle of the travels, and for one tool.
+# `volid.forecast` (on the command line `volid residual`) lets a simulated control apply each type as it would be written, and
+# evaluates what remains over the whole working volume, with 95 % intervals from the covariance of the solution. A rigid motion
+# of the workpiece is taken out: aligning the part takes it up. Tables hold along the specific lines through the middle of the
+# travels, and for one tool.
 
 # %%
 TYPES = [["L-POS"], ["L-STR"], ["L-SQU"], ["L-POS", "L-SQU"], ["L-POS", "L-STR", "L-SQU"], ["L-VOL"]]
@@ -69,18 +69,18 @@ def table(forecast):
 table(found)
 
 # %%
-forecast_figure(found, plan.machine.name)
+volid.plot.forecast_figure(found, plan.machine.name)
 
 # %% [markdown]
-# Positioning tables, which every control has, take away a part, and squareness alone nothing at all here: one error may have hidden
-# another. All tables together leave what the *rotations* of the axes do beside the specific lines: every 10 µrad is 5 µm at half a
-# metre. Only L-VOL knows these lever arms. **No type without rotary axes corrects the orientation of the tool**: the last column changes
-# only because another rigid motion of the workpiece is taken out.
+# Positioning tables, which every control has, take away a part, and squareness alone nothing at all here: one error may have
+# hidden another. All tables together leave what the *rotations* of the axes do beside the specific lines: every 10 µrad is 5 µm
+# at half a metre. Only L-VOL knows these lever arms. **No type without rotary axes corrects the orientation of the tool**: the
+# last column changes only because another rigid motion of the workpiece is taken out.
 
 # %% [markdown]
 # ## Is the forecast right?
-# The virtual machine can be asked. The control moves to the compensated commands, the true machine adds its true errors there, and a
-# rigid motion is taken out. The forecast had only the readings.
+# The virtual machine can be asked. The control moves to the compensated commands, the true machine adds its true errors there,
+# and a rigid motion is taken out. The forecast had only the readings.
 
 # %%
 rng = np.random.default_rng(0)
@@ -113,9 +113,9 @@ for column, types in zip(found.columns[1:], TYPES, strict=True):
 
 # %% [markdown]
 # ## Another tool
-# Tables are made for one tool vector. A grid holds rotations too, so that a control which knows its tool gets every other one. What if
-# the tool is longer than the one the tables were made for, or stands out sideways, or if the control has a wrong length, here 50 mm
-# too short?
+# Tables are made for one tool vector. A grid holds rotations too, so that a control which knows its tool gets every other one.
+# What if the tool is longer than the one the tables were made for, or stands out sideways, or if the control has a wrong
+# length, here 50 mm too short?
 
 # %%
 ALL = [["L-POS", "L-STR", "L-SQU"], ["L-VOL"]]
@@ -127,13 +127,13 @@ for name, tool, wrong in rows:
     print(f"{name:30}" + "".join(f"{1e3 * c.predictions[0].value[0]:8.1f}" for c in asked.columns))
 
 # %% [markdown]
-# L-VOL stays as good with every tool, as long as the control has the right length. A wrong one makes an error of its own: the angle
-# times the missing length.
+# L-VOL stays as good with every tool, as long as the control has the right length. A wrong one makes an error of its own: the
+# angle times the missing length.
 
 # %% [markdown]
 # ## How fine a grid?
-# A grid is interpolated linearly. What interpolation leaves falls with the square of the spacing, until it drowns in the uncertainty of
-# the measurement; finer grids then cost memory and buy nothing.
+# A grid is interpolated linearly. What interpolation leaves falls with the square of the spacing, until it drowns in the
+# uncertainty of the measurement; finer grids then cost memory and buy nothing.
 
 # %%
 POINTS = (5, 9, 21, 41)
@@ -143,7 +143,9 @@ fig, panel = plt.subplots(figsize=(7, 4))
 panel.loglog(POINTS, rms, "o-", color="#0072B2", label="expected, uncertainty of the measurement included")
 panel.loglog(POINTS, exact, "s--", color="#D55E00", label="interpolation alone")
 panel.loglog(POINTS, exact[0] * (4 / (np.array(POINTS) - 1)) ** 2, ":", color="#6B6B6B", label="square of the spacing")
-panel.set(xlabel="nodes per axis", ylabel="RMS that remains / µm", title="L-VOL, tool (0, 0, -150) mm; 5 to 41 nodes per axis")
+panel.set(
+    xlabel="nodes per axis", ylabel="RMS that remains / µm", title="L-VOL, tool (0, 0, -150) mm; 5 to 41 nodes per axis"
+)
 panel.set_xticks(POINTS, [str(n) for n in POINTS])
 panel.minorticks_off()
 panel.yaxis.set_major_formatter("{x:g}")
@@ -165,9 +167,9 @@ for increment in (0.001, 0.005, 0.010):
 
 # %% [markdown]
 # ## What rotary axes need
-# A tilting rotary table, measured by R-test; the linear axes are taken as compensated. R-POS corrects the angle alone, R-POR the place
-# and tilt of the axis lines, R-RAX radial and axial motions at one elevation, R-VOL all of it for every place on the table. L-VOL, made
-# for the linear axes, does nothing here.
+# A tilting rotary table, measured by R-test; the linear axes are taken as compensated. R-POS corrects the angle alone, R-POR
+# the place and tilt of the axis lines, R-RAX radial and axial motions at one elevation, R-VOL all of it for every place on the
+# table. L-VOL, made for the linear axes, does nothing here.
 
 # %%
 rotary = volid.fit(volid.load_campaign(root / "datasets/five_axis_rtest/campaign.toml"))
@@ -179,12 +181,12 @@ table(turning)
 
 # %% [markdown]
 # Most of the error of a rotary table is usually where its axes *are* (R-POR), which four numbers for each axis correct: the
-# cheapest compensation there is. R-VOL takes the rest. R-VOL+ also turns the rotary axes to correct the orientation, as far as they
-# can: the component that no rotary axis turns stays.
+# cheapest compensation there is. R-VOL takes the rest. R-VOL+ also turns the rotary axes to correct the orientation, as far as
+# they can: the component that no rotary axis turns stays.
 
 # %% [markdown]
 # ## Which one, then?
-# - A control with tables only: L-POS, L-STR and L-SQU, made **at the place where parts are clamped** (`at=`) and with the usual tool.
+# - A control with tables only: L-POS, L-STR and L-SQU, made **where parts are clamped** (`at=`) and for the usual tool.
 # - Parts all over the table, or several tools: L-VOL. The measurement is the same.
 # - A grid as fine as the figure above says, not finer.
 # - Rotary axes: first R-POR, after the linear axes are corrected.

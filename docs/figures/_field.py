@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
-from volid.report.plot.palette import NEUTRAL, SIZES
 
 import volid
+from volid.report.plot.palette import NEUTRAL, SIZES
 
 TOOL = (0.0, 0.0, -150.0)
 NODES = 7  # along each edge of the lattice

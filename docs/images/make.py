@@ -8,9 +8,10 @@ HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 sys.path.insert(0, str(HERE.parent / "figures"))
 
-import volid  # noqa: E402
 from _field import field_figure  # noqa: E402
 from PIL import Image  # noqa: E402
+
+import volid  # noqa: E402
 
 campaign = volid.load_campaign(ROOT / "datasets" / "vertical_multilateration" / "campaign.toml")
 figure = field_figure(volid.fit(campaign), ([], ["L-POS"], ["L-VOL"]))

@@ -98,7 +98,9 @@ def test_every_page_is_reached():
 def test_every_verb_is_on_a_page():
     from volid.cli import VERBS
 
-    texts = "\n".join(p.read_text(encoding="utf-8") for p in PAGES if p.parent.name == "howto" or p.name == "tutorial.md")
+    texts = "\n".join(
+        p.read_text(encoding="utf-8") for p in PAGES if p.parent.name == "howto" or p.name == "tutorial.md"
+    )
     assert [verb for verb in VERBS if f"volid {verb}" not in texts] == []
 
 
