@@ -1,7 +1,7 @@
 """The record of a campaign as ISO/TR 16907 9.1 asks for it: which of its items are stated, in which words, and which are missing.
 
-`[conditions]` has free keys; an item is found by the words with which its keys begin. Where axes stood and with which tool vectors is
-part of every reading, so that these items are never missing; what was stated about them stands beside.
+`[conditions]` has free keys; an item is found by the words with which its keys begin. Where axes stood and with which tool
+vectors is part of every reading, so that these items are never missing; what was stated about them stands beside.
 """
 
 from __future__ import annotations
@@ -33,6 +33,20 @@ FURTHER: dict[str, tuple[str, ...]] = {
     "traceability": ("traceability", "calibration", "certificate"),
 }
 IN_READINGS = ("positions", "tool_length", "tool_offset")  # items that every reading states
+
+
+YES, NO = "yes", "no"
+UNITS = {
+    "_mm": "mm",
+    "_C": "°C",
+    "_m_s2": "m/s²",
+    "_m_min": "m/min",
+    "_mm_min": "mm/min",
+    "_kg": "kg",
+    "_min": "min",
+    "_hPa": "hPa",
+    "_percent": "%",
+}
 
 
 @dataclass(frozen=True)
@@ -82,7 +96,7 @@ def _flat(conditions: Mapping[str, Any], before: str = "") -> Iterator[tuple[str
         if isinstance(value, Mapping) and _is_file(key, value):
             yield from _flat(value, f"{key}: ")
         else:
-            yield f"{before}{key}", _text(value)
+            yield f"{before}{key}", _with_unit(key, value)
 
 
 def _is_file(key: str, value: Mapping[str, Any]) -> bool:
@@ -91,13 +105,22 @@ def _is_file(key: str, value: Mapping[str, Any]) -> bool:
     return not key.startswith(known) and any(str(k).startswith(known) for k in value)
 
 
+def _with_unit(key: str, value: Any) -> str:
+    """The text of a value, with the unit that its key ends in where it holds numbers: ambient_temperature_C = 20.0 is 20 °C."""
+    ends = sorted((end for end in UNITS if key.endswith(end)), key=len)
+    text = _text(value)
+    return f"{text} {UNITS[ends[-1]]}" if ends and any(c.isdigit() for c in text) else text
+
+
 def _text(value: Any) -> str:
+    """A value in words: vectors in parentheses, nothing for an empty list, YES or NO."""
     if isinstance(value, Mapping):
-        return "; ".join(f"{k}: {_text(v)}" for k, v in value.items())
+        return ", ".join(f"{k} {_text(v)}" for k, v in value.items())
     if isinstance(value, bool):
-        return "yes" if value else "no"
+        return YES if value else NO
     if isinstance(value, list | tuple):
-        return "; ".join(map(_text, value)) or "none"
+        parts = [f"({_text(v)})" if isinstance(v, list | tuple) else _text(v) for v in value]
+        return ("; " if any(isinstance(v, str) for v in value) else ", ").join(parts)
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 

@@ -126,8 +126,8 @@ def verdict_of(value: float, limit: float, U: float | None = None) -> str:
 def judged(evaluation: Evaluation, limits: Mapping[str, float], rule: str = GUARD_BAND) -> Evaluation:
     """The evaluation with `limits` by symbol, and a verdict for each of their quantities; a quantity without limit stays.
 
-    Each limit is the largest size that is allowed, in the quantity's unit; `rule`: one of `RULES`. Raises `InputError` for a limit of a symbol that the
-    evaluation does not have.
+    Each limit is the largest size that is allowed, in the quantity's unit; `rule`: one of `RULES`. Raises `InputError` for a
+    limit of a symbol that the evaluation does not have.
     """
     known = [q.symbol for q in evaluation.quantities]
     for symbol in limits:

@@ -1,12 +1,12 @@
 """How uncertain the size of a field or of an error motion is: expanded uncertainty of ranges and of largest values.
 
-A range is not linear in the parameters: what is uncertain makes it larger on the average, because it picks the extreme values. For
-draws of the parameters around the estimate, with size V,
+A range is not linear in the parameters: what is uncertain makes it larger on the average, because it picks the extreme values.
+For draws of the parameters around the estimate, with size V,
 
     U = 2 s + |b|,    s the standard deviation of V(draws),    b = mean of V(draws) - V(estimate),
 
-k = 2 for the spread, and the shift b added in full, because it is an estimate of what V(estimate) itself is too large by and is not
-taken off (GUM F.2.4.5). What is independent from position to position (`Solution.scatter`) is drawn too. Not included: what
+k = 2 for the spread, and the shift b added in full, because it is an estimate of what V(estimate) itself is too large by and is
+not taken off (GUM F.2.4.5). What is independent from position to position (`Solution.scatter`) is drawn too. Not included: what
 the machine does not repeat, temperature.
 """
 
@@ -36,8 +36,8 @@ class Sizes(NamedTuple):
 
 
 class VolumeSizes(NamedTuple):
-    """`accuracy`: ISO 230-1 V_XYZ, ranges of the six components, (6,) [mm, rad]; `largest`: length of the largest deviation of the
-    functional point in the stated datum, mean of both approach directions, (1,) [mm]."""
+    """`accuracy`: ISO 230-1 V_XYZ, ranges of the six components, (6,) [mm, rad]; `largest`: length of the largest deviation of
+    the functional point in the stated datum, mean of both approach directions, (1,) [mm]."""
 
     accuracy: Sizes
     largest: Sizes

@@ -133,7 +133,7 @@ class _Search:
         self.sizes = found[rows.ravel(), self.own]
 
     def along(self, axis: int, nodes: np.ndarray, rows: np.ndarray | None = None) -> None:
-        """Each place, or those of some `rows`, to the best of `nodes` (c or 1, g) of an axis, where that is larger than it has."""
+        """Each place, or those of some `rows`, to the best of `nodes` (c or 1, g) of an axis, where that is larger."""
         rows = np.arange(len(self.own)) if rows is None else rows
         c, g = len(rows), nodes.shape[1]
         ways = np.array([1.0, -1.0]) if axis in self.directed else np.array([0.0])

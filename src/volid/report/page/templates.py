@@ -1,4 +1,4 @@
-"""Templates of the page: Jinja2 files in `assets/`; what they are given is escaped, and names are isolated from the text around."""
+"""Templates of the page: Jinja2 files in `assets/`; what they are given is escaped, names are isolated from the text around."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from volid.report.page.numbers import Numbers
 
 @cache
 def environment() -> Any:
-    """The environment of Jinja2, with the filters `said` and `english`."""
+    """The environment of Jinja2, with the filters `said`, `english` and `sentence`."""
     from jinja2 import Environment, FunctionLoader, StrictUndefined
 
     found = Environment(
         loader=FunctionLoader(asset), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    found.filters |= {"said": said, "english": english}
+    found.filters |= {"said": said, "english": english, "sentence": sentence}
     return found
 
 
@@ -51,3 +51,13 @@ def english(text: object) -> Markup:
     <span lang="en">model accepted by the data</span>
     """
     return Markup('<span lang="en">{}</span>').format(shown(str(text)))
+
+
+def sentence(text: str) -> Markup:
+    """The same as a whole sentence.
+
+    >>> print(sentence("the fit has not converged"))
+    <span lang="en">The fit has not converged.</span>
+    """
+    text = text[:1].upper() + text[1:]
+    return english(text if text.endswith((".", "?", "!")) else f"{text}.")

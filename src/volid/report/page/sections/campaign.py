@@ -6,6 +6,7 @@ from typing import Any
 
 from volid.campaign import Campaign
 from volid.observations import KINDS
+from volid.plausibility.record import NO, YES
 from volid.report.contents.contents import Contents
 from volid.report.language import Texts
 from volid.report.page.section import Section
@@ -26,6 +27,7 @@ def build(contents: Contents, texts: Texts) -> Section | None:
         items=[item for item in named if not item.is_missing],
         missing=[item for item in named if item.is_missing],
         further=[pair for item in contents.record if not item.name for pair in item.stated],
+        words={"": texts("campaign.none"), YES: texts("page.yes"), NO: texts("page.no")},
         tools=_tools(campaign),
         sets=[_set(row, campaign) for row in contents.summary["sets"]],
     )

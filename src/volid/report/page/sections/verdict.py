@@ -9,12 +9,12 @@ from typing import Any, NamedTuple
 from markupsafe import Markup
 
 from volid.fitting.diagnosis.adequacy import ACCEPTED, ENLARGED, NOT_TESTABLE, QUESTIONED, REJECTED
-from volid.model.iso230 import DIRECTIONS, ROTATIONS
+from volid.model.iso230 import LINEAR_AXES, ROTATIONS
 from volid.report.contents.contents import Contents
 from volid.report.language import Texts
-from volid.report.page.numbers import Numbers
+from volid.report.page.numbers import Numbers, places_of
 from volid.report.page.section import Section
-from volid.report.page.templates import english, render, said
+from volid.report.page.templates import render, said, sentence
 from volid.report.symbols import angle_words, in_words
 from volid.standards.results import FAIL, PASS, UNDECIDED
 
@@ -38,7 +38,7 @@ class Headline(NamedTuple):
 def headline_of(summary: Mapping[str, Any]) -> Headline:
     """The verdict that stands above everything, from the numbers of `summary_data`.
 
-    >>> headline_of({"grade": "accepted", "barrier": None, "converged": True, "not_determined": [], "unseen": [], "held_tool_frame": []})
+    >>> headline_of({"grade": "accepted", "barrier": None, "converged": True, "not_determined": [], "unseen": []})
     Headline(tone='good', key='accepted')
     """
     key = _KEYS[summary["grade"]]
@@ -65,6 +65,7 @@ def build(contents: Contents, texts: Texts) -> Section | None:
         contents=contents,
         largest=contents.evaluation["largest_deviation"] if not contents.barrier else None,
         after=_after(contents),
+        after_places=_after_places(contents),
         conformity=_conformity(contents),
     )
     return Section("verdict", texts("page.section_verdict"), body)
@@ -74,16 +75,16 @@ def _points(contents: Contents, texts: Texts) -> Iterator[Markup]:
     """What else has to be known before a number is used, each in a sentence."""
     summary, numbers = contents.summary, Numbers(texts)
     if summary["barrier"]:
-        yield Markup("{} {}").format(texts("verdict.reason"), english(_sentence(summary["barrier"])))
+        yield Markup("{} {}").format(texts("verdict.reason"), sentence(summary["barrier"]))
     elif summary["grade"] == REJECTED:
-        yield Markup("{} {}").format(texts("verdict.reason"), english(_sentence(summary["verdict"])))
+        yield Markup("{} {}").format(texts("verdict.reason"), sentence(summary["verdict"]))
     if summary["grade"] == ENLARGED and summary["factor"] > 1.0:
         yield Markup(texts("verdict.factor")).format(factor=numbers.general(summary["factor"], "factor"))
     for question in summary["questions"] if not summary["barrier"] else ():
-        yield Markup("{} {}").format(texts("verdict.question"), english(_sentence(question["text"])))
+        yield Markup("{} {}").format(texts("verdict.question"), sentence(question["text"]))
     for cause in summary["causes"][:1]:
-        yield Markup("{} {}").format(texts("verdict.cause"), english(_sentence(cause["what"])))
-        yield Markup("{} {}").format(texts("verdict.cure"), english(_sentence(cause["cure"])))
+        yield Markup("{} {}").format(texts("verdict.cause"), sentence(cause["what"]))
+        yield Markup("{} {}").format(texts("verdict.cure"), sentence(cause["cure"]))
     if not summary["barrier"]:
         yield from _open_points(summary, texts)
 
@@ -101,11 +102,6 @@ def _open_points(summary: Mapping[str, Any], texts: Texts) -> Iterator[Markup]:
         yield Markup("{} {}").format(texts("verdict.active"), said(active))
 
 
-def _sentence(text: str) -> str:
-    text = text[:1].upper() + text[1:]
-    return text if text.endswith((".", "?", "!")) else f"{text}."
-
-
 def _constants(summary: Mapping[str, Any], texts: Texts) -> list[dict[str, Any]]:
     """Squareness errors, else location errors, with their words and keys."""
     chosen = "squareness" if summary["squareness"] else "location_errors"
@@ -118,17 +114,26 @@ def _constants(summary: Mapping[str, Any], texts: Texts) -> list[dict[str, Any]]
 
 
 def _accuracy(contents: Contents) -> list[dict[str, Any]]:
-    """Volumetric accuracy, component by component."""
+    """Volumetric accuracy by direction: along it, and about it."""
     by_symbol = {q.symbol: q for q in contents.evaluation.quantities}
-    letters = [letter for letter in DIRECTIONS if f"V_{letter}" in by_symbol]
-    return [
-        {"letter": letter, "quantity": by_symbol[f"V_{letter}"], "rotation": letter in ROTATIONS} for letter in letters
+    pairs = zip(LINEAR_AXES, ROTATIONS, strict=True)
+    rows = [
+        {"letter": along, "both": [(f"V_{c}", by_symbol.get(f"V_{c}")) for c in (along, about)]}
+        for along, about in pairs
     ]
+    return rows if by_symbol else []
 
 
 def _after(contents: Contents) -> dict[str, Any] | None:
-    """The compensation that leaves least, of those that correct the deviation over the whole volume."""
+    """What is expected to remain after grids over the whole volume; None where it is not predicted."""
     return None if contents.barrier else contents.summary["volume"]["after"]
+
+
+def _after_places(contents: Contents) -> int:
+    """Decimal places of what remains, in µm, that its interval leaves."""
+    after = _after(contents)
+    low, high = after["max_interval_95"] if after else (0.0, 0.0)
+    return places_of(0.5 * (high - low))
 
 
 def _conformity(contents: Contents) -> dict[str, Any] | None:
