@@ -98,9 +98,7 @@ def check_figure(path: str | Path | None) -> None:
     if Path(path).suffix.lower() not in FIGURES:
         raise InputError(f"{path}: a figure ends in {', '.join(FIGURES)}; name the file so")
     if find_spec("matplotlib") is None:
-        raise InputError(
-            "figures need matplotlib, which is not installed; run pip install 'volid[plots]', or ask for none"
-        )
+        raise InputError("figures need matplotlib, which is not installed; run pip install matplotlib, or ask for none")
 
 
 def write_figure(figure: Figure, path: str | Path, overwrite: bool) -> None:

@@ -25,6 +25,7 @@ K = 2.0
 CHANGED, SAME, LINE = ATTENTION, BLUE, NEUTRAL
 MOST = 12  # functions over time
 FAR = 4.0  # times the usual size, from which on a panel has its own scale
+BOLD = "bold and orange, squares: significant (5 % over all functions)"
 REVERSED = "solid: approached in + or the mean of both directions; dashed: approached in −"
 _SCALE = {"mm": (1e3, "µm"), "rad": (1e6, "µrad")}
 
@@ -39,32 +40,30 @@ def changes_figure(found: Comparison) -> Figure:
     """
     motions = [f for f in found.functions if np.isfinite(f.positions).all()]
     constants = [f for f in found.functions if not np.isfinite(f.positions).any() and np.isfinite(f.largest_change)]
-    letters = list(dict.fromkeys(parse(f.name).axis for f in motions))
-    letters.sort(key=DIRECTIONS.index)
-    rows = (6 if motions else 0) + (1 if constants else 0)
-    columns = max(len(letters), 2)
+    letters = sorted({parse(f.name).axis for f in motions}, key=DIRECTIONS.index)
+    rows, columns = (6 if motions else 0) + (1 if constants else 0), max(len(letters), 2)
     figure, panels = figure_with_panels(rows, columns, figsize=(3.9 * columns, 1.75 * rows + 0.8), squeeze=False)
     for panel in panels.ravel():
         panel.set_visible(False)
-    for f in motions:
-        row, column = parse(f.name).component, letters.index(parse(f.name).axis)
-        _motion_panel(panels[row][column], f)
-        if row == 5:
-            panels[row][column].set_xlabel(
-                f"{letters[column]} / {'°' if letters[column] in ROTARY_AXES else 'mm'}", fontsize=8
-            )
-    _share_scales(panels[:6] if motions else [])
+    _motion_panels(panels, motions, letters)
     units = [unit for unit in ("mm", "rad") if any(f.unit == unit for f in constants)]
     for column, unit in enumerate(units):
         _constants_panel(panels[-1][column], [f for f in constants if f.unit == unit], unit)
     first, second = (name.replace("\\", "/").rsplit("/", 1)[-1] for name in found.names)
     heading(figure, f"change from {first} to {second}, bands and bars ± U (k = 2)")
-    notes = [
-        "bold and orange, squares: significant (5 % over all functions)",
-        *([REVERSED] if _reversed(motions) else []),
-    ]
-    note_below(figure, notes)
+    note_below(figure, [BOLD, *([REVERSED] if _reversed(motions) else [])])
     return figure
+
+
+def _motion_panels(panels: Any, motions: list[FunctionChange], letters: list[str]) -> None:
+    """The error motions, a row for each direction, a column for each axis."""
+    for f in motions:
+        row, column = parse(f.name).component, letters.index(parse(f.name).axis)
+        _motion_panel(panels[row][column], f)
+        if row == 5:
+            unit = "°" if letters[column] in ROTARY_AXES else "mm"
+            panels[row][column].set_xlabel(f"{letters[column]} / {unit}", fontsize=8)
+    _share_scales(panels[:6] if motions else [])
 
 
 def _reversed(motions: list[FunctionChange]) -> bool:

@@ -87,7 +87,8 @@ def section(
     rest = {a.letter: (at or {}).get(a.letter, _rest(a)) for a in machine.axes if a.letter not in axes}
     ends = (np.linspace(*machine.axis(letter).travel, MESHES * FINE + 1) for letter in axes)
     across, up = np.meshgrid(*ends, indexing="ij")
-    positions = machine.order(**{**rest, axes[0]: across, axes[1]: up}).reshape(-1, len(machine.axes))
+    places: dict[str, Any] = {**rest, axes[0]: across, axes[1]: up}
+    positions = machine.order(**places).reshape(-1, len(machine.axes))
     values = solution.evaluate(positions, np.asarray(tool, dtype=float)).values[:, :3]
     return Section(axes, rest, across, up, values.reshape(*across.shape, 3))
 

@@ -52,7 +52,7 @@ def _introduction(found: Mapping[str, Curve], axes: list[Axis], ends: Mapping[st
     """What the panels show, the one legend, and what they do not show, each said once."""
     text = texts("functions.introduction", scales=texts("functions.same_scales"))
     lines = Markup("").join(Markup("<li>{}</li>").format(line) for line in remarks(found, axes, texts))
-    listed = Markup('<ul class="remarks">{}</ul>').format(lines) if lines else ""
+    listed = Markup('<ul class="note">{}</ul>').format(lines) if lines else ""
     return Markup('<p>{}</p>\n<div class="legend">{}</div>\n{}').format(text, _legend(found, ends, texts), listed)
 
 

@@ -1,7 +1,4 @@
-"""The polar plot of a circular test: both senses about the nominal circle, deviations magnified, beside it the quantities.
-
-Needs matplotlib (`pip install 'volid[plots]'`).
-"""
+"""The polar plot of a circular test: both senses about the nominal circle, deviations magnified, beside it the quantities."""
 
 from __future__ import annotations
 

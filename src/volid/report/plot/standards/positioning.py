@@ -26,7 +26,7 @@ _APART = 0.006  # of the targets' range: approaches of the two directions are dr
 def positioning_figure(evaluations: Sequence[Evaluation]) -> Figure:
     """One row for each axis: deviations over the targets on the left, the quantities as bars at the same scale on the right.
 
-    Lengths in µm, angles in arc seconds. Needs matplotlib. `evaluations`: as `evaluate_positioning` gives them.
+    Lengths in µm, angles in arc seconds. `evaluations`: as `evaluate_positioning` gives them.
     """
     n = len(evaluations)
     sides = (4, 1.5)
