@@ -99,9 +99,11 @@ _PUBLIC = {  # public name: where it comes from, in the order of the work
     "Series": "volid.validation.solutions.series:Series",
     "quick_check": "volid.validation.check:check",
     "Check": "volid.validation.check:Check",
-    # to look at
+    # to look at, and to hand over
     "plot": "volid.report:plot",
     "save_report": "volid.report.page.page:save_report",
+    "save_workbook": "volid.report.workbook.workbook:save_workbook",
+    "save_dcc": "volid.report.certificate.certificate:save_dcc",
     # what can go wrong
     "accept_unusual": "volid.backend.consent:accept_unusual",
     "VolidError": "volid.exceptions:VolidError",

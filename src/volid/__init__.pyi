@@ -40,8 +40,10 @@ from volid.model.machine import Datum, Machine
 from volid.planning.standard import standard_plan
 from volid.plausibility.checks import check_campaign, closures
 from volid.report import plot as plot
+from volid.report.certificate.certificate import save_dcc
 from volid.report.page.page import save_report
 from volid.report.text.summary import summary
+from volid.report.workbook.workbook import save_workbook
 from volid.standards.results import Evaluation
 from volid.uncertainty.trials.monte_carlo import monte_carlo
 from volid.validation.check import Check
@@ -125,6 +127,8 @@ __all__ = [  # noqa: RUF022
     "Check",
     "plot",
     "save_report",
+    "save_workbook",
+    "save_dcc",
     "accept_unusual",
     "VolidError",
     "InputError",

@@ -580,21 +580,6 @@ def test_compiled_programs_are_kept(solution_file, tmp_path):
     assert "jax" not in done.stderr.lower()
 
 
-def test_progress_speaks_after_a_second_only(capsys):
-    from volid.cli.progress import PATIENCE, Progress
-
-    with Progress() as progress:
-        progress("quick")
-    time.sleep(1.2 * PATIENCE)
-    assert capsys.readouterr().err == ""
-    with Progress() as progress:
-        progress("slow")
-        time.sleep(1.3 * PATIENCE)
-        assert capsys.readouterr().err == "volid: slow\n"
-        progress("next")
-    assert capsys.readouterr().err == "volid: next\n"
-
-
 def test_parameters_of_the_library_are_shown_as_options():
     args = _parser("study").parse_args(["study", "s.toml", "-o", "r.h5"])
     text = "`workers=0`: expected 1; go on with `resume=True`, or `overwrite=True`; `time` and `max_points=3` are no options"

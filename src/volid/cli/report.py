@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from volid.cli.common import add_output, add_solution, attention, check_output, conclude, explain, print_json
+from volid.cli.common import add_output, add_solution, attention, check_output, conclude, explain, print_json, tell
+from volid.cli.handover import add_handover, check_handover, hand_over
 from volid.cli.numbers import add_unusual, tool_vector
 from volid.cli.progress import Progress
 
@@ -25,8 +26,23 @@ LIMITS.toml names the largest size allowed, in mm and rad, by symbol:
   EXX = 0.010                # error motions, their range over the measured travel
   "E[YZ]X" = 0.005           # all symbols of a form that have no limit of their own
 
+--dcc writes an UNSIGNED RESULT FILE in the format of a digital calibration certificate (DCC 3.3.0):
+no certificate, which is a laboratory's act. DATA.toml (or [conditions.certificate] of the campaign)
+states what the file also needs; what is not stated is named, and nothing is invented:
+  country = "DE"             # of the laboratory
+  identifier = "K-2026-0417"
+  begin = 2026-03-11
+  end = 2026-03-12
+  place = "customer"         # or laboratory, laboratoryBranch, customerBranch, other
+  laboratory = { name = "…", street = "…", number = "…", post_code = "…", city = "…", country = "DE" }
+  customer = { name = "…", city = "…" }
+  machine = { manufacturer = "…", model = "…", serial_number = "…" }
+  person = [{ name = "…", role = "…" }]
+  instrument = [{ name = "…", serial_number = "…", certificate = "…" }]
+
 example:
   volid report solution.h5 -o report.html --limits limits.toml
+  volid report solution.h5 -o report.html --workbook result.xlsx --dcc result.xml --dcc-data lab.toml
 
 exit status: 0 good; 1 written, but the result needs attention, or a limit is exceeded or not proved
 to be kept, which is named; 2 bad input
@@ -45,13 +61,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--title", metavar="TEXT", default="", help="title of the page; default: from the machine's name"
     )
+    add_handover(parser)
     add_unusual(parser)
     add_output(parser, "REPORT.html", "the page, one file that needs no other", required=True)
 
 
 def run(args: argparse.Namespace) -> int:
     """Read, gather, draw, write. Raises `InputError`, `OutputError`."""
-    check_output(args.output, args.force, [args.solution, *([args.limits] if args.limits else [])])
+    inputs = [args.solution, *(f for f in (args.limits, args.dcc_data) if f)]
+    check_output(args.output, args.force, inputs)
+    data = check_handover(args, inputs)
     with Progress() as progress:
         progress("reading the solution")
         from volid.io.functions_csv import text_output
@@ -67,16 +86,18 @@ def run(args: argparse.Namespace) -> int:
         text = page(contents, Texts(args.lang))
         with text_output(args.output, args.force) as stream:
             stream.write(text)
-    return _say(contents, args)
+        missing = hand_over(contents, data, args, progress)
+    return _say(contents, args, missing)
 
 
-def _say(contents: Contents, args: argparse.Namespace) -> int:
+def _say(contents: Contents, args: argparse.Namespace, missing: list[str]) -> int:
     """What was written, and what needs attention."""
     from volid.report.text.evaluations import evaluations_data, unproved
 
     if args.json:
         print_json(evaluations_data([contents.evaluation]))
     else:
-        print(f"written: {args.output}")
+        print(f"written: {', '.join(f for f in (args.output, args.workbook, args.dcc) if f)}")
+    tell(args, missing)
     barrier = [f"no numbers are shown: {contents.barrier}"] if contents.barrier else []
     return conclude(args, [*barrier, *attention(contents.solution), *unproved([contents.evaluation])])

@@ -140,7 +140,8 @@ def run(args: argparse.Namespace) -> int:
 
         solution = usable_solution(args.solution)
         progress("predicting")
-        found, notes = _forecast(solution, args)
+        progress("predicting")
+        found, notes = _forecast(solution, args, progress)
         feeds = np.array([args.feed if a.is_linear else args.turn for a in solution.machine.axes])
         _check_limits(found, solution, feeds, args)
         if args.figure:
@@ -163,7 +164,7 @@ def _messages(solution: Solution) -> list[str]:
     return [f"the travel of {', '.join(outside)} was not measured to its ends; the prediction is for the measured part"]
 
 
-def _forecast(solution: Solution, args: argparse.Namespace) -> tuple[Forecast, list[str]]:
+def _forecast(solution: Solution, args: argparse.Namespace, progress: Progress) -> tuple[Forecast, list[str]]:
     import numpy as np
 
     from volid.compensation.residual.forecast import forecast
@@ -181,7 +182,7 @@ def _forecast(solution: Solution, args: argparse.Namespace) -> tuple[Forecast, l
         judged, lists, base_from(made_from, args, tool), np.array(tools), points=args.points, rule=rule_from(args.rule),
         form="tables" if args.tables else None, control=control_limits(args), tool_error=args.tool_error, seed=args.seed,
         ranges=ranges_from(made_from, args), made_from=made_from, every_tool=args.tool is None and not args.tools,
-        repeatability=args.repeatability,
+        repeatability=args.repeatability, progress=progress,
     )  # fmt: skip
     return found, [*notes, *([FULL] if args.rigid else []), f"lack of fit: {lack_of_fit(solution)}"]
 

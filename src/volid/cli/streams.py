@@ -6,26 +6,65 @@ import argparse
 import errno
 import io
 import os
+import shutil
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
 from typing import Any, TextIO
 
-from volid.exceptions import InputError, shown
+from volid.exceptions import InputError, cut, shown
 
 STANDARD_OUTPUT = "/dev/stdout"
 _NAMES = ("-", STANDARD_OUTPUT, "/dev/fd/1", "/proc/self/fd/1")
 _NO_ROOM = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF}
 
 
-class Escaped:
-    """A stream on which control characters of foreign names appear escaped, \\x1b for ESC; all else is that of the stream."""
+class TransientLine:
+    """A line at the bottom of a terminal that is written over and over, and gives way to whatever else is written.
+
+    Args:
+        stream: A terminal.
+    """
 
     def __init__(self, stream: TextIO) -> None:
-        self._stream = stream
+        self._stream, self._length = stream, 0
+
+    @classmethod
+    def of(cls, stream: Any) -> TransientLine:
+        """That of a stream that escapes, or a new one of another stream."""
+        return stream.transient if isinstance(stream, Escaped) else cls(stream)
+
+    def show(self, text: str) -> None:
+        """Write the text in place of the one before, cut to the width of the terminal."""
+        line = cut(shown(text), max(shutil.get_terminal_size().columns - 1, 20))
+        with suppress(OSError, ValueError):  # a terminal that has gone is no reason to stop the work
+            self._stream.write(f"\r{line.ljust(self._length)}")
+            self._stream.flush()
+        self._length = len(line)
+
+    def clear(self) -> None:
+        """Take the text away."""
+        if self._length:
+            with suppress(OSError, ValueError):
+                self._stream.write(f"\r{' ' * self._length}\r")
+                self._stream.flush()
+        self._length = 0
+
+
+class Escaped:
+    """A stream on which control characters of foreign names appear escaped, \\x1b for ESC; all else is that of the stream.
+
+    Args:
+        stream: The stream.
+        transient: The line at the bottom of the terminal, taken away before anything is written.
+    """
+
+    def __init__(self, stream: TextIO, transient: TransientLine) -> None:
+        self._stream, self.transient = stream, transient
 
     def write(self, text: str) -> int:
         """Write the text as it may be shown."""
+        self.transient.clear()
         self._stream.write(shown(text))
         return len(text)
 
@@ -42,7 +81,8 @@ def streams() -> Iterator[None]:
         sys.stderr = open(os.devnull, "w")  # noqa: SIM115
     for stream in (sys.stdout, sys.stderr):
         _set_up(stream)
-    out, err = Escaped(sys.stdout), Escaped(sys.stderr)
+    transient = TransientLine(sys.stderr)
+    out, err = Escaped(sys.stdout, transient), Escaped(sys.stderr, transient)
     with redirect_stdout(out), redirect_stderr(err):  # type: ignore[type-var]
         yield
 

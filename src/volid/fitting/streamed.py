@@ -14,6 +14,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from volid.backend.steps import Step
 from volid.backend.threads import one_blas_thread
 from volid.campaign import Campaign
 from volid.effects import TYPES
@@ -98,7 +99,7 @@ class _Parts:
             bare = replace(problem.system, prior_value=np.zeros(0), prior_root=np.zeros((0, system.size)))
             yield _Part(campaign, problem._replace(equations=self.engine.equations(bare)))
             done += sum(len(s) for s in campaign.sets)
-            self.progress(f"{what}: {done:,} of {self.stream.rows:,} rows ({100 * done // self.stream.rows} %)")
+            self.progress(Step(done, self.stream.rows, "rows", of=what))
 
 
 class _StreamObjective(Objective):

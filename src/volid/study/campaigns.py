@@ -16,6 +16,7 @@ import numpy as np
 from volid.backend.cluster import cluster, gather
 from volid.backend.consent import ask_memory
 from volid.backend.processes import Died, cores, in_processes, single_threaded_environment
+from volid.backend.steps import Step
 from volid.campaign import Campaign, ObservationSet
 from volid.exceptions import InputError, VolidError
 from volid.fitting.fit import fit
@@ -262,8 +263,7 @@ def run_study(
 
 
 def _progress_of(done: int, total: int, failed: int) -> str:
-    text = f"{done} of {total} campaigns ({100 * done // total} %)"
-    return f"{text}, {failed} failed" if failed else text
+    return Step(done, total, "campaigns", more=f", {failed} failed" if failed else "")
 
 
 def _results(

@@ -16,12 +16,13 @@ state is passed on. Repeatability of what no reading came back to is not include
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from volid.backend.steps import Step
 from volid.compensation.base import Base
 from volid.compensation.grids.request import Rule
 from volid.compensation.motion import Motion, asked_motion
@@ -114,6 +115,7 @@ def forecast(
     every_tool: bool = False,
     repeatability: Mapping[str, float] | float | None = None,
     most_draws: int = MOST_SAMPLES,
+    progress: Callable[[str], None] | None = None,
 ) -> Forecast:
     """Predictions for each list of types, after "none", for each tool vector.
 
@@ -136,6 +138,7 @@ def forecast(
             place of
             what the campaign shows; 0 leaves it out.
         most_draws: At most so many draws of the parameters.
+        progress: Function that is called with messages about the progress.
 
     Raises:
         InputError: as `compensate` and `Control` raise it.
@@ -156,7 +159,14 @@ def forecast(
     fields, notes = _fields(solution, places, given, every_tool)
     draws, source = parameter_draws(solution, seed, most_draws)
     repeats = repeats_of(solution, repeatability)
-    task = _Task(fields, draws, _Believed(control or {}, np.asarray(tool_error)), places is None, repeats)
+    task = _Task(
+        fields,
+        draws,
+        _Believed(control or {}, np.asarray(tool_error)),
+        places is None,
+        repeats,
+        progress or (lambda _: None),
+    )
     source_of_values = solution if made_from is None else made_from
     columns = _columns([(names, compensation_of(source_of_values, names, request)) for names in ((), *lists)], task)
     used = np.array([f.tool for f in fields])
@@ -213,13 +223,14 @@ def _notes(solution: Solution, columns: Sequence[Column]) -> tuple[str, ...]:
 
 class _Task(NamedTuple):
     """What all columns share: fields, one per tool vector; draws of θ less its estimate (s, n); what a control believes; whether
-    to `search` for the largest; the repeatability."""
+    to `search` for the largest; the repeatability; where to say how far it is."""
 
     fields: Sequence[Field]
     draws: np.ndarray
     believed: _Believed
     search: bool
     repeats: Repeats
+    say: Callable[[str], None]
 
 
 def _columns(made: Sequence[tuple[Sequence[str], Compensation]], task: _Task) -> list[Column]:
@@ -227,13 +238,14 @@ def _columns(made: Sequence[tuple[Sequence[str], Compensation]], task: _Task) ->
     machine, believed = task.fields[0].machine, task.believed
     found: list[list[Prediction]] = [[] for _ in made]
     unintended = np.zeros(len(made))
-    for plain in task.fields:
+    for k, plain in enumerate(task.fields):
         acting = [compensation.control(machine, **believed.of(plain.tool)) for _, compensation in made]
         own = [with_worst_places(plain, control) if task.search else plain for control in acting]
         for i, result in enumerate(predictions(plain, list(zip(own, acting, strict=True)), task.draws, task.repeats)):
             found[i].append(result)
             moved = np.linalg.norm(acting[i].unintended_motion(own[i].places.positions, own[i].tool), axis=1)
             unintended[i] = max(unintended[i], float(moved.max()))
+            task.say(Step(k * len(made) + i + 1, len(task.fields) * len(made), "predictions"))
     return [
         Column(" + ".join(names) or NONE, tuple(p), _motion(compensation, task), float(u), compensation)
         for (names, compensation), p, u in zip(made, found, unintended, strict=True)

@@ -66,6 +66,7 @@ def gather(
     limits: str | Path | Limits | None = None,
     title: str = "",
     command: Sequence[str] = (),
+    expected: bool = True,
 ) -> Contents:
     """The contents of the report of `solution`.
 
@@ -76,6 +77,7 @@ def gather(
         limits: Largest sizes allowed by symbol, mm and rad, a file or a mapping of its form; see `quantities` for the symbols.
         title: Title of the report.
         command: The command line that asked for the report.
+        expected: Whether it says what each compensation type is expected to leave, which takes most of the time.
 
     Raises `InputError` for a tool vector that looks like another unit than mm, and for limits as `judge_all` does.
     """
@@ -96,7 +98,7 @@ def gather(
         limits=str(limits) if isinstance(limits, str | Path) else "",
         evaluation=judge_all([found], limits)[0] if shown else found,
         sizes=sizes,
-        outlook=outlook(solution, (x, y, z)) if shown else Outlook(),
+        outlook=outlook(solution, (x, y, z)) if shown and expected else Outlook(),
         record=record(solution.campaign),
         made=provenance(files, command),
     )

@@ -16,6 +16,11 @@ def unit_of(unit: str) -> str:
     return _MICRO.get(unit, (1.0, unit))[1]
 
 
+def scale_of(unit: str) -> float:
+    """What a number is multiplied by for a report: 1000 for mm (µm), a million for rad (µrad), 1 for others."""
+    return _MICRO.get(unit, (1.0, unit))[0]
+
+
 def micro(value: float | None, unit: str, digits: int) -> str:
     """A number of mm or rad in µm or µrad with so many decimal places; "n.d." (not determined) for None.
 

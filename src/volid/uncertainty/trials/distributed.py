@@ -10,6 +10,7 @@ import numpy as np
 
 from volid.backend.cluster import cluster, gather
 from volid.backend.processes import single_threaded_environment
+from volid.backend.steps import Step
 from volid.fitting.solution import Solution
 from volid.uncertainty.trials.run import BATCH, CarryOut, Progress, batches_to_do, run_of, run_trials
 from volid.uncertainty.trials.samples import TrialFolder
@@ -27,7 +28,7 @@ def carry_out_on(solution: Solution, seed: int, address: str) -> CarryOut:
             tasks = [(store.fingerprint, seed, batch * BATCH, BATCH) for batch in waiting]
             for done, (i, arrays) in enumerate(gather(client, _batch, tasks, payload), start=1):
                 store.save(waiting[i], arrays)
-                progress(f"{done} of {len(waiting)} batches of {BATCH} trials")
+                progress(Step(done, len(waiting), f"batches of {BATCH} trials"))
 
     return carry_out
 

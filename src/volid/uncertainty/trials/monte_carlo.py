@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from volid.backend.consent import ask_memory
+from volid.backend.steps import Step
 from volid.backend.threads import one_blas_thread
 from volid.exceptions import InputError
 from volid.fitting.solution import Solution
@@ -140,8 +141,8 @@ def _local(run: Run) -> CarryOut:
     """Batches on this machine, two at a time: one draws and waits while the other computes."""
 
     def carry_out(store: TrialFolder, first: int, last: int, progress: Progress) -> None:
-        waiting, done = batches_to_do(store, first, last), 0
-        total = len(waiting)
+        waiting = batches_to_do(store, first, last)
+        done = len(range(first // BATCH, -(-last // BATCH))) - len(waiting)
         with ThreadPoolExecutor(max(1, min(2, os.cpu_count() or 1))) as pool:
             running: dict[Future[Any], int] = {}
             try:
@@ -153,7 +154,7 @@ def _local(run: Run) -> CarryOut:
                     for future in ready:
                         store.save(running.pop(future), future.result())
                         done += 1
-                        progress(f"{min(done * BATCH, last)} of {last - first} trials ({100 * done // total} %)")
+                        progress(Step(min(done * BATCH, last - first), last - first, "trials"))
             except BaseException:
                 pool.shutdown(wait=False, cancel_futures=True)
                 raise

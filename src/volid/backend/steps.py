@@ -1,0 +1,33 @@
+"""Messages of long work that say how far it is: texts for people, with the numbers from which the remaining time follows."""
+
+from __future__ import annotations
+
+
+class Step(str):
+    """A message such as "250 of 1000 trials (25 %)", which knows its numbers.
+
+    Functions that take messages about the progress need not know of it: it is a text.
+
+    Args:
+        done: How much is done, in the same unit as `total`.
+        total: How much there is to do.
+        what: What is counted; another `what` is another stage, with a speed of its own.
+        more: What else to say, behind the numbers.
+
+    >>> step = Step(250, 1000, "trials")
+    >>> str(step), step.done, step.total
+    ('250 of 1000 trials (25 %)', 250, 1000)
+    >>> print(Step(12_000, 40_000, "rows", of="solving"))
+    solving: 12000 of 40000 rows (30 %)
+    """
+
+    done: float
+    total: float
+    stage: str
+
+    def __new__(cls, done: int, total: int, what: str, *, of: str = "", more: str = "") -> Step:
+        share = 100 * done // max(total, 1)
+        text = f"{done} of {total} {what} ({share} %){more}"
+        step = super().__new__(cls, f"{of}: {text}" if of else text)
+        step.done, step.total, step.stage = done, total, f"{of} {what}"
+        return step
