@@ -1,6 +1,6 @@
-"""The site: settings for Sphinx. What is written at build (figures, commands, copies of texts of the repository) comes from `machinery`.
+"""The site, for Sphinx: `.venv/bin/python -m sphinx -W --keep-going -b html docs docs/_build/html`.
 
-    .venv/bin/python -m sphinx -W --keep-going -b html docs docs/_build/html
+What is written at build (figures, commands, copies of texts of the repository) comes from `machinery`.
 """
 
 import sys
@@ -26,7 +26,8 @@ extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 exclude_patterns = ["_build", "_generated/files", "machinery", "figures", "images"]
 html_theme = "furo"
 html_title = f"volid {release}"
-html_static_path: list[str] = []
+html_static_path = ["static"]
+html_css_files = ["site.css"]
 html_copy_source = False
 
 myst_enable_extensions = ["dollarmath", "deflist", "colon_fence", "fieldlist"]

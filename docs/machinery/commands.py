@@ -1,4 +1,4 @@
-"""The reference of the command line, from the parsers themselves: one page for each verb, one section for each of its own verbs."""
+"""The reference of the command line, from the parsers themselves: one page for each verb, with sections for its own verbs."""
 
 import argparse
 import os
@@ -8,7 +8,7 @@ from pathlib import Path
 
 from machinery.writing import write
 
-_WIDTH = "100"  # columns of usage lines
+_WIDTH = "90"  # columns of usage lines
 
 
 def write_commands(target: Path) -> None:
@@ -22,9 +22,7 @@ def write_commands(target: Path) -> None:
     head = [
         "# Command line",
         "",
-        "Made from the parsers of the program. Exit status: 0 good; 1 written, but the result needs attention, which is named; 2 bad",
-        "input, or an output that cannot be written; 70 a fault of volid itself, told in one line that names a file to send; 130",
-        "interrupted. Outputs appear whole or not at all. `-o -` is standard output; all words then go to standard error.",
+        "Made from the parsers of the program. What holds for every command stands [above](../../reference/index.md).",
         "",
         "| command | does |",
         "|---|---|",
@@ -62,7 +60,7 @@ def section(parser: argparse.ArgumentParser, level: int) -> list[str]:
 
 def argument(parser: argparse.ArgumentParser, action: argparse.Action) -> list[str]:
     """An entry of a definition list; verbs of its own have sections instead."""
-    if isinstance(action, argparse._SubParsersAction) or isinstance(action, argparse._HelpAction):
+    if isinstance(action, argparse._SubParsersAction | argparse._HelpAction):
         return []
     name = parser._get_formatter()._format_action_invocation(action)
     text = parser._get_formatter()._expand_help(action) if action.help else ""

@@ -14,8 +14,19 @@ def write_interface(root: Path, target: Path) -> None:
         page = re.sub(r"\W+", "_", title).strip("_")
         names.append(page)
         write(target / f"{page}.md", "\n".join([f"# {title[0].upper()}{title[1:]}", "", *documented("volid", members)]))
-    write(target / "figures.md", "\n".join(["# Figures", "", *module("volid.plot"), *documented("volid.plot", plots())]))
-    head = ["# Python", "", "```python", "import volid", "```", "", "In the order of the work; all of it is imported late.", ""]
+    write(
+        target / "figures.md", "\n".join(["# Figures", "", *module("volid.plot"), *documented("volid.plot", plots())])
+    )
+    head = [
+        "# Python",
+        "",
+        "```python",
+        "import volid",
+        "```",
+        "",
+        "In the order of the work; all of it is imported late.",
+        "",
+    ]
     write(target / "index.md", "\n".join([*head, "```{toctree}", *names, "figures", "```", ""]))
 
 
@@ -65,4 +76,10 @@ def documented(where: str, names: list[str]) -> list[str]:
 def table(types: dict) -> list[str]:
     """`volid.COMPENSATION_TYPES`: what each type corrects, and what it leaves."""
     rows = [f"| `{t.name}` | {', '.join(t.effects)} | {t.based_on} | {t.leaves} |" for t in types.values()]
-    return ["By name, a `CompensationType` each:", "", "| type | corrects | holds at | leaves |", "|---|---|---|---|", *rows]
+    return [
+        "By name, a `CompensationType` each:",
+        "",
+        "| type | corrects | holds at | leaves |",
+        "|---|---|---|---|",
+        *rows,
+    ]

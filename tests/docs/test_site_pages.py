@@ -1,5 +1,7 @@
 """The pages of the site are true: their commands end as said, their Python runs, the lines that they show are printed."""
 
+import argparse
+import re
 import shutil
 import sys
 
@@ -96,5 +98,32 @@ def test_every_page_is_reached():
 def test_every_verb_is_on_a_page():
     from volid.cli import VERBS
 
-    texts = "\n".join(p.read_text(encoding="utf-8") for p in PAGES if p.parent.name == "howto" or p.name == "tutorial.md")
+    texts = "\n".join(
+        p.read_text(encoding="utf-8") for p in PAGES if p.parent.name == "howto" or p.name == "tutorial.md"
+    )
     assert [verb for verb in VERBS if f"volid {verb}" not in texts] == []
+
+
+def test_every_option_on_a_page_exists():
+    """Of volid or of the programs that the page itself calls; README and how-to pages name many."""
+    from volid.cli import VERBS, _parser
+
+    known = {"--help", "--version", "--keep-going"}
+    for verb in VERBS:
+        known |= set(options(_parser(verb)))
+    named = {
+        (name, option)
+        for page, name in [*zip(PAGES, NAMES, strict=True), (ROOT / "README.md", "README.md")]
+        for option in re.findall(r"(?<![\w-])--[a-z][a-z-]+", page.read_text(encoding="utf-8"))
+        if name != "validation.md"  # of the benchmarks
+    }
+    assert sorted((n, o) for n, o in named if o not in known) == []
+
+
+def options(parser):
+    """Option strings of a parser and of the verbs below it."""
+    for action in parser._actions:
+        yield from action.option_strings
+        if isinstance(action, argparse._SubParsersAction):
+            for child in action.choices.values():
+                yield from options(child)
