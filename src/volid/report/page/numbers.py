@@ -96,11 +96,26 @@ class Numbers:
         ends = (self.plain(v, unit, _of(key, str(i)), shown) for i, v in enumerate((low, high)))
         return self._with_unit(Markup(" {} ").format(self.texts("page.to")).join(ends), low, unit)
 
-    def place(self, value: float | None, unit: str = "mm", key: str = "") -> Markup:
-        """A position or a length of everyday size, in mm or degrees as it stands, with at most six digits and its unit."""
+    def place(self, value: float | None, unit: str = "mm", key: str = "", digits: int = 6) -> Markup:
+        """A position or a length of everyday size, in mm or degrees as it stands, with at most so many digits and its unit."""
         if value is None or not math.isfinite(value):
             return self.unknown()
-        return Markup("{}{}{}").format(self._data(value, self._general(value), unit, key), _gap(unit), unit)
+        number = self._data(value, self._general(value, digits), unit, key)
+        return Markup('<span class="number">{}{}{}</span>').format(number, _gap(unit), unit)
+
+    def with_interval(
+        self,
+        value: float | None,
+        bounds: Sequence[float | None] | None,
+        unit: str = "mm",
+        keys: tuple[str, str] = ("", ""),
+    ) -> Markup:
+        """The number with its 95 % coverage interval, "0.97 µm (95 %: 0.80 to 1.18 µm)"; `keys` of both."""
+        if bounds is None or value is None or any(b is None for b in bounds):
+            return self.number(value, unit, keys[0])
+        low, high = (float(b) for b in bounds if b is not None)
+        number = self.number(value, unit, keys[0], places_of(0.5 * (high - low), unit))
+        return Markup("{} ({} {})").format(number, self.texts("page.interval_95"), self.interval(bounds, unit, keys[1]))
 
     def vector(self, values: Sequence[float], unit: str = "mm", key: str = "") -> Markup:
         """A vector such as (0, 0, −150) mm."""
