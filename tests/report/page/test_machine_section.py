@@ -8,7 +8,7 @@ import pytest
 from exact_chain import Truth
 from lxml import html
 from support.axis_lines import axis_line, line_error
-from support.machines import STRUCTURES, exact_machine
+from support.machines import NUTATING, STRUCTURES, exact_machine
 
 from volid.report.contents.contents import Contents
 from volid.report.language import Texts
@@ -75,7 +75,7 @@ def test_what_a_mistake_would_lead_to_is_not_shown(solution):
     assert constants.build(replace(asked, summary=nothing), Texts()) is None
 
 
-@pytest.mark.parametrize("structure", STRUCTURES.values())
+@pytest.mark.parametrize("structure", [*STRUCTURES.values(), *NUTATING.values()])
 def test_words_name_the_side_to_which_the_physical_line_stands_and_leans(structure):
     exact = exact_machine(structure)
     rng = np.random.default_rng(11)
@@ -88,11 +88,12 @@ def test_words_name_the_side_to_which_the_physical_line_stands_and_leans(structu
     for a in rotary:
         direction, _ = axis_line(exact, truth, a)
         six = line_error(exact, truth, a)
-        for k, (d, s) in enumerate(sizes):
+        for k, (d, _) in enumerate(sizes):
             if k % 3 == along[a]:
                 continue
             words = constants.side_in_words(f"E{d}0{a}", six[k], 1e-9, Texts())
-            moved = six[:3] if k < 3 else (direction - exact.direction[a]) / s
+            end = np.sign(exact.frame[a][:, along[a]] @ direction)  # the end towards the letter's own direction
+            moved = six[:3] if k < 3 else end * exact.frame[a].T @ (direction - exact.direction[a])
             sign, letter = words[-2:]
             assert (sign == "+") == (moved["XYZ".index(letter)] > 0.0), (words, six)
             assert constants.side_in_words(f"E{d}0{a}", six[k], 1.0, Texts()) == "not distinguishable from 0"

@@ -169,9 +169,9 @@ def _rotary_body(panel: Any, axis: Axis, centre: np.ndarray, look: Look) -> None
 
 def _tool(panel: Any, body: Body, tool: Sequence[float] | None) -> None:
     """A tool from the tool frame's origin to the functional point, along the tool vector where one is stated."""
-    vector = np.array([0.0, 0.0, -1.0]) if tool is None or not np.any(tool) else np.asarray(tool, dtype=float)
+    vector = np.array([0.0, 0.0, -1.0]) if tool is None else np.asarray(tool, dtype=float)
     origin = np.array([0.0, 0.0, body.height + 0.5 * body.row])
-    ends = project([origin, origin + 0.95 * vector / np.linalg.norm(vector)])
+    ends = project([origin, origin + 0.95 * vector / (np.linalg.norm(vector) or 1.0)])
     panel.plot(*ends.T, color=BLACK, lw=3.0, solid_capstyle="butt", zorder=_TOP)
     panel.plot(*ends[1], "o", color=BLACK, ms=5, zorder=_TOP)
 
