@@ -13,6 +13,7 @@ from markupsafe import Markup
 
 from volid.exceptions import shown
 from volid.fitting.solution import Solution
+from volid.io.basics.targets import find_target
 from volid.io.functions_csv import text_output
 from volid.report.contents.contents import Contents, gather
 from volid.report.language import Texts
@@ -66,6 +67,7 @@ def save_report(
     'fail'
     """
     texts = Texts(lang)
+    find_target(path, overwrite)  # refused now, not after the work
     contents = gather(solution, tool, limits=limits, title=title)
     text = page(contents, texts)
     with text_output(path, overwrite) as stream:
