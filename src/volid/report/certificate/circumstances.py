@@ -66,7 +66,7 @@ def add_conditions(part: ET.Element, request: Request) -> None:
     conditions = add(part, "influenceConditions")
     stated = request.solution.campaign.conditions
     for item in record(request.solution.campaign):
-        if item.name not in FURTHER:
+        if item.name not in FURTHER or item.stated:
             _condition(conditions, item, stated)
 
 
