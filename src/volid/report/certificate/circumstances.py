@@ -84,7 +84,7 @@ def _condition(conditions: ET.Element, item: Item, stated: Mapping[str, Any]) ->
                 _temperature(data, str(name), value)
     for key, text in item.stated if not len(data) else ():
         if not key.split(": ")[-1].startswith(KEY):
-            add_words(data, "text", f"{key}: {text}")
+            add_words(data, "text", f"{key}: {text or 'none'}")
     for kind, name in item.measured:
         add_texts(data, "text", f"measured_{kind}", name=name)
     if not len(data):
