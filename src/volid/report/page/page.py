@@ -115,9 +115,10 @@ def _section(name: str, contents: Contents, texts: Texts) -> Section | None:
 
 def _style(title: str) -> Markup:
     """The style sheet, with the colours of the palette and the footer of printed pages as variables."""
-    colours = "".join(f"--{name}:{value};" for name, value in _COLOURS.items())
     footer = _PLAIN.sub(lambda match: f"\\{ord(match.group()):x} ", title)
-    return Markup(f':root{{{colours}--white:white;--footer:"{footer}";}}\n{asset("page.css")}')
+    values = {**_COLOURS, "white": "white", "footer": f'"{footer}"'}
+    variables = "".join(f"--{name}:{value};" for name, value in values.items())
+    return Markup(f":root{{{variables}}}\n{asset('page.css')}")
 
 
 def _as_script(data: Any) -> Markup:
