@@ -25,7 +25,14 @@ from volid.report.plot import palette
 _COLOURS = {
     name.lower(): value for name, value in vars(palette).items() if name.isupper() and str(value).startswith("#")
 }
-BEHIND_BARRIER = ("verdict", "machine", "campaign", "stations", "residuals", "provenance")  # what a mistake does not falsify
+BEHIND_BARRIER = (
+    "verdict",
+    "machine",
+    "campaign",
+    "stations",
+    "residuals",
+    "provenance",
+)  # what a mistake does not falsify
 _PLAIN = re.compile(r"[^0-9A-Za-z ]")
 
 
