@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from volid.compensation.residual.fields import ANGLES, QUANTITIES
-from volid.compensation.residual.forecast import Forecast
+from volid.compensation.residual.forecast import NONE, Forecast
+from volid.exceptions import InputError
 from volid.fitting.solution import Solution
 from volid.io.functions_csv import round_place
 from volid.model.axis_lines import MACHINE
@@ -28,6 +29,7 @@ from volid.standards.results import SIMPLE, Evaluation
 
 K = 2.0
 MIXED = "µm, µrad"
+_OWN_WORDS = {"largest": "remaining_largest", "tool axis": "tool_axis"}  # quantities that are no symbols
 
 
 def squareness_sheet(summary: Mapping[str, Any], texts: Texts) -> Table:
@@ -120,7 +122,7 @@ def _block(curve: Curve, texts: Texts) -> tuple[list[Column], np.ndarray]:
     """Columns of a function and their numbers (m, columns): value, U, and coverage intervals where there are samples."""
     unit = curve.error.report_unit
     columns = [Column(curve.title, unit, spread=1), Column(f"U({curve.title})", unit, spread=0)]
-    numbers = [curve.values, K * curve.u]
+    numbers = [np.where(curve.known, value, np.nan) for value in (curve.values, K * curve.u)]
     if curve.low is not None and curve.high is not None:
         low, high = texts("workbook.low"), texts("workbook.high")
         columns += [Column(f"{curve.title} {low}", unit, spread=-1), Column(f"{curve.title} {high}", unit, spread=-2)]
@@ -224,11 +226,13 @@ def forecast_sheet(found: Forecast, texts: Texts) -> Table:
     ]
     rows: list[list[Any]] = []
     for column in found.columns:
+        own = texts("workbook.without") if column.name == NONE else column.name
         for tool, p in zip(found.tools.tolist(), column.predictions, strict=True):
             for k, name in enumerate(QUANTITIES):
                 unit = "rad" if name in ANGLES else "mm"
                 value, low, high, exact = (float(v[k]) * scale_of(unit) for v in p)
-                rows.append([column.name, *tool, name, value, low, high, exact, unit_of(unit)])
+                label = texts(f"workbook.{_OWN_WORDS[name]}") if name in _OWN_WORDS else name
+                rows.append([own, *tool, label, value, low, high, exact, unit_of(unit)])
     return Table(texts("workbook.sheet_compensation"), columns, rows)
 
 
@@ -251,7 +255,11 @@ def budget_sheet(solution: Solution, tool: Sequence[float], texts: Texts) -> Tab
         Column(texts("workbook.share"), "%", spread=_tenths),
         Column(texts("workbook.unit")),
     ]
-    lines = budget_lines(budget(solution), headline_rows(solution, headline_outputs(solution, np.asarray(tool))))
+    try:
+        found = budget(solution)
+    except InputError as reason:  # a solution that was fitted part by part
+        return Table(texts("workbook.sheet_budget"), columns, [[None, None, None, str(reason), None, None, None]])
+    lines = budget_lines(found, headline_rows(solution, headline_outputs(solution, np.asarray(tool))))
     rows = [
         [
             x.output, round_place(x.position), scale_of(x.unit) * x.u, x.source, scale_of(x.unit) * x.contribution,
