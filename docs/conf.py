@@ -62,7 +62,9 @@ def list_links(app, exception) -> None:
         for node in app.env.get_doctree(name).findall(nodes.reference)
         if node.get("refuri", "").startswith("http")
     }
-    (Path(app.outdir) / "external_links.txt").write_text("".join(f"{link}\n" for link in sorted(found)), encoding="utf-8")
+    (Path(app.outdir) / "external_links.txt").write_text(
+        "".join(f"{link}\n" for link in sorted(found)), encoding="utf-8"
+    )
 
 
 def setup(app) -> None:
