@@ -1,10 +1,13 @@
 """Limits and verdicts of evaluations."""
 
+import math
+
 import pytest
 
 from volid.backend.consent import accept_unusual
 from volid.exceptions import InputError
 from volid.io.evaluations.limits import judge_all
+from volid.report.text.evaluations import evaluation_lines, unproved
 from volid.standards.results import Evaluation, Quantity
 
 
@@ -24,9 +27,48 @@ def test_a_limit_of_one_axis_stands_before_that_of_all(tmp_path):
     assert (x["A"].verdict, y["E"].verdict) == ("fail", "pass")
 
 
+def test_simple_acceptance_compares_the_value_alone_where_the_limits_say_so(tmp_path):
+    """31.8 ± 2 µm against 33 µm: undecided with the guard band, pass without; against 31 µm undecided, and fail."""
+    for limit, with_guard, alone in (
+        (0.033, "undecided", "pass"),
+        (0.031, "undecided", "fail"),
+        (0.028, "fail", "fail"),
+    ):
+        guarded, _ = judge(tmp_path, f"E = {limit}\n")
+        named, _ = judge(tmp_path, f'rule = "guard band"\nE = {limit}\n')
+        simple, _ = judge(tmp_path, f'rule = "simple"\nE = {limit}\n')
+        assert (guarded["E"].verdict, named["E"].verdict, simple["E"].verdict) == (with_guard, with_guard, alone)
+        assert simple["E"].U == 0.002
+
+
+def test_the_rule_is_said_with_the_verdict(tmp_path):
+    simple, _ = judge(tmp_path, 'rule = "simple"\nE = 0.033\n')
+    assert "verdict by simple acceptance" in "\n".join(evaluation_lines(simple))
+    guarded, _ = judge(tmp_path, "E = 0.033\n")
+    assert "verdict by ISO 14253-1" in "\n".join(evaluation_lines(guarded))
+
+
+def test_a_limit_of_a_form_holds_for_all_symbols_of_it_that_have_none_of_their_own(tmp_path):
+    x, y = judge(tmp_path, '"[EA]" = 0.020\nE = 0.050\n')
+    assert (x["E"].limit, x["A"].limit, y["E"].limit) == (0.050, 0.020, 0.050)
+
+
+def test_what_is_not_determined_is_not_decided():
+    found = judge_all(
+        [Evaluation("ISO 230-1", "machine", (Quantity("V_X", math.nan, "mm", U=math.nan),))], {"V_X": 0.01}
+    )
+    assert found[0]["V_X"].verdict == "undecided"
+    assert unproved(found) == ["machine: V_X is not determined"]
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
+        (
+            'rule = "none"\nE = 0.02\n',
+            'limits.toml: rule is "none"; expected the decision rule, one of guard band, simple',
+        ),
+        ('"Q*" = 0.02\n', r"limits.toml: Q\* is no quantity of this test; expected one of E, A"),
         ("[Z]\nE = 0.02\n", r"limits.toml: \[Z\] was not evaluated; expected one of X, Y"),
         ("[Y]\nA = 0.02\n", r"limits.toml: \[Y\] A is no quantity of this test; expected one of E"),
         ("R = 0.02\n", r"limits.toml: R is no quantity of this test; expected one of E, A"),

@@ -3,11 +3,14 @@
 A range is not linear in the parameters: what is uncertain makes it larger on the average, because it picks the extreme values.
 For draws of the parameters around the estimate, with size V,
 
-    U = 2 s + |b|,    s the standard deviation of V(draws),    b = mean of V(draws) - V(estimate),
+    U = 2 s + |b| / (sqrt(2) - 1),    s the standard deviation of V(draws),    b = mean of V(draws) - V(estimate),
 
-k = 2 for the spread, and the shift b added in full, because it is an estimate of what V(estimate) itself is too large by and is
-not taken off (GUM F.2.4.5). What is independent from position to position (`Solution.scatter`) is drawn too. Not included: what
-the machine does not repeat, temperature.
+k = 2 for the spread, and what V(estimate) itself may be too large by added in full, because it is not taken off (GUM F.2.4.5).
+The draws add the same noise to the estimate a second time and so show that shift: as it is where V is large and g(v), the mean
+of V at v times the variance, is linear in v, so that g(1) - g(0) = g(2) - g(1) = b; and the share sqrt(2) - 1 of it where V is
+all noise and g goes with sqrt(v). The larger is taken. What is independent from position to position (`Solution.scatter`) is
+drawn too. Not included: what the machine does not repeat, temperature. A machine without any error, measured with noise that is
+independent from place to place, is the hardest case: U holds for 89 % of campaigns instead of 95 %.
 """
 
 from __future__ import annotations
@@ -24,6 +27,7 @@ from volid.fitting.solution import Solution
 from volid.model.iso230 import parse
 
 K = 2.0
+SEEN = np.sqrt(2.0) - 1.0  # least share of the shift that draws around the estimate show
 DRAWS = 400
 AT_ONCE = 50  # draws of the whole field
 
@@ -99,13 +103,13 @@ def motion_ranges(solution: Solution, points: int = 101, seed: int = 0) -> dict[
 
 
 def expanded(value: np.ndarray | float, drawn: np.ndarray) -> np.ndarray:
-    """U = 2 s + |b| of sizes `value` (q,) from those of draws (s, q).
+    """U = 2 s + |b| / (sqrt(2) - 1) of sizes `value` (q,) from those of draws (s, q).
 
     >>> import numpy as np
-    >>> float(expanded(10.0, np.array([10.0, 12.0, 14.0])))  # s = 2, b = 2
-    6.0
+    >>> round(float(expanded(10.0, np.array([10.0, 12.0, 14.0]))), 2)  # s = 2, b = 2
+    8.83
     """
-    return np.asarray(K * drawn.std(axis=0, ddof=1) + np.abs(drawn.mean(axis=0) - value))
+    return np.asarray(K * drawn.std(axis=0, ddof=1) + np.abs(drawn.mean(axis=0) - value) / SEEN)
 
 
 def _sizes(fields: np.ndarray) -> np.ndarray:

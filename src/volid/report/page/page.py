@@ -13,6 +13,7 @@ from markupsafe import Markup
 
 from volid.exceptions import shown
 from volid.fitting.solution import Solution
+from volid.io.basics.targets import find_target
 from volid.io.functions_csv import text_output
 from volid.report.contents.contents import Contents, gather
 from volid.report.language import Texts
@@ -66,6 +67,7 @@ def save_report(
     'fail'
     """
     texts = Texts(lang)
+    find_target(path, overwrite)  # refused now, not after the work
     contents = gather(solution, tool, limits=limits, title=title)
     text = page(contents, texts)
     with text_output(path, overwrite) as stream:
@@ -113,9 +115,10 @@ def _section(name: str, contents: Contents, texts: Texts) -> Section | None:
 
 def _style(title: str) -> Markup:
     """The style sheet, with the colours of the palette and the footer of printed pages as variables."""
-    colours = "".join(f"--{name}:{value};" for name, value in _COLOURS.items())
     footer = _PLAIN.sub(lambda match: f"\\{ord(match.group()):x} ", title)
-    return Markup(f':root{{{colours}--white:white;--footer:"{footer}";}}\n{asset("page.css")}')
+    values = {**_COLOURS, "white": "white", "footer": f'"{footer}"'}
+    variables = "".join(f"--{name}:{value};" for name, value in values.items())
+    return Markup(f":root{{{variables}}}\n{asset('page.css')}")
 
 
 def _as_script(data: Any) -> Markup:

@@ -10,10 +10,15 @@ from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup
 
+from volid.exceptions import shown
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _NUMBER = count(1)
+_UNSEEN = re.compile(
+    "[\x00-\x08\x0b-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff]"
+)  # controls, marks of direction
 
 
 @dataclass(frozen=True)
@@ -45,7 +50,7 @@ def svg(figure: Figure, label: str) -> Markup:
     stream = StringIO()
     with rc_context({"svg.fonttype": "none", "svg.hashsalt": "volid"}):
         figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
-    text, number = stream.getvalue(), next(_NUMBER)
+    text, number = _UNSEEN.sub(lambda match: shown(match.group()), stream.getvalue()), next(_NUMBER)
     text = text[text.index("<svg") :]
     text = re.sub(r'\bid="([^"]+)"', rf'id="f{number}-\1"', text)
     text = re.sub(r'(xlink:href="#|url\(#)', rf"\1f{number}-", text)
