@@ -1,5 +1,8 @@
 """Every figure of a solution can be read: with reversal, cross effects, one tool, a rotary table, in both languages."""
 
+import subprocess
+import sys
+
 import pytest
 from support.figures import faults
 
@@ -41,3 +44,14 @@ def test_nothing_is_drawn_that_would_follow_from_a_mistake(rotary_solution, monk
     (found,) = draw(Asked(rotary_solution, (0.0, 0.0, 0.0)), ["functions"])
     assert found.figure is None
     assert found.reason == "its numbers would follow from a mistake: the hands of the frames differ"
+
+
+def test_figures_are_imported_like_other_names_and_only_when_they_are_used():
+    code = """
+import sys
+from volid.plot import polar_plot
+import volid
+assert volid.plot.polar_plot is polar_plot
+assert not {"matplotlib.figure", "jax"} & set(sys.modules)
+"""
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

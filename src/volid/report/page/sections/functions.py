@@ -23,7 +23,7 @@ from volid.report.plot.functions import (
     legend_of_ways,
     remarks,
 )
-from volid.report.plot.panels import SMALL_SIZE, small_panel
+from volid.report.plot.panels import SMALL_SIZE, signs, small_panel
 from volid.report.symbols import in_words
 
 POINTS = 101  # of a curve
@@ -91,7 +91,7 @@ def _table(axis: Axis, rows: list[Mapping[str, Any]], texts: Texts) -> Markup:
     keys = ["function", "range", "u", *(["reversal"] if reversal else [])]
     head = Markup("").join(Markup('<th scope="col">{}</th>').format(texts(f"functions.table_{key}")) for key in keys)
     body = Markup("\n").join(_row(row, reversal, texts) for row in rows)
-    low, high = (f"{end:g}" for end in axis.travel)
+    low, high = (signs(f"{end:g}", texts) for end in axis.travel)
     caption = texts("functions.table_caption", axis=axis.letter, low=low, high=high, unit=axis.unit)
     return Markup("<table><caption>{}</caption>\n<thead><tr>{}</tr></thead>\n<tbody>\n{}\n</tbody></table>").format(
         caption, head, body
