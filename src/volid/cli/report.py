@@ -27,7 +27,7 @@ LIMITS.toml names the largest size allowed, in mm and rad, by symbol:
   "E[YZ]X" = 0.005           # all symbols of a form that have no limit of their own
 
 --dcc writes an UNSIGNED RESULT FILE in the format of a digital calibration certificate (DCC 3.3.0):
-no certificate, which is a laboratory's act. DATA.toml (or [conditions.certificate] of the campaign)
+no certificate, which is a laboratory's act. DATA.toml (or [conditions.dcc] of the campaign)
 states what the file also needs; what is not stated is named, and nothing is invented:
   country = "DE"             # of the laboratory
   identifier = "K-2026-0417"

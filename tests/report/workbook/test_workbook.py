@@ -176,3 +176,19 @@ def test_no_numbers_behind_the_barrier(solution, tmp_path):
     adequacy = replace(solution.adequacy, questions=(question,))
     with pytest.raises(InputError, match="the readings are negated"):
         volid.save_workbook(replace(solution, adequacy=adequacy), tmp_path / "result.xlsx")
+
+
+def test_limits_and_what_types_leave(tmp_path):
+    solution = volid.fit(volid.load_campaign("datasets/published_positioning/campaign.toml"))
+    volid.save_workbook(solution, tmp_path / "result.xlsx", limits={"EXX": 0.030, "EZZ": 0.040}, lang="de")
+    book = openpyxl.load_workbook(tmp_path / "result.xlsx")
+    found = {row[0]: row for row in table(book, "Grenzwerte")[1]}
+    assert found["EXX"][1] == pytest.approx(31.8, abs=0.05) and found["EXX"][3] == 30.0  # published: E = 31.8 µm
+    assert (found["EXX"][5], found["EZZ"][5]) == ("nicht erfüllt", "erfüllt")
+    base = volid.compensation_base(solution, (0.0, 0.0, 0.0))
+    expected = volid.forecast(solution, [["L-POS"]], base, np.zeros((1, 3)), most_draws=400).columns
+    rows = [row for row in table(book, "Kompensation")[1] if row[4] == "größte"]
+    for name, column in zip(("ohne", "L-POS"), expected, strict=True):
+        (row,) = [row for row in rows if row[0] == name]
+        (p,) = column.predictions
+        assert row[5:9] == pytest.approx([1e3 * v[0] for v in p], rel=1e-9)

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from volid.fitting.solution import Solution
-from volid.io.basics.provenance import sha256
+from volid.io.basics.provenance import provenance, sha256
 from volid.report.certificate.element import add, add_texts, add_words
 from volid.report.certificate.facts import Facts
 
@@ -82,7 +82,7 @@ def add_software(parent: ET.Element, name: str, version: str) -> None:
 def administrative_data(root: ET.Element, request: Request) -> ET.Element:
     """`dcc:administrativeData` without its statements, which come last."""
     part, facts = add(root, "administrativeData"), request.facts
-    add_software(part, "dccSoftware", _version())
+    add_software(part, "dccSoftware", provenance()["volid"])
     _core_data(part, request)
     _items(part, request)
     laboratory = add(part, "calibrationLaboratory")
@@ -92,12 +92,6 @@ def administrative_data(root: ET.Element, request: Request) -> ET.Element:
     _persons(part, facts)
     _contact(part, "customer", facts.customer)
     return part
-
-
-def _version() -> str:
-    import volid
-
-    return str(volid.__version__)
 
 
 def _core_data(part: ET.Element, request: Request) -> None:

@@ -35,7 +35,6 @@ def save_dcc(
     limits: str | Path | Mapping[str, Any] | None = None,
     data: Mapping[str, Any] | None = None,
     lang: str = "en",
-    source: str = "",
     overwrite: bool = False,
 ) -> tuple[str, ...]:
     """Write a solution in the format of a digital calibration certificate (DCC 3.3.0, D-SI 2.2), as an unsigned result file.
@@ -45,7 +44,7 @@ def save_dcc(
     methods, instruments, conditions, verdict, what is not determined, and conformity where limits were judged. Lengths are in
     metre, rotations in radian, positions of rotary axes in degree; every number reads back as the library's, digit by digit.
     Fixed texts are in English and German. Laboratory, customer, persons, machine numbers, instruments and dates come from the
-    table `certificate` of the campaign's [conditions], or from `data` with the same keys, which the docstring of
+    table `dcc` of the campaign's [conditions], or from `data` with the same keys, which the docstring of
     `volid.report.certificate.facts` shows. What nobody stated is named in a statement, and written as "not stated" where the
     schema demands it; nothing is invented.
 
@@ -56,7 +55,6 @@ def save_dcc(
         limits: Largest sizes allowed by symbol [mm, rad], as for `save_report`; conformity is stated by their decision rule.
         data: Facts that a certificate needs, which stand before those of [conditions].
         lang: Language that stands first, "en" or "de".
-        source: Name of the solution's file, whose SHA-256 is stated; "": that of its numbers is.
         overwrite: Whether an existing file may be replaced.
 
     Returns:
@@ -75,8 +73,8 @@ def save_dcc(
     ('identifier', 'begin', 'end')
     """
     find_target(path, overwrite)  # refused now, not after the work
-    request = Request(solution, facts_of(solution.campaign, data), source, Texts(lang).language)
-    certificate_of(gather(solution, tool, source, limits, expected=False), path, request, overwrite)
+    request = Request(solution, facts_of(solution.campaign, data), lang=Texts(lang).language)
+    certificate_of(gather(solution, tool, limits=limits, expected=False), path, request, overwrite)
     return request.missing()
 
 

@@ -12,6 +12,7 @@ from volid.observations import KINDS
 from volid.plausibility.record import FURTHER, Item, record
 from volid.report.certificate.administration import Request
 from volid.report.certificate.element import UNITS, add, add_si, add_texts, add_words
+from volid.report.certificate.facts import KEY
 
 AMBIENT, COMPONENTS = "ambient_temperature_C", "component_temperatures_C"  # keys of [conditions] that hold numbers
 METHODS = {  # key of the texts: standards
@@ -82,7 +83,7 @@ def _condition(conditions: ET.Element, item: Item, stated: Mapping[str, Any]) ->
             if _is_number(value):
                 _temperature(data, str(name), value)
     for key, text in item.stated if not len(data) else ():
-        if not key.startswith("certificate"):
+        if not key.split(": ")[-1].startswith(KEY):
             add_words(data, "text", f"{key}: {text}")
     for kind, name in item.measured:
         add_texts(data, "text", f"measured_{kind}", name=name)

@@ -1,7 +1,7 @@
 """What a certificate says of who, where, when and with what: from the record of conditions, or given by the caller.
 
 ```
-[conditions.certificate]                       # or a file of its own, without this heading
+[conditions.dcc]                               # or a file of its own, without this heading
 country = "DE"                                 # of the laboratory, ISO 3166-1
 identifier = "K-2026-0417"                     # unique, of the laboratory
 begin = 2026-03-11                             # of the calibration
@@ -27,7 +27,7 @@ from typing import Any
 from volid.campaign import Campaign
 from volid.exceptions import InputError
 
-KEY = "certificate"  # table of [conditions]
+KEY = "dcc"  # table of [conditions]
 PLACES = ("laboratory", "customer", "laboratoryBranch", "customerBranch", "other")
 ADDRESS = ("name", "street", "number", "post_code", "city", "country", "email", "phone", "code")
 MACHINE = ("manufacturer", "model", "serial_number", "inventory_number")

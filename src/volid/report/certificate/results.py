@@ -69,7 +69,7 @@ def _name(parent: ET.Element, symbol: str, name: str) -> None:
 
 def _motion(data: ET.Element, curve: Curve, unit: str) -> None:
     """A list: positions, values with U or coverage intervals, u. Positions without a value are left out, and said."""
-    known = np.isfinite(curve.values) & np.isfinite(curve.u)
+    known = curve.known
     one = add(data, "list", refType=ref_type(curve.title))
     _name(one, curve.title, curve.name)
     if not known.all():

@@ -45,6 +45,12 @@ class Curve:
         return parse(self.name)
 
     @property
+    def known(self) -> np.ndarray:
+        """Which values the data determine, bool (m,): none where only the reference is left, at which every function is 0."""
+        known = np.isfinite(self.values) & np.isfinite(self.u)
+        return known & (known.sum() > 1 or len(known) == 1)
+
+    @property
     def title(self) -> str:
         """The symbol with the direction of approach: "EXX (+)"."""
         return self.name + SIGNS[self.direction]

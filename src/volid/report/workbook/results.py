@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from volid.compensation.residual.fields import ANGLES, QUANTITIES
-from volid.compensation.residual.forecast import Forecast
+from volid.compensation.residual.forecast import NONE, Forecast
 from volid.fitting.solution import Solution
 from volid.io.functions_csv import round_place
 from volid.model.axis_lines import MACHINE
@@ -28,6 +28,7 @@ from volid.standards.results import SIMPLE, Evaluation
 
 K = 2.0
 MIXED = "µm, µrad"
+_OWN_WORDS = {"largest": "remaining_largest", "tool axis": "tool_axis"}  # quantities that are no symbols
 
 
 def squareness_sheet(summary: Mapping[str, Any], texts: Texts) -> Table:
@@ -224,11 +225,13 @@ def forecast_sheet(found: Forecast, texts: Texts) -> Table:
     ]
     rows: list[list[Any]] = []
     for column in found.columns:
+        own = texts("workbook.without") if column.name == NONE else column.name
         for tool, p in zip(found.tools.tolist(), column.predictions, strict=True):
             for k, name in enumerate(QUANTITIES):
                 unit = "rad" if name in ANGLES else "mm"
                 value, low, high, exact = (float(v[k]) * scale_of(unit) for v in p)
-                rows.append([column.name, *tool, name, value, low, high, exact, unit_of(unit)])
+                label = texts(f"workbook.{_OWN_WORDS[name]}") if name in _OWN_WORDS else name
+                rows.append([own, *tool, label, value, low, high, exact, unit_of(unit)])
     return Table(texts("workbook.sheet_compensation"), columns, rows)
 
 

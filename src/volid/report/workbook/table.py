@@ -18,7 +18,7 @@ class Column:
     Args:
         title: Its heading, in the language of the workbook.
         unit: Unit of its numbers, "" for none.
-        width: In characters.
+        width: At least so many characters.
         spread: Which number of a row, as its place counted from this column or as a function of the row, is the uncertainty of
             this one, so that two of its digits are shown; None: as a spreadsheet shows numbers.
     """
@@ -32,6 +32,11 @@ class Column:
     def heading(self) -> str:
         """Title and unit: "U [µm]"."""
         return f"{self.title} [{self.unit}]" if self.unit else self.title
+
+    @property
+    def wide(self) -> int:
+        """Its width, in which no word of the heading is broken."""
+        return max(self.width, 4 + max(map(len, self.heading.split())))
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,6 @@ def save_workbook(
     tool: Any = None,
     limits: str | Path | Mapping[str, Any] | None = None,
     lang: str = "en",
-    source: str = "",
     overwrite: bool = False,
 ) -> None:
     """Write a solution as an Excel workbook, one sheet per table.
@@ -50,7 +49,6 @@ def save_workbook(
         tool: Tool vector of the volumetric numbers, shape (3,) [mm]; None: the one of most readings.
         limits: Largest sizes allowed by symbol [mm, rad], as for `save_report`.
         lang: Language of headings, "en" or "de".
-        source: Name of the solution's file, whose hash is stated; "" for none.
         overwrite: Whether an existing file may be replaced.
 
     Raises:
@@ -63,7 +61,7 @@ def save_workbook(
     """
     find_target(path, overwrite)  # refused now, not after the work
     texts = Texts(lang)
-    workbook_of(gather(solution, tool, source, limits), path, texts, overwrite)
+    workbook_of(gather(solution, tool, limits=limits), path, texts, overwrite)
 
 
 def workbook_of(contents: Contents, path: str | Path, texts: Texts, overwrite: bool = False) -> None:

@@ -90,9 +90,9 @@ def _write_table(book: Any, table: Table, formats: Formats) -> None:
 
 def _prepare(sheet: Any, columns: Sequence[Column], n_rows: int, formats: Formats) -> None:
     """Heading, widths, filters, what stays in sight, and how it is printed."""
-    sheet.set_row(0, LINE * max(_lines(column.heading, column.width) for column in columns))
+    sheet.set_row(0, LINE * max(_lines(column.heading, column.wide) for column in columns))
     for j, column in enumerate(columns):
-        sheet.set_column(j, j, column.width)
+        sheet.set_column(j, j, column.wide)
         sheet.write_string(0, j, shown(column.heading), formats.heading)
     sheet.freeze_panes(1, 0)
     sheet.autofilter(0, 0, max(n_rows, 1), len(columns) - 1)
@@ -110,7 +110,7 @@ def _lines(text: str, width: int) -> int:
 
 def _write_row(sheet: Any, i: int, columns: Sequence[Column], row: Sequence[Any], formats: Formats) -> None:
     texts = [(column, cell) for column, cell in zip(columns, row, strict=True) if isinstance(cell, str)]
-    lines = max((_lines(cell, column.width) for column, cell in texts if len(cell) > column.width - 3), default=1)
+    lines = max((_lines(cell, column.wide) for column, cell in texts if len(cell) > column.wide - 3), default=1)
     if lines > 1:
         sheet.set_row(i, LINE * min(lines, 25))
     for j, (column, cell) in enumerate(zip(columns, row, strict=True)):
