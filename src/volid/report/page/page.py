@@ -25,6 +25,14 @@ from volid.report.plot import palette
 _COLOURS = {
     name.lower(): value for name, value in vars(palette).items() if name.isupper() and str(value).startswith("#")
 }
+BEHIND_BARRIER = (
+    "verdict",
+    "machine",
+    "campaign",
+    "stations",
+    "residuals",
+    "provenance",
+)  # what a mistake does not falsify
 _PLAIN = re.compile(r"[^0-9A-Za-z ]")
 
 
@@ -104,6 +112,8 @@ def page(contents: Contents, texts: Texts) -> str:
 
 
 def _section(name: str, contents: Contents, texts: Texts) -> Section | None:
+    if contents.barrier and name not in BEHIND_BARRIER:
+        return None
     found = import_module(f"volid.report.page.sections.{name}").build(contents, texts)
     if found is None:
         return None
