@@ -45,8 +45,8 @@ def _over_readings(panel: Any, sets: tuple[Compared, ...]) -> None:
     panel.set_ylabel("residual / U (k = 2)")
     panel.set_title("grey: |E_n| ≤ 1", fontsize=9, loc="left", color=NEUTRAL)
     if len(sets) > 1:
-        place = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.14), "ncols": 2}
-        as_written(panel.legend(fontsize=7, frameon=False, **place).get_texts())
+        below = panel.legend(fontsize=7, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2)
+        as_written(below.get_texts())
 
 
 def _distribution(panel: Any, found: Validation) -> None:
