@@ -145,6 +145,21 @@ def test_the_same_stage_again_starts_anew():
     assert left.seconds(40.0) is None
 
 
+def test_the_end_of_a_part_is_not_called_that_of_the_work(capsys):
+    clock = Clock()
+    with Progress(clock) as progress:
+        progress.tick()
+        for done in (1, 2, 3):
+            clock.now += 20.0
+            progress(Step(done, 5, "rows", of="solving"))
+        for done in (1, 2, 3):
+            clock.now += 20.0
+            progress(Step(done, 5, "trials").within("this stage"))
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[2] == "volid: solving: 3 of 5 rows (60 %), about 40 s left of this pass"
+    assert lines[5] == "volid: 3 of 5 trials (60 %), about 40 s left of this stage"
+
+
 @pytest.mark.parametrize(
     ("seconds", "words"),
     [

@@ -12,6 +12,7 @@ class Step(str):
         done: How much is done, in the same unit as `total`.
         total: How much there is to do.
         what: What is counted; another `what` is another stage, with a speed of its own.
+        of: The pass that counts, where several follow each other and nobody knows how many.
         more: What else to say, behind the numbers.
 
     >>> step = Step(250, 1000, "trials")
@@ -24,10 +25,16 @@ class Step(str):
     done: float
     total: float
     stage: str
+    part: str  # what the end of these steps ends, such as "this pass"; "" for the work
 
     def __new__(cls, done: int, total: int, what: str, *, of: str = "", more: str = "") -> Step:
         share = 100 * done // max(total, 1)
         text = f"{done} of {total} {what} ({share} %){more}"
         step = super().__new__(cls, f"{of}: {text}" if of else text)
-        step.done, step.total, step.stage = done, total, f"{of} {what}"
+        step.done, step.total, step.stage, step.part = done, total, f"{of} {what}", "this pass" if of else ""
         return step
+
+    def within(self, part: str) -> Step:
+        """The same message, whose end is that of a `part` of the work."""
+        self.part = part
+        return self

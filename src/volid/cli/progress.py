@@ -98,7 +98,8 @@ class Progress:
         if not self._current:
             return
         self._printed_at = self._clock()
-        left = left_words(self._remaining.seconds(self._printed_at))
+        part = self._current.part if isinstance(self._current, Step) else ""
+        left = left_words(self._remaining.seconds(self._printed_at), part)
         text = f"volid: {self._current}{', ' if left else ''}{left}"
         if self._line is not None:
             self._line.show(text)

@@ -51,18 +51,26 @@ class Remaining:
         return max((self.total - done) * each - min(now - latest, self.chunk * each), 0.0)
 
 
-def left_words(seconds: float | None) -> str:
+def left_words(seconds: float | None, part: str = "") -> str:
     """The remaining time as people say it: no more digits than an estimate has; "" where it is not known.
 
-    >>> left_words(4.0), left_words(37.0), left_words(200.0), left_words(9000.0), left_words(None)
-    ('less than 10 s left', 'about 40 s left', 'about 3 min left', 'about 2.5 h left', '')
+    Args:
+        seconds: The time [s].
+        part: What ends then, where it is not the work: "this pass".
+
+    >>> left_words(4.0), left_words(37.0), left_words(200.0), left_words(9000.0, "this pass"), left_words(None)
+    ('less than 10 s left', 'about 40 s left', 'about 3 min left', 'about 2.5 h left of this pass', '')
     """
     if seconds is None:
         return ""
+    return f"{_time_words(seconds)} left{' of ' if part else ''}{part}"
+
+
+def _time_words(seconds: float) -> str:
     if seconds < LEAST:
-        return f"less than {LEAST:.0f} s left"
+        return f"less than {LEAST:.0f} s"
     if seconds < 95.0:
-        return f"about {10 * round(seconds / 10)} s left"
+        return f"about {10 * round(seconds / 10)} s"
     if seconds < 5700.0:
-        return f"about {round(seconds / 60)} min left"
-    return f"about {0.5 * round(seconds / 1800):g} h left"
+        return f"about {round(seconds / 60)} min"
+    return f"about {0.5 * round(seconds / 1800):g} h"

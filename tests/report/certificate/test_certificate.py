@@ -2,6 +2,7 @@
 
 import xml.etree.ElementTree as ET
 from dataclasses import replace
+from datetime import UTC, date, datetime
 from decimal import Decimal
 
 import numpy as np
@@ -228,6 +229,13 @@ def test_nothing_is_invented_and_what_is_missing_is_named(solution):
     declared = [e.text for e in all_of(root, ".//dcc:statement/dcc:declaration/dcc:content")]
     (named,) = [t for t in declared if t.startswith("Not stated: ")]
     assert "serial number of the machine" in named and "ZZ" in named and solution.provenance["date"][:10] in named
+
+
+def test_a_solution_in_memory_has_the_day_of_today(solution):
+    """A fit in Python has no record of a command; the schema demands dates all the same."""
+    root, missing = administration(replace(solution, provenance={}), data=None)
+    day = text(root, ".//dcc:endPerformanceDate")
+    assert "end" in missing and abs((date.fromisoformat(day) - datetime.now(UTC).date()).days) <= 1
 
 
 def test_it_says_that_it_is_no_certificate(single_tool_solution, root, tmp_path):

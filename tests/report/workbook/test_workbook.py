@@ -192,3 +192,13 @@ def test_limits_and_what_types_leave(tmp_path):
         (row,) = [row for row in rows if row[0] == name]
         (p,) = column.predictions
         assert row[5:9] == pytest.approx([1e3 * v[0] for v in p], rel=1e-9)
+
+
+def test_a_solution_fitted_part_by_part_says_why_it_has_no_budget(tmp_path):
+    campaign = volid.load_campaign("datasets/published_positioning/campaign.toml")
+    volid.save_campaign(campaign, tmp_path / "campaign.h5")
+    solution = volid.fit_streamed(volid.CampaignStream(tmp_path / "campaign.h5"))
+    volid.save_workbook(solution, tmp_path / "result.xlsx")
+    book = openpyxl.load_workbook(tmp_path / "result.xlsx")
+    ((*_, reason, _, _, _),) = table(book, "Budget")[1]
+    assert "budget" in reason and "Functions X" in book.sheetnames

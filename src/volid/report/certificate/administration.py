@@ -7,6 +7,7 @@ import re
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from dataclasses import dataclass
+from datetime import UTC, datetime
 
 from volid.fitting.solution import Solution
 from volid.io.basics.provenance import provenance, sha256
@@ -29,8 +30,8 @@ class Request:
 
     @property
     def evaluated(self) -> str:
-        """Day on which the solution was computed, YYYY-MM-DD."""
-        return self.solution.provenance.get("date", "")[:10]
+        """Day on which the solution was computed, YYYY-MM-DD; today for one that no command computed."""
+        return self.solution.provenance.get("date", "")[:10] or datetime.now(UTC).date().isoformat()
 
     @property
     def digest(self) -> str:

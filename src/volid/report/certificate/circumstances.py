@@ -66,7 +66,7 @@ def add_conditions(part: ET.Element, request: Request) -> None:
     conditions = add(part, "influenceConditions")
     stated = request.solution.campaign.conditions
     for item in record(request.solution.campaign):
-        if item.name not in FURTHER:
+        if item.name not in FURTHER or item.stated:
             _condition(conditions, item, stated)
 
 
@@ -84,7 +84,7 @@ def _condition(conditions: ET.Element, item: Item, stated: Mapping[str, Any]) ->
                 _temperature(data, str(name), value)
     for key, text in item.stated if not len(data) else ():
         if not key.split(": ")[-1].startswith(KEY):
-            add_words(data, "text", f"{key}: {text}")
+            add_words(data, "text", f"{key}: {text or 'none'}")
     for kind, name in item.measured:
         add_texts(data, "text", f"measured_{kind}", name=name)
     if not len(data):

@@ -94,7 +94,7 @@ def _item(item: Item, texts: Texts) -> Iterator[list[str]]:
     """The lines of an item of the record: what was stated, where it was measured, or that it is missing."""
     label = texts(f"workbook.recorded_{item.name or 'other'}")
     for key, text in item.stated:
-        yield [label, key, text]
+        yield [label, key, text or texts("workbook.none_stated")]
     for kind, name in item.measured:
         yield [label, "", texts(f"workbook.measured_{kind}", name=name)]
     if item.is_missing:

@@ -13,6 +13,7 @@ import numpy as np
 
 from volid.compensation.residual.fields import ANGLES, QUANTITIES
 from volid.compensation.residual.forecast import NONE, Forecast
+from volid.exceptions import InputError
 from volid.fitting.solution import Solution
 from volid.io.functions_csv import round_place
 from volid.model.axis_lines import MACHINE
@@ -121,7 +122,7 @@ def _block(curve: Curve, texts: Texts) -> tuple[list[Column], np.ndarray]:
     """Columns of a function and their numbers (m, columns): value, U, and coverage intervals where there are samples."""
     unit = curve.error.report_unit
     columns = [Column(curve.title, unit, spread=1), Column(f"U({curve.title})", unit, spread=0)]
-    numbers = [curve.values, K * curve.u]
+    numbers = [np.where(curve.known, value, np.nan) for value in (curve.values, K * curve.u)]
     if curve.low is not None and curve.high is not None:
         low, high = texts("workbook.low"), texts("workbook.high")
         columns += [Column(f"{curve.title} {low}", unit, spread=-1), Column(f"{curve.title} {high}", unit, spread=-2)]
@@ -254,7 +255,11 @@ def budget_sheet(solution: Solution, tool: Sequence[float], texts: Texts) -> Tab
         Column(texts("workbook.share"), "%", spread=_tenths),
         Column(texts("workbook.unit")),
     ]
-    lines = budget_lines(budget(solution), headline_rows(solution, headline_outputs(solution, np.asarray(tool))))
+    try:
+        found = budget(solution)
+    except InputError as reason:  # a solution that was fitted part by part
+        return Table(texts("workbook.sheet_budget"), columns, [[None, None, None, str(reason), None, None, None]])
+    lines = budget_lines(found, headline_rows(solution, headline_outputs(solution, np.asarray(tool))))
     rows = [
         [
             x.output, round_place(x.position), scale_of(x.unit) * x.u, x.source, scale_of(x.unit) * x.contribution,

@@ -186,9 +186,13 @@ def _adaptive(
     """Stages until the headline outputs are stable; (trials, achieved over wanted tolerance). JCGM 101 7.9.4."""
     outputs = headline_outputs(solution)
     stages: list[np.ndarray] = []
+
+    def of_stage(message: str) -> None:  # nobody knows how many stages there will be
+        progress(message.within("this stage") if isinstance(message, Step) else message)
+
     ratio = float("inf")
     for h in range(STAGES):
-        carry_out(store, h * STAGE, (h + 1) * STAGE, progress)
+        carry_out(store, h * STAGE, (h + 1) * STAGE, of_stage)
         stages.append(_stage(store, outputs, h))
         if h < 1:
             continue
