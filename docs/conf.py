@@ -10,6 +10,7 @@ from pathlib import Path
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
 
+from docutils import nodes  # noqa: E402
 from machinery.commands import write_commands  # noqa: E402
 from machinery.copies import write_copies  # noqa: E402
 from machinery.docstrings import process  # noqa: E402
@@ -53,7 +54,21 @@ def write_all(app, config) -> None:
     write_figures(HERE / "figures", target / "figures")
 
 
+def list_links(app, exception) -> None:
+    """Addresses of other places, for whoever wants to look at them; the build follows none, since it needs no network."""
+    found = {
+        node["refuri"]
+        for name in app.env.found_docs
+        for node in app.env.get_doctree(name).findall(nodes.reference)
+        if node.get("refuri", "").startswith("http")
+    }
+    (Path(app.outdir) / "external_links.txt").write_text(
+        "".join(f"{link}\n" for link in sorted(found)), encoding="utf-8"
+    )
+
+
 def setup(app) -> None:
     """Called by Sphinx."""
     app.connect("config-inited", write_all)
+    app.connect("build-finished", list_links)
     app.connect("autodoc-process-docstring", process)

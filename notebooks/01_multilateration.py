@@ -29,11 +29,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from scipy.interpolate import CubicSpline
+from volid.plot import error_functions, residual_plot, volume_sections
 
 import volid
 from volid.compensation.grids.linear import linear_grid
 from volid.compensation.residual.volume import predict_residual, volumetric_summary
-from volid.report.plot import error_functions, residual_plot, volume_sections
 from volid.report.text.summary import summary
 
 dataset = Path("../datasets/vertical_multilateration")

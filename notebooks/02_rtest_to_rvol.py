@@ -27,11 +27,11 @@ from pathlib import Path
 
 import numpy as np
 from scipy.interpolate import CubicSpline
+from volid.plot import angle_map, error_functions, location_errors, rotary_grid
 
 import volid
 from volid.compensation.grids.rotary import rotary_grids
 from volid.fitting.location_errors import location_errors as table_of_location_errors
-from volid.report.plot import angle_map, error_functions, location_errors, rotary_grid
 from volid.report.text.summary import summary
 
 dataset = Path("../datasets/five_axis_rtest")

@@ -26,10 +26,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from volid.plot import budget_bars, coverage_bands, volume_distribution
 
 import volid
 from volid.campaign import Effect
-from volid.report.plot import budget_bars, coverage_bands, volume_distribution
 from volid.report.text.budget import format_budget
 from volid.uncertainty.budget import budget, budget_lines, headline_rows
 from volid.uncertainty.lack_of_fit import lack_of_fit

@@ -36,9 +36,9 @@ import numpy as np
 sys.path.insert(0, str(Path("../tests").resolve()))
 from exact_chain.step_cases import CASES, largest_diagonal, truth_of  # the virtual machines, without code of volid
 from support.step_diagonals import along_middle, compensated, largest_in_volume
+from volid.plot import nine_figure, positioning_figure
 
 import volid
-from volid.report.plot import nine_figure, positioning_figure
 from volid.report.text.evaluations import evaluation_lines
 from volid.standards.results import verdict_of
 from volid.standards.step_diagonals.leak import leak_of

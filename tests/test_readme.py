@@ -59,11 +59,24 @@ def test_commands_of_the_readme_run(elsewhere):
         printed.append(run.stdout)
     (shown,) = blocks("text")
     compare_with_printed(shown, printed[0])
+    first_screen_says_the_same((elsewhere / "out" / "report.html").read_text(encoding="utf-8"), shown)
     assert {p.name for p in (elsewhere / "out").iterdir()} == {
         "solution.h5",
         "grid.csv",
         "report.html",
     }
+
+
+def first_screen_says_the_same(page: str, shown: str) -> None:
+    """Verdict, squareness and largest deviation with their U stand in the first section of the report, as in the README."""
+    first = re.search(r"<main.*?</section>", page, re.S).group()
+    text = " ".join(re.sub(r"<[^>]+>", " ", first).replace("\u202f", " ").split())
+    assert "Accepted" in text
+    value, expanded = re.search(r"EC0Y .*90°\s+(\S+)\s+(\S+)", shown).groups()
+    assert re.search(rf"EC0Y {value} ± {expanded} µrad", text), text[:1500]
+    (largest,) = re.findall(r"^deviation +largest (\S+) µm", shown, re.M)
+    on_page, u = map(float, re.search(r"Largest deviation in the volume (\S+) ± (\S+)", text).groups())
+    assert abs(on_page - float(largest)) < 0.06 and 0.1 < u < 2.0  # µm: U of a deviation is some tenths of a µm here
 
 
 def test_ci_calls_the_readmes_test_command():

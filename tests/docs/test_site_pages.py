@@ -95,6 +95,13 @@ def test_every_page_is_reached():
     assert left == []
 
 
+def test_no_block_is_overlooked():
+    """Every fence stands at the beginning of its line, where the reader of blocks sees it."""
+    assert [
+        n for p, n in zip(PAGES, NAMES, strict=True) if re.search(r"^ +(```|:::)", p.read_text(encoding="utf-8"), re.M)
+    ] == []
+
+
 def test_every_verb_is_on_a_page():
     from volid.cli import VERBS
 
