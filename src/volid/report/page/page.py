@@ -120,10 +120,11 @@ def _section(name: str, contents: Contents, texts: Texts) -> Section | None:
 
 def _style(title: str) -> Markup:
     """The style sheet, with the colours of the palette and the footer of printed pages as variables."""
-    colours = "".join(f"--{name}:{value};" for name, value in _COLOURS.items())
-    styles = "\n".join(asset(name) for name in STYLES)
     footer = _PLAIN.sub(lambda match: f"\\{ord(match.group()):x} ", title)
-    return Markup(f':root{{{colours}--white:white;--footer:"{footer}";}}\n{styles}')
+    values = {**_COLOURS, "white": "white", "footer": f'"{footer}"'}
+    variables = "".join(f"--{name}:{value};" for name, value in values.items())
+    styles = "\n".join(asset(name) for name in STYLES)
+    return Markup(f":root{{{variables}}}\n{styles}")
 
 
 def _as_script(data: Any) -> Markup:
