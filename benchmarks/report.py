@@ -1,16 +1,17 @@
-"""The report of a five-axis solution with 10,000 samples: how large, how long to write, how soon to be seen, how quick to the hand.
+"""The report of a five-axis solution with 10,000 samples: how large, how long to write, how soon seen, how quick to the hand.
 
     python -m benchmarks.report [SOLUTION.h5 …]
 
-Without files: the bundled R-test campaign, and an R-test with 3,000 tracker distances of the same machine's linear axes (the mixed
-case of the timings), each fitted and refitted 10,000 times. "Written" is from the solution to the file, "command" is the whole of
-`volid report` in a process of its own. The page is then opened by Chromium with software rendering: "first view" is when the
-browser has the page laid out, "drawn" how long each drawing in 3-D takes from coming into view, the library unpacked by the first
-one; a step of the slider and a change of the compensation are medians until the picture stands.
+Without files: the bundled R-test campaign, and an R-test with 3,000 tracker distances of the same machine's linear axes (the
+mixed case of the timings), each fitted and refitted 10,000 times. "Written" is from the solution to the file, "processor" the
+processor time of that, "command" the whole of `volid report` in a process of its own. The page is then opened by Chromium with
+software rendering: "first view" is its first paint, "drawn" how long each drawing in 3-D takes from coming into view, the library
+unpacked by the first one; a step of the slider and a change of the compensation are medians until the picture stands.
 """
 
 from __future__ import annotations
 
+import shutil
 import statistics
 import subprocess
 import sys
@@ -27,14 +28,17 @@ CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
 OPTIONS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 FIRST = """() => {
   const paint = performance.getEntriesByType("paint").find((e) => e.name === "first-contentful-paint");
-  return (paint ?? performance.getEntriesByType("navigation")[0]).startTime || performance.getEntriesByType("navigation")[0].domInteractive;
+  return paint ? paint.startTime : performance.getEntriesByType("navigation")[0].domInteractive;
 }"""
 STEPS = """async (what) => {
-  const form = document.querySelector("[data-scene=field] form"), canvas = document.querySelector("[data-scene=field] .scene-canvas");
-  const rest = () => new Promise((done) => {
-    const look = () => (canvas.getAttribute("aria-busy") === "true" ? requestAnimationFrame(look) : requestAnimationFrame(() => requestAnimationFrame(done)));
-    look();
-  });
+  const root = document.querySelector("[data-scene=field]");
+  const form = root.querySelector("form"), canvas = root.querySelector(".scene-canvas");
+  const frame = () => new Promise(requestAnimationFrame);
+  const rest = async () => {
+    while (canvas.getAttribute("aria-busy") === "true") await frame();
+    await frame();
+    await frame();
+  };
   const times = [];
   for (let i = 0; i < 10; i++) {
     const start = performance.now();
@@ -68,19 +72,18 @@ def solutions(folder: Path) -> list[Path]:
 def written(path: Path, page: Path) -> dict[str, float]:
     """Seconds to write the page of a solution, by itself and by the whole command, and its size [MB]."""
     solution = volid.load_solution(path)
-    start = time.perf_counter()
+    start, processor = time.perf_counter(), time.process_time()
     volid.save_report(solution, page, overwrite=True)
-    seconds = time.perf_counter() - start
+    seconds, processor = time.perf_counter() - start, time.process_time() - processor
     start = time.perf_counter()
     command = [sys.executable, "-m", "volid", "report", str(path), "-o", str(page), "--force"]
     subprocess.run(command, check=False, capture_output=True)
-    return {"written/s": seconds, "command/s": time.perf_counter() - start, "size/MB": page.stat().st_size / 1e6}
+    whole = time.perf_counter() - start
+    return {"written/s": seconds, "processor/s": processor, "command/s": whole, "size/MB": page.stat().st_size / 1e6}
 
 
 def opened(page: Path) -> dict[str, float]:
     """Seconds until the page is seen and drawn, and seconds of a step."""
-    import shutil
-
     program = next(p for p in map(shutil.which, CHROMIUM) if p)
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=program, args=OPTIONS)

@@ -146,7 +146,7 @@ class _Request(NamedTuple):
         left = np.array([left_by(self.solution, c, both, tool) for c in self.controls])
         shape = (len(self.places), -1)
         plain = self.solution.evaluate(nodes, tool)
-        known = plain.determined[:, :3].all(axis=1)
+        known = np.asarray(plain.determined[:, :3].all(axis=1))
         values = np.where(known[:, None], left[:, : len(nodes)], np.nan)
         values = np.moveaxis(values.reshape(len(self.controls), *shape, 3), 0, 1)
         motions = WorkpieceMotion(self.solution.machine, volume, tool).motions(left[:, len(nodes) :])

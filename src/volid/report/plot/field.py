@@ -122,7 +122,9 @@ def colour_bar(figure: Figure, panels: Any, scale: Scale, texts: Texts = ENGLISH
     from matplotlib.colors import Normalize
 
     colours = ScalarMappable(Normalize(0.0, 1e3 * scale.largest), SIZES)
-    figure.colorbar(colours, ax=panels, label=texts("field.length"), shrink=0.7, **options)
+    bar = figure.colorbar(colours, ax=panels, shrink=0.7, **options)
+    bar.set_label(texts("field.length"), fontsize=8)
+    bar.ax.tick_params(labelsize=8)
 
 
 def state_name(names: Sequence[str], texts: Texts) -> str:

@@ -38,13 +38,13 @@ def projected(places: Float[np.ndarray, "*m 3"]) -> Float[np.ndarray, "*m 2"]:
     return np.stack([places @ RIGHT, places @ UP], axis=-1)
 
 
-def draw_box(panel: Any, low: np.ndarray, high: np.ndarray, names: bool = True) -> None:
-    """Edges of a box, those behind it dashed, with the travels along three of them.
+def draw_box(panel: Any, low: np.ndarray, high: np.ndarray, ranges: bool = True) -> None:
+    """Edges of a box, those behind it dashed, with X, Y, Z along three of them.
 
     Args:
         panel: Axes of matplotlib, made ready by `prepare`.
         low, high: Two opposite corners, shape (3,) [mm].
-        names: Whether the ranges of X, Y, Z are written along the edges.
+        ranges: Whether the ranges of X, Y, Z are written beside their names.
     """
     corners = np.array(list(product((0, 1), repeat=3)))
     hidden = np.array([1 - end for end in SEEN])
@@ -53,12 +53,11 @@ def draw_box(panel: Any, low: np.ndarray, high: np.ndarray, names: bool = True) 
             ends = projected(np.where(np.array([a, b]) == 1, high, low))
             behind = (a == hidden).all() or (b == hidden).all()
             panel.plot(*ends.T, color=FAINT if behind else NEUTRAL, lw=0.6, ls=(0, (4, 3)) if behind else "-", zorder=1)
-    if names:
-        _draw_names(panel, low, high)
+    _draw_names(panel, low, high, ranges)
 
 
-def _draw_names(panel: Any, low: np.ndarray, high: np.ndarray) -> None:
-    """Each axis with its range at the middle of a lower or outer edge that is seen."""
+def _draw_names(panel: Any, low: np.ndarray, high: np.ndarray, ranges: bool) -> None:
+    """Each axis, and its range, at the middle of a lower or outer edge that is seen."""
     size = float(np.linalg.norm(high - low))
     edges = {"X": (0, (None, 0, 0), (-0.3, -1)), "Y": (1, (1, None, 0), (0.9, -0.9)), "Z": (2, (0, 0, None), (-1, 0))}
     for name, (k, ends, outwards) in edges.items():
@@ -68,11 +67,20 @@ def _draw_names(panel: Any, low: np.ndarray, high: np.ndarray) -> None:
             [0.5 * (low[i] + high[i]) if e is None else (high if e else low)[i] for i, e in enumerate(ends)]
         )
         x, y = projected(middle) + AWAY * size * np.array(outwards)
-        text = f"{name} {low[k]:.5g} … {high[k]:.5g} mm".replace("-", "−")
+        text = range_words(name, low[k], high[k]) if ranges else name
         turned = {"X": "right", "Y": "left", "Z": "right"}[name]
         text = text.replace(" ", "\n", 1) if name == "Z" else text
         ground = {"facecolor": panel.get_facecolor(), "edgecolor": "none", "alpha": 0.8, "pad": 1.0}
         panel.text(x, y, text, ha=turned, va="center", fontsize=8, bbox=ground, zorder=5)
+
+
+def range_words(name: str, low: float, high: float) -> str:
+    """An axis with its range in mm.
+
+    >>> range_words("Z", -500.0, 0.0)
+    'Z −500 … 0 mm'
+    """
+    return f"{name} {low:.5g} … {high:.5g} mm".replace("-", "−")
 
 
 def prepare(panel: Any, places: Float[np.ndarray, "m 3"], margin: float = 0.12) -> None:

@@ -11,8 +11,8 @@ import numpy as np
 from volid.fitting.solution import Solution
 from volid.report.contents.scene import Scene, scene_of
 from volid.report.language import ENGLISH, Texts
-from volid.report.plot.isometric import draw_box, prepare, projected
-from volid.report.plot.palette import ATTENTION, BLACK, FAINT, NEUTRAL, SERIES
+from volid.report.plot.isometric import draw_box, prepare, projected, range_words
+from volid.report.plot.palette import BLACK, FAINT, NEUTRAL, SERIES
 from volid.report.plot.panels import figure_with_panels
 
 if TYPE_CHECKING:
@@ -47,7 +47,8 @@ def draw_scene(panel: Any, scene: Scene, texts: Texts = ENGLISH) -> None:
     stands = [s.place for s in (*scene.stations, *scene.spheres)]
     points = [p.places for p in scene.points]
     prepare(panel, np.concatenate([scene.box, *points, *(s[None] for s in stands)]))
-    draw_box(panel, scene.box.min(axis=0), scene.box.max(axis=0))
+    low, high = scene.box.min(axis=0), scene.box.max(axis=0)
+    draw_box(panel, low, high, ranges=False)
     for station in scene.stations:
         for target in scene.beams.get(station.name, np.zeros((0, 3)))[::3]:
             panel.plot(*projected(np.array([station.place, target])).T, color=FAINT, lw=0.6, zorder=0)
@@ -59,9 +60,13 @@ def draw_scene(panel: Any, scene: Scene, texts: Texts = ENGLISH) -> None:
         panel.plot(*shown.T, marker, ms=3.5, color=colour, label=f"{p.name} ({p.kind})", zorder=2)
     for i, tool in enumerate(scene.tools):
         label = texts("field.tools") if i == 0 else None
-        panel.plot(*projected(tool).T, "-", color=ATTENTION, lw=2.0, label=label, zorder=3)
+        panel.plot(*projected(tool).T, "-", color=BLACK, lw=2.5, label=label, zorder=3)
     _draw_stands(panel, scene, texts)
-    panel.legend(fontsize=8, frameon=False, loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=3)
+    volume = ", ".join(range_words(name, *ends) for name, *ends in zip("XYZ", low, high, strict=True))
+    panel.legend(
+        title=f"{texts('field.box')}: {volume}", title_fontsize=8, fontsize=8, frameon=False, loc="upper center",
+        bbox_to_anchor=(0.5, 0.0), ncols=3,
+    )  # fmt: skip
 
 
 def _draw_stands(panel: Any, scene: Scene, texts: Texts) -> None:

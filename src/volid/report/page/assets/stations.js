@@ -55,7 +55,7 @@ function campaignScene(root, data) {
     const traces = [box, ...points];
     if (data.beams.length) traces.push(beams());
     if (data.lines.length) traces.push(lines(data.lines, { name: words.lines, line: { color: colours.neutral, width: 2 } }));
-    if (data.tools.length) traces.push(lines(data.tools, { name: words.tools, line: { color: colours.attention, width: 6 } }));
+    if (data.tools.length) traces.push(lines(data.tools, { name: words.tools, line: { color: colours.ink, width: 7 } }));
     if (data.stations.length) traces.push(stands(data.stations, "diamond", words.stations));
     if (data.spheres.length) traces.push(stands(data.spheres, "circle-open", words.spheres));
     const layout = Scenes.layout(canvas, data.ranges, data.axes, colours);

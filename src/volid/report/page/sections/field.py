@@ -70,7 +70,7 @@ def _drawing(found: DeviationFields, state: int, scale: Scale, texts: Texts) -> 
 
 
 def _bar(scale: Scale, texts: Texts) -> Markup:
-    figure, panel = figure_with_panels(figsize=(4.1, 0.75))
+    figure, panel = figure_with_panels(figsize=(4.1, 0.7))
     panel.set_axis_off()
     colour_bar(figure, panel, scale, texts, orientation="horizontal", fraction=1.0, aspect=30)
     return svg(figure, texts("field.length"))
