@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from volid.report.plot.palette import ATTENTION, FAINT, NEUTRAL, SERIES
+from volid.report.plot.palette import ATTENTION, FAINT, NEUTRAL, PAPER, SERIES
 
 MOST = 5000  # dots of a panel
 LARGEST = 0.25  # share of them that is kept for the largest
@@ -117,7 +117,7 @@ def halo() -> list[Any]:
     """What makes a text readable on lines and points: a white seam around its letters, for `path_effects`."""
     from matplotlib.patheffects import withStroke
 
-    return [withStroke(linewidth=2.0, foreground="white")]
+    return [withStroke(linewidth=2.0, foreground=PAPER)]
 
 
 def quiet(panel: Any) -> None:

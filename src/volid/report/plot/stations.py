@@ -11,7 +11,7 @@ from volid.report.contents.geometry import MeasuringGeometry, Stand, geometry_of
 from volid.report.language import ENGLISH, Texts
 from volid.report.plot.asked import Asked
 from volid.report.plot.dots import halo, near_each_other, quiet
-from volid.report.plot.palette import ATTENTION, BLACK, NEUTRAL, SERIES
+from volid.report.plot.palette import ATTENTION, BLACK, NEUTRAL, PAPER, SERIES
 from volid.report.plot.panels import figure_with_panels
 
 if TYPE_CHECKING:
@@ -140,7 +140,7 @@ def _stands(panel: Any, stands: tuple[Stand, ...], pair: list[int], look: tuple[
     if stands:
         places = np.array([s.place for s in stands])[:, pair]
         marker, colour = look
-        style = {"ls": "none", "ms": 6.5, "color": colour, "mec": "white", "mew": 0.6, "zorder": 4, "gid": "stands"}
+        style = {"ls": "none", "ms": 6.5, "color": colour, "mec": PAPER, "mew": 0.6, "zorder": 4, "gid": "stands"}
         panel.plot(*places.T, marker, label=label, **style)
 
 
