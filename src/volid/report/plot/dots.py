@@ -75,7 +75,9 @@ def draw_dots(panel: Any, marked: Marked, frame: float, lying: bool = False, col
     for sign, marker in ((1, ">" if lying else "^"), (-1, "<" if lying else "v")):
         beyond = ~inside & (np.sign(marked.values) == sign)
         at_edge = marked._replace(values=np.full(len(marked.values), 0.97 * sign * frame))
-        _points(panel, at_edge, beyond, lying, marker=marker, ms=4.5, color=ATTENTION, mew=0, gid="beyond")
+        edge = {"marker": marker, "ms": 4.5, "mec": ATTENTION, "mew": 0.7, "gid": "beyond"}
+        _points(panel, at_edge, beyond & ~marked.struck, lying, mfc=ATTENTION, **edge)
+        _points(panel, at_edge, beyond & marked.struck, lying, mfc="none", **edge)
     _number(panel, marked, frame, lying)
 
 

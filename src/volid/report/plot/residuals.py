@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 NAME_LENGTH = 26  # letters of a strip's name that are written
 MOST_RUNS = 100  # stretches of one station that are divided
 HOUR = 3600.0  # s
+LINE = 140  # letters of a line below a figure
 
 
 def draw(asked: Asked) -> dict[str, Figure]:
@@ -34,7 +36,7 @@ def draw(asked: Asked) -> dict[str, Figure]:
 def residual_plot(solution: Solution, texts: Texts = ENGLISH) -> Figure:
     """Residuals over u sqrt(1 - h): by set and station, over time or the order of the files, and against the normal distribution.
 
-    The worst readings are numbered, and named by file and row below. Readings that no other checks are hollow: their residual is
+    The worst readings are numbered, and named by file and row below. Readings that no other checks are rings: their residual is
     0 whatever they say.
 
     Args:
@@ -69,7 +71,7 @@ def footnote(readings: Readings, texts: Texts) -> str:
         aside = texts("residuals.aside") if readings.outlier[number] else texts("residuals.used")
         size = f"{readings.normalised[number]:+.1f}".replace("-", "\u2212")
         lines.append(f"{k}: {readings.where(number)} ({readings.label(number)}): {size}, {aside}")
-    return "\n".join([*lines, *remarks(readings, texts)])
+    return "\n".join(fill(line, LINE) for line in [*lines, *remarks(readings, texts)])
 
 
 def remarks(readings: Readings, texts: Texts) -> list[str]:
