@@ -6,10 +6,11 @@ For draws of the parameters around the estimate, with size V,
     U = 2 s + |b| / (sqrt(2) - 1),    s the standard deviation of V(draws),    b = mean of V(draws) - V(estimate),
 
 k = 2 for the spread, and what V(estimate) itself may be too large by added in full, because it is not taken off (GUM F.2.4.5).
-The draws add the same noise to the estimate a second time and so show that shift: as it is where V is large, where g(v), the
-mean of V at v times the variance, is linear in v, so that g(1) - g(0) = g(2) - g(1) = b; and the share sqrt(2) - 1 of it where V is
-all noise and g goes with sqrt(v). Between them the larger is taken. What is independent from position to position
-(`Solution.scatter`) is drawn too. Not included: what the machine does not repeat, temperature.
+The draws add the same noise to the estimate a second time and so show that shift: as it is where V is large and g(v), the mean
+of V at v times the variance, is linear in v, so that g(1) - g(0) = g(2) - g(1) = b; and the share sqrt(2) - 1 of it where V is
+all noise and g goes with sqrt(v). The larger is taken. What is independent from position to position (`Solution.scatter`) is
+drawn too. Not included: what the machine does not repeat, temperature. A machine without any error, measured with noise that is
+independent from place to place, is the hardest case: U holds for 89 % of campaigns instead of 95 %.
 """
 
 from __future__ import annotations

@@ -25,6 +25,7 @@ from volid.report.plot import palette
 _COLOURS = {
     name.lower(): value for name, value in vars(palette).items() if name.isupper() and str(value).startswith("#")
 }
+BEHIND_BARRIER = ("verdict", "machine", "campaign", "stations", "residuals", "provenance")  # what a mistake does not falsify
 _PLAIN = re.compile(r"[^0-9A-Za-z ]")
 
 
@@ -104,6 +105,8 @@ def page(contents: Contents, texts: Texts) -> str:
 
 
 def _section(name: str, contents: Contents, texts: Texts) -> Section | None:
+    if contents.barrier and name not in BEHIND_BARRIER:
+        return None
     found = import_module(f"volid.report.page.sections.{name}").build(contents, texts)
     if found is None:
         return None
@@ -115,9 +118,10 @@ def _section(name: str, contents: Contents, texts: Texts) -> Section | None:
 
 def _style(title: str) -> Markup:
     """The style sheet, with the colours of the palette and the footer of printed pages as variables."""
-    colours = "".join(f"--{name}:{value};" for name, value in _COLOURS.items())
     footer = _PLAIN.sub(lambda match: f"\\{ord(match.group()):x} ", title)
-    return Markup(f':root{{{colours}--white:white;--footer:"{footer}";}}\n{asset("page.css")}')
+    values = {**_COLOURS, "white": "white", "footer": f'"{footer}"'}
+    variables = "".join(f"--{name}:{value};" for name, value in values.items())
+    return Markup(f":root{{{variables}}}\n{asset('page.css')}")
 
 
 def _as_script(data: Any) -> Markup:

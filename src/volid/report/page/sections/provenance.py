@@ -32,7 +32,8 @@ def part_of(record: Mapping[str, str]) -> Part:
     """
     hashes = {key.removeprefix(_HASH): text for key, text in record.items() if key.startswith(_HASH)}
     versions = {key: text for key, text in record.items() if key not in _ALONE and not key.startswith(_HASH)}
-    return Part(*(record.get(key, "") for key in _ALONE), versions, hashes)
+    date, command, options = (record.get(key, "") for key in _ALONE)
+    return Part(date, command, options, versions, hashes)
 
 
 def build(contents: Contents, texts: Texts) -> Section | None:

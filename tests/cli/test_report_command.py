@@ -1,0 +1,45 @@
+"""`volid report`: one file, limits with exit status, languages, and what is refused before any work."""
+
+import json
+
+import pytest
+from support.page_numbers import Page
+
+
+@pytest.fixture(scope="module")
+def limits(tmp_path_factory):
+    path = tmp_path_factory.mktemp("limits") / "limits.toml"
+    path.write_text('rule = "simple"\nlargest_deviation = 1e-4\nEC0Y = 9e-3\n', encoding="utf-8")
+    return path
+
+
+def test_a_page_with_limits_and_hashes(solution_file, limits, tmp_path, run):
+    out = tmp_path / "report.html"
+    status, stdout, stderr = run("report", solution_file, "-o", out, "--limits", limits, "--lang", "de", "--json")
+    assert status == 1  # a limit is exceeded
+    assert "largest_deviation exceeds its limit" in stderr and "EC0Y" not in stderr
+    found = json.loads(stdout)
+    assert (found["EC0Y"]["verdict"], found["largest_deviation"]["verdict"]) == ("pass", "fail")
+    html = out.read_text(encoding="utf-8")
+    assert '<html lang="de">' in html and "einfache Annahme" in html
+    from volid.io.basics.provenance import sha256
+
+    assert sha256(solution_file) in html and sha256(limits) in html
+    assert Page(html).ids.count("limits") == 1
+
+
+def test_without_limits_an_accepted_solution_is_good(solution_file, tmp_path, run):
+    out = tmp_path / "report.html"
+    status, stdout, _ = run("report", solution_file, "-o", out, "--title", "Abnahme 7", "--tool", "0,0,-100")
+    assert (status, stdout) == (0, f"written: {out}\n")
+    html = out.read_text(encoding="utf-8")
+    assert "<title>Abnahme 7</title>" in html and 'id="limits"' not in html
+
+
+def test_existing_files_and_inputs_are_not_replaced(solution_file, limits, tmp_path, run):
+    out = tmp_path / "report.html"
+    out.write_text("mine", encoding="utf-8")
+    for arguments in ((out,), (limits, "--limits", limits, "--force"), (solution_file, "--force")):
+        status, _, stderr = run("report", solution_file, "-o", *arguments)
+        assert status == 2 and ("exists" in stderr or "is an input" in stderr)
+    assert out.read_text(encoding="utf-8") == "mine"
