@@ -154,3 +154,11 @@ def test_figures_that_do_not_apply_say_why(solution):
         location_errors(solution)
     with pytest.raises(NothingToDrawError, match="fewer than two rotary axes"):
         volid.plot.angle_map(SimpleNamespace(machine=solution.machine))
+
+
+@pytest.mark.parametrize("name", ["a $\\frac{$ b", "price $5$", "x_{1}^2 & <b>"])
+def test_names_from_files_are_texts_not_formulas(predicted, name, tmp_path):
+    figure = forecast_figure(predicted, name)
+    figure.savefig(tmp_path / "f.svg")
+    assert figure._suptitle.get_text().startswith(name)
+    assert faults(figure) == []

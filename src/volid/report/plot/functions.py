@@ -61,7 +61,7 @@ def error_functions(
     >>> import volid
     >>> solution = volid.fit(volid.load_campaign("datasets/published_positioning/campaign.toml"))
     >>> [panel.get_title(loc="left") for panel in error_functions(solution).axes if panel.lines]
-    ['EXX: positioning of X']
+    ['EXX: positioning of X', 'EZZ: positioning of Z']
     """
     shown = shown_axes(solution, axes)
     found = curves(solution, shown)

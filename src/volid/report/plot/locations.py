@@ -68,7 +68,7 @@ def _column(panels: Sequence[Any], shown: list[FunctionValue], truth: Mapping[st
     panels[0].set_ylabel(unit)
     if truth:
         true = scale * np.array([truth.get(r.name, np.nan) for r in shown])
-        panels[0].plot(x, true, "_", color=BLACK, ms=26, mew=1.6, label=texts("functions.truth"))
+        panels[0].plot(x, true, "_", color=BLACK, ms=18, mew=1.6, label=texts("functions.truth"))
         panels[1].errorbar(x, value - true, yerr=K * u, fmt="o", color=BLUE, capsize=4)
         panels[1].set_ylabel(texts("figures.identified_less_truth", unit=unit))
     labels = [f"{r.name}\n{signs(_with_u(v, K * s), texts)}" for r, v, s in zip(shown, value, u, strict=True)]

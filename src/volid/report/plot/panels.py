@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import cache
 from textwrap import wrap
 from typing import TYPE_CHECKING, Any
@@ -126,19 +126,26 @@ def heading(figure: Figure, title: str, handles: Sequence[Any] = (), labels: Seq
     place = (
         {} if engine is not None else {"y": 1.0 - 0.06 / height}
     )  # a place of its own takes a title out of the layout
-    figure.suptitle("\n".join(lines), fontsize=TITLE, **place)
+    figure.suptitle("\n".join(lines), fontsize=TITLE, parse_math=False, **place)
     if not labels:
         return
     beside = sum(len(label) + 7 for label in labels) <= 13.0 * width
     in_a_row = len(labels) if beside else max(1, int(13.0 * width / (max(map(len, labels)) + 7)))
     rows = -(-len(labels) // in_a_row)
     below = 1.0 - (0.1 + len(lines) * 1.25 * TITLE / 72.0) / height
-    figure.legend(
+    legend = figure.legend(
         handles, labels, fontsize=SMALL, frameon=False, ncols=min(in_a_row, len(labels)), borderaxespad=0.0,
         borderpad=0.0, loc="upper center", bbox_to_anchor=(0.5, below),
     )  # fmt: skip
+    as_written(legend.get_texts())
     if engine is not None:
         engine.set(rect=(0.0, 0.0, 1.0, 1.0 - rows * 1.8 * SMALL / 72.0 / height))
+
+
+def as_written(texts: Iterable[Any]) -> None:
+    """Texts of matplotlib that hold names from files: a dollar sign in them begins no formula."""
+    for text in texts:
+        text.set_parse_math(False)
 
 
 def note_below(figure: Figure, lines: Sequence[str], width: int | None = None) -> None:
@@ -152,7 +159,7 @@ def note_below(figure: Figure, lines: Sequence[str], width: int | None = None) -
     characters = width or int(15 * figure.get_figwidth())
     text = "\n".join(part for line in lines for part in wrap(line, characters))
     if text:
-        figure.supxlabel(text, fontsize=SMALL, color=NEUTRAL, ha="left", x=0.02)
+        figure.supxlabel(text, fontsize=SMALL, color=NEUTRAL, ha="left", x=0.02, parse_math=False)
 
 
 def round_levels(largest: float, signed: bool, most: int = 12) -> np.ndarray:

@@ -49,7 +49,7 @@ def angle_map(solution: Solution, number: int = 0, held_out: bool = True, *, tex
     panel.set_xlabel(f"{rotary[0].letter} / °")
     panel.set_ylabel(f"{rotary[1].letter} / °")
     words = texts("figures.residual_held_out" if held_out else "figures.residual_fit", set=name)
-    panel.set_title(words, fontsize=9, loc="left")
+    panel.set_title(words, fontsize=9, loc="left", parse_math=False)
     bar = figure.colorbar(spots, ax=panel, label=texts("figures.residual_rms"))
     for axis in (panel.xaxis, panel.yaxis, bar.ax.yaxis):
         in_language(axis, texts)

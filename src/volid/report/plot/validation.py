@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from volid.report.plot.palette import ATTENTION, BLACK, BLUE, FAINT, NEUTRAL, SERIES
-from volid.report.plot.panels import figure_with_panels
+from volid.report.plot.panels import as_written, figure_with_panels
 from volid.validation.readings.groups import Compared
 from volid.validation.readings.validation import Validation
 from volid.validation.readings.verdict import MEMBERS
@@ -45,7 +45,8 @@ def _over_readings(panel: Any, sets: tuple[Compared, ...]) -> None:
     panel.set_ylabel("residual / U (k = 2)")
     panel.set_title("grey: |E_n| ≤ 1", fontsize=9, loc="left", color=NEUTRAL)
     if len(sets) > 1:
-        panel.legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2, frameon=False)
+        below = panel.legend(fontsize=7, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2)
+        as_written(below.get_texts())
 
 
 def _distribution(panel: Any, found: Validation) -> None:
@@ -68,5 +69,6 @@ def _worst(panel: Any, found: Validation) -> None:
     panel.barh(place, [g.ratio for g in shown], color=[WORST if g.ratio > 1.5 else EN for g in shown], height=0.7)
     panel.axvline(1.0, color=BLACK, lw=0.9, ls="--")
     panel.set_yticks(place, [re.sub(r"-(?=\d)", "−", g.what) for g in shown], fontsize=7)
+    as_written(panel.get_yticklabels())
     panel.set_xlabel("RMS of residual / u; about 1 is to be expected")
     panel.set_title("groups that fit worst", fontsize=9, loc="left", color=NEUTRAL)

@@ -82,7 +82,7 @@ def _panel(panel: Any, evaluation: Evaluation) -> None:
     magnified = test.radius * 1e3 / _NOMINAL / step
     title = f"{evaluation.subject}: {step:g} µm per division, deviations × {float(f'{magnified:.2g}'):,.0f}"
     feed = f", feed {test.feed:g} mm/min" if test.feed else ""
-    panel.set_title(f"{title}\nradius {test.radius:g} mm{feed}, {_source(evaluation)}", fontsize=9)
+    panel.set_title(f"{title}\nradius {test.radius:g} mm{feed}, {_source(evaluation)}", fontsize=9, parse_math=False)
     panel.legend(loc="upper left", fontsize=7, frameon=False, borderaxespad=0.0)
     panel.set_aspect("equal")
     reach = _NOMINAL + _REACH + 1.3
