@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from volid.report.plot.palette import ATTENTION, FAINT, NEUTRAL, PAPER, SERIES
+from volid.report.plot.panels import as_written
 
 MOST = 5000  # dots of a panel
 LARGEST = 0.25  # share of them that is kept for the largest
@@ -113,6 +114,13 @@ def near_each_other(at: np.ndarray, near: float = NEAR) -> list[list[int]]:
         else:
             home.append(i)
     return groups
+
+
+def all_as_written(figure: Any) -> None:
+    """Every text of a figure as it is written, because it may hold names from files: a dollar sign begins no formula."""
+    from matplotlib.text import Text
+
+    as_written(figure.findobj(Text))
 
 
 def halo() -> list[Any]:

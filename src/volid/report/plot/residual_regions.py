@@ -11,7 +11,7 @@ from scipy.special import chdtrc
 from volid.fitting.solution import Solution
 from volid.report.contents.readings import Readings, readings_of
 from volid.report.language import ENGLISH, Texts
-from volid.report.plot.dots import quiet
+from volid.report.plot.dots import all_as_written, quiet
 from volid.report.plot.palette import ATTENTION, BLACK, NEUTRAL, PAPER, SIZES
 from volid.report.plot.panels import figure_with_panels
 
@@ -64,6 +64,7 @@ def residuals_by_region(solution: Solution, texts: Texts = ENGLISH) -> Figure:
         panels[0][0].text(0.5, 0.5, texts(f"residuals.{why}"), ha="center", va="center", fontsize=9)
         panels[0][0].set_axis_off()
     figure.suptitle(f"{solution.machine.name}: {texts('residuals.by_region')}", fontsize=10)
+    all_as_written(figure)
     return figure
 
 

@@ -11,7 +11,7 @@ from volid.fitting.solution import Solution
 from volid.report.contents.readings import Readings, readings_of
 from volid.report.language import ENGLISH, Texts
 from volid.report.plot.asked import Asked
-from volid.report.plot.dots import MOST, Marked, draw_dots, expected_lines, frame_of, quiet, thinned
+from volid.report.plot.dots import MOST, Marked, all_as_written, draw_dots, expected_lines, frame_of, quiet, thinned
 from volid.report.plot.palette import FAINT, NEUTRAL, SERIES
 from volid.report.plot.panels import figure_with_panels
 from volid.report.plot.residual_distribution import distribution_panel, normal_panel
@@ -61,6 +61,7 @@ def residual_plot(solution: Solution, texts: Texts = ENGLISH) -> Figure:
     normal_panel(panels[1][1], readings, texts)
     figure.suptitle(f"{solution.machine.name}: {texts('residuals.title')}", fontsize=10)
     figure.supxlabel(footnote(readings, texts), fontsize=7, x=0.01, ha="left", color=NEUTRAL)
+    all_as_written(figure)
     return figure
 
 
@@ -205,6 +206,7 @@ def residuals_by_position(solution: Solution, texts: Texts = ENGLISH) -> Figure:
         panel.remove()
     figure.suptitle(f"{solution.machine.name}: {texts('residuals.over_positions')}", fontsize=10)
     figure.supxlabel(footnote(readings, texts), fontsize=7, x=0.01, ha="left", color=NEUTRAL)
+    all_as_written(figure)
     return figure
 
 

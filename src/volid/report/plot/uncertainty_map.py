@@ -11,7 +11,7 @@ from volid.fitting.solution import Solution
 from volid.model.machine import Machine
 from volid.report.language import ENGLISH, Texts
 from volid.report.plot.asked import Asked, NothingToDrawError
-from volid.report.plot.dots import quiet
+from volid.report.plot.dots import all_as_written, quiet
 from volid.report.plot.palette import ATTENTION, NEUTRAL, PAPER, SIZES
 from volid.report.plot.panels import figure_with_panels
 
@@ -80,6 +80,7 @@ def uncertainty_sections(solution: Solution, tool: tuple[float, float, float], t
     figure.suptitle(f"{solution.machine.name}: {texts('uncertainty_map.title', tool=said)}", fontsize=10)
     if not all(np.isfinite(s.expanded).all() for s in shown):
         figure.supxlabel(texts("uncertainty_map.hatched"), fontsize=8, color=ATTENTION)
+    all_as_written(figure)
     return figure
 
 

@@ -16,6 +16,7 @@ from volid.report.page.section import Section, svg
 from volid.report.page.templates import english, render
 from volid.report.plot.asked import NothingToDrawError
 from volid.report.plot.budget import ROW, budget_panel, output_words, parts_of
+from volid.report.plot.dots import all_as_written
 from volid.report.plot.panels import figure_with_panels
 from volid.report.plot.uncertainty_map import largest_of, said_cut, section_panel, sections_of
 from volid.uncertainty.lack_of_fit import lack_of_fit
@@ -78,4 +79,5 @@ def panels_of(found: Sequence[Contributions], texts: Texts) -> Iterator[Markup]:
         if legend:
             handles, labels = panel.get_legend_handles_labels()
             figure.legend(handles, labels, fontsize=7, frameon=False, loc="upper left")
+        all_as_written(figure)
         yield svg(figure, panel.get_title(loc="left"))
