@@ -1,5 +1,7 @@
 """Figures of residuals: they draw what the solution holds, divided where the station changes, the worst named by file and row."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import norm
@@ -10,6 +12,7 @@ from volid.fitting.fit import fit
 from volid.io import load_campaign
 from volid.report.contents.readings import readings_of
 from volid.report.language import Texts
+from volid.report.plot import collection
 from volid.report.plot.asked import Asked
 from volid.report.plot.panels import figure_with_panels
 from volid.report.plot.residual_distribution import order_band
@@ -40,6 +43,17 @@ def test_figures_without_redundancy_say_so():
     assert all(not lines(panel, "readings") for panel in figure.axes)  # none looks like a good one
     assert sum(len(x) for x in lines(figure.axes[0], "idle")) == 70
     assert faults(figure) == []
+
+
+def test_names_from_files_are_texts_not_formulas(solution):
+    (s,) = solution.campaign.sets
+    labels = {**s.labels, "station": np.where(s.labels["station"] == "S1", "$\\frac$", s.labels["station"])}
+    stations = tuple(replace(x, name="$\\frac$") if x.name == "S1" else x for x in solution.campaign.stations)
+    campaign = replace(solution.campaign, sets=(replace(s, labels=labels, source="$\\frac$.csv"),), stations=stations)
+    for found in collection.draw(
+        Asked(replace(solution, campaign=campaign), (0.0, 0.0, -150.0)), ["residuals", "stations"]
+    ):
+        assert faults(found.figure) == []
 
 
 def test_strips_draw_every_reading_at_its_residual(outlier_solution):

@@ -12,7 +12,7 @@ from volid.exceptions import InputError
 from volid.report.contents.contributions import Contributions, contributions, headline_contributions, with_main_sources
 from volid.report.language import ENGLISH, Texts
 from volid.report.plot.asked import Asked, NothingToDrawError
-from volid.report.plot.dots import quiet
+from volid.report.plot.dots import all_as_written, quiet
 from volid.report.plot.palette import BLACK, FAINT, NEUTRAL, SERIES
 from volid.report.plot.panels import figure_with_panels
 from volid.uncertainty.budget import Line
@@ -83,6 +83,7 @@ def _figure(found: Sequence[Contributions], texts: Texts, title: str) -> Figure:
     handles, labels = panels[0][0].get_legend_handles_labels()
     figure.legend(handles, labels, fontsize=8, frameon=False, loc="outside upper center", ncols=2, title=title or None)
     figure.supxlabel(fill(texts("budget.how"), 110), fontsize=7, x=0.01, ha="left", color=NEUTRAL)
+    all_as_written(figure)
     return figure
 
 

@@ -11,7 +11,7 @@ from volid.fitting.solution import Solution
 from volid.report.contents.correlations import LISTED, STRONG, Correlations, Pair, correlations_of
 from volid.report.language import ENGLISH, Texts
 from volid.report.plot.asked import Asked
-from volid.report.plot.dots import halo
+from volid.report.plot.dots import all_as_written, halo
 from volid.report.plot.palette import BLACK, FAINT, NEUTRAL, SIGNED
 from volid.report.plot.panels import figure_with_panels
 
@@ -55,6 +55,7 @@ def correlation_matrix(solution: Solution, texts: Texts = ENGLISH) -> Figure:
     said = [texts("correlation.strong" if lines else "correlation.none", limit=f"{STRONG:g}"), *lines, *more]
     said += [texts("correlation.grey")] if np.isnan(found.matrix).any() else []
     figure.supxlabel("\n".join(said), fontsize=7, x=0.01, ha="left", color=NEUTRAL)
+    all_as_written(figure)
     return figure
 
 

@@ -6,7 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from volid.report.plot.palette import ATTENTION, FAINT, NEUTRAL, SERIES
+from volid.report.plot.palette import ATTENTION, FAINT, NEUTRAL, PAPER, SERIES
+from volid.report.plot.panels import as_written
 
 MOST = 5000  # dots of a panel
 LARGEST = 0.25  # share of them that is kept for the largest
@@ -75,7 +76,9 @@ def draw_dots(panel: Any, marked: Marked, frame: float, lying: bool = False, col
     for sign, marker in ((1, ">" if lying else "^"), (-1, "<" if lying else "v")):
         beyond = ~inside & (np.sign(marked.values) == sign)
         at_edge = marked._replace(values=np.full(len(marked.values), 0.97 * sign * frame))
-        _points(panel, at_edge, beyond, lying, marker=marker, ms=4.5, color=ATTENTION, mew=0, gid="beyond")
+        edge = {"marker": marker, "ms": 4.5, "mec": ATTENTION, "mew": 0.7, "gid": "beyond"}
+        _points(panel, at_edge, beyond & ~marked.struck, lying, mfc=ATTENTION, **edge)
+        _points(panel, at_edge, beyond & marked.struck, lying, mfc="none", **edge)
     _number(panel, marked, frame, lying)
 
 
@@ -113,11 +116,18 @@ def near_each_other(at: np.ndarray, near: float = NEAR) -> list[list[int]]:
     return groups
 
 
+def all_as_written(figure: Any) -> None:
+    """Every text of a figure as it is written, because it may hold names from files: a dollar sign begins no formula."""
+    from matplotlib.text import Text
+
+    as_written(figure.findobj(Text))
+
+
 def halo() -> list[Any]:
     """What makes a text readable on lines and points: a white seam around its letters, for `path_effects`."""
     from matplotlib.patheffects import withStroke
 
-    return [withStroke(linewidth=2.0, foreground="white")]
+    return [withStroke(linewidth=2.0, foreground=PAPER)]
 
 
 def quiet(panel: Any) -> None:

@@ -18,6 +18,7 @@ NEUTRAL = "#6B6B6B"  # nominal, expected, explanations: 5.3 : 1 on white
 FAINT = "#D9D9D9"  # grids and lines at zero
 ATTENTION = ORANGE  # significant, rejected, set aside
 GOOD = GREEN
+PAPER = "#FFFFFF"  # behind everything: seams around letters and marks
 
 SIZES = "cividis_r"  # colour map of sizes, from zero: the largest is darkest
 SIGNED = "RdYlBu_r"  # colour map of values of both signs, zero in its middle

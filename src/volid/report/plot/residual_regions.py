@@ -11,8 +11,8 @@ from scipy.special import chdtrc
 from volid.fitting.solution import Solution
 from volid.report.contents.readings import Readings, readings_of
 from volid.report.language import ENGLISH, Texts
-from volid.report.plot.dots import quiet
-from volid.report.plot.palette import ATTENTION, NEUTRAL, SIZES
+from volid.report.plot.dots import all_as_written, quiet
+from volid.report.plot.palette import ATTENTION, BLACK, NEUTRAL, PAPER, SIZES
 from volid.report.plot.panels import figure_with_panels
 
 if TYPE_CHECKING:
@@ -64,6 +64,7 @@ def residuals_by_region(solution: Solution, texts: Texts = ENGLISH) -> Figure:
         panels[0][0].text(0.5, 0.5, texts(f"residuals.{why}"), ha="center", va="center", fontsize=9)
         panels[0][0].set_axis_off()
     figure.suptitle(f"{solution.machine.name}: {texts('residuals.by_region')}", fontsize=10)
+    all_as_written(figure)
     return figure
 
 
@@ -114,7 +115,7 @@ def region_panel(panel: Any, readings: Readings, pair: tuple[int, int], texts: T
         weight, x, y = cells.weight[i, j], middles[0][i], middles[1][j]
         mark = " !" if cells.flagged[i, j] else ""
         said = f"{weight:.2f}{mark}\nn {cells.n[i, j]:.0f}" if np.isfinite(weight) else "–"
-        colour = "white" if weight > DARK else "black"
+        colour = PAPER if weight > DARK else BLACK
         panel.text(x, y, said, ha="center", va="center", fontsize=6.5, color=colour if np.isfinite(weight) else NEUTRAL)
         if cells.flagged[i, j]:
             corner = (float(cells.edges[0][i]), float(cells.edges[1][j]))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from volid.fitting.solution import Solution
 from volid.report.contents.readings import Readings, readings_of
 from volid.report.language import ENGLISH, Texts
 from volid.report.plot.asked import Asked
-from volid.report.plot.dots import MOST, Marked, draw_dots, expected_lines, frame_of, quiet, thinned
+from volid.report.plot.dots import MOST, Marked, all_as_written, draw_dots, expected_lines, frame_of, quiet, thinned
 from volid.report.plot.palette import FAINT, NEUTRAL, SERIES
 from volid.report.plot.panels import figure_with_panels
 from volid.report.plot.residual_distribution import distribution_panel, normal_panel
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 NAME_LENGTH = 26  # letters of a strip's name that are written
 MOST_RUNS = 100  # stretches of one station that are divided
 HOUR = 3600.0  # s
+LINE = 140  # letters of a line below a figure
 
 
 def draw(asked: Asked) -> dict[str, Figure]:
@@ -34,7 +36,7 @@ def draw(asked: Asked) -> dict[str, Figure]:
 def residual_plot(solution: Solution, texts: Texts = ENGLISH) -> Figure:
     """Residuals over u sqrt(1 - h): by set and station, over time or the order of the files, and against the normal distribution.
 
-    The worst readings are numbered, and named by file and row below. Readings that no other checks are hollow: their residual is
+    The worst readings are numbered, and named by file and row below. Readings that no other checks are rings: their residual is
     0 whatever they say.
 
     Args:
@@ -59,6 +61,7 @@ def residual_plot(solution: Solution, texts: Texts = ENGLISH) -> Figure:
     normal_panel(panels[1][1], readings, texts)
     figure.suptitle(f"{solution.machine.name}: {texts('residuals.title')}", fontsize=10)
     figure.supxlabel(footnote(readings, texts), fontsize=7, x=0.01, ha="left", color=NEUTRAL)
+    all_as_written(figure)
     return figure
 
 
@@ -69,7 +72,7 @@ def footnote(readings: Readings, texts: Texts) -> str:
         aside = texts("residuals.aside") if readings.outlier[number] else texts("residuals.used")
         size = f"{readings.normalised[number]:+.1f}".replace("-", "\u2212")
         lines.append(f"{k}: {readings.where(number)} ({readings.label(number)}): {size}, {aside}")
-    return "\n".join([*lines, *remarks(readings, texts)])
+    return "\n".join(fill(line, LINE) for line in [*lines, *remarks(readings, texts)])
 
 
 def remarks(readings: Readings, texts: Texts) -> list[str]:
@@ -203,6 +206,7 @@ def residuals_by_position(solution: Solution, texts: Texts = ENGLISH) -> Figure:
         panel.remove()
     figure.suptitle(f"{solution.machine.name}: {texts('residuals.over_positions')}", fontsize=10)
     figure.supxlabel(footnote(readings, texts), fontsize=7, x=0.01, ha="left", color=NEUTRAL)
+    all_as_written(figure)
     return figure
 
 

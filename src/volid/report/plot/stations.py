@@ -10,8 +10,8 @@ from volid.fitting.solution import Solution
 from volid.report.contents.geometry import MeasuringGeometry, Stand, geometry_of
 from volid.report.language import ENGLISH, Texts
 from volid.report.plot.asked import Asked
-from volid.report.plot.dots import halo, near_each_other, quiet
-from volid.report.plot.palette import ATTENTION, BLACK, NEUTRAL, SERIES
+from volid.report.plot.dots import all_as_written, halo, near_each_other, quiet
+from volid.report.plot.palette import ATTENTION, BLACK, NEUTRAL, PAPER, SERIES
 from volid.report.plot.panels import figure_with_panels
 
 if TYPE_CHECKING:
@@ -69,6 +69,7 @@ def station_geometry(solution: Solution, texts: Texts = ENGLISH) -> Figure:
     handles, labels = panels[0][0].get_legend_handles_labels()
     panels[1][1].legend(handles, labels, fontsize=8, frameon=False, loc="center left")
     figure.suptitle(f"{solution.machine.name}\n{title_of(geometry, texts)}", fontsize=9)
+    all_as_written(figure)
     return figure
 
 
@@ -140,7 +141,7 @@ def _stands(panel: Any, stands: tuple[Stand, ...], pair: list[int], look: tuple[
     if stands:
         places = np.array([s.place for s in stands])[:, pair]
         marker, colour = look
-        style = {"ls": "none", "ms": 6.5, "color": colour, "mec": "white", "mew": 0.6, "zorder": 4, "gid": "stands"}
+        style = {"ls": "none", "ms": 6.5, "color": colour, "mec": PAPER, "mew": 0.6, "zorder": 4, "gid": "stands"}
         panel.plot(*places.T, marker, label=label, **style)
 
 

@@ -11,8 +11,8 @@ from volid.fitting.solution import Solution
 from volid.model.machine import Machine
 from volid.report.language import ENGLISH, Texts
 from volid.report.plot.asked import Asked, NothingToDrawError
-from volid.report.plot.dots import quiet
-from volid.report.plot.palette import ATTENTION, NEUTRAL, SIZES
+from volid.report.plot.dots import all_as_written, quiet
+from volid.report.plot.palette import ATTENTION, NEUTRAL, PAPER, SIZES
 from volid.report.plot.panels import figure_with_panels
 
 if TYPE_CHECKING:
@@ -80,6 +80,7 @@ def uncertainty_sections(solution: Solution, tool: tuple[float, float, float], t
     figure.suptitle(f"{solution.machine.name}: {texts('uncertainty_map.title', tool=said)}", fontsize=10)
     if not all(np.isfinite(s.expanded).all() for s in shown):
         figure.supxlabel(texts("uncertainty_map.hatched"), fontsize=8, color=ATTENTION)
+    all_as_written(figure)
     return figure
 
 
@@ -138,7 +139,7 @@ def section_panel(panel: Any, section: Section, largest: float, machine: Machine
     panel.add_patch(Rectangle(corner, *size, fill=False, hatch="////", ec=NEUTRAL, lw=0.0, zorder=0, gid="unknown"))
     values = np.ma.masked_invalid(1e3 * section.expanded.T)
     image = panel.contourf(section.across, section.up, values, levels=levels, cmap=SIZES, zorder=1)
-    panel.contour(section.across, section.up, values, levels=levels, colors="white", linewidths=0.4, zorder=2)
+    panel.contour(section.across, section.up, values, levels=levels, colors=PAPER, linewidths=0.4, zorder=2)
     panel.set_aspect("equal")
     panel.set_xlabel(f"{section.axes[0]} / mm", fontsize=8)
     panel.set_ylabel(f"{section.axes[1]} / mm", fontsize=8)

@@ -35,7 +35,7 @@ def test_rows_add_up_to_u(rich_solution):
     for row in rows.values():
         assert math.hypot(*(v for part, v in row.items() if part != "U")) == pytest.approx(row["U"], rel=1e-9)
     assert rows["EC0Y"]["U"] == pytest.approx(2.0 * rich_solution.location("EC0Y").u, rel=1e-6)
-    assert body.count("<svg") == 3
+    assert body.count("<svg") == 3 + 3  # contributions in three panels, U on three sections
 
 
 def test_nothing_is_said_behind_a_barrier(contents):

@@ -15,7 +15,7 @@ from volid.report.contents.readings import Readings, readings_of
 from volid.report.language import Texts
 from volid.report.page.section import Section, svg
 from volid.report.page.templates import render
-from volid.report.plot.dots import RESOLUTION
+from volid.report.plot.dots import RESOLUTION, all_as_written
 from volid.report.plot.panels import figure_with_panels
 from volid.report.plot.residual_distribution import distribution_panel, normal_panel
 from volid.report.plot.residual_regions import moving_pairs, region_panel
@@ -96,6 +96,7 @@ def _drawn(draw: Callable[[Any], Any], label: str, frame: Frame | None = None) -
     draw(panel)
     if not panel.get_title(loc="left"):
         panel.set_title(label, fontsize=8, loc="left")
+    all_as_written(figure)
     return svg(figure, label)
 
 
