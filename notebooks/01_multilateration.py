@@ -69,11 +69,11 @@ print(summary(solution, tool))
 # Normalised by their own standard uncertainty they should be standard normal, in every region and for every station.
 
 # %%
-figure = residual_plot(solution)
+residual_plot(solution)
 
 # %% [markdown]
 # ## The error functions
-# Lines with bands of ± *U* (k = 2); dashed the truth, which a real campaign does not have.
+# Lines with bands of ± *U* (k = 2); dotted the truth, which a real campaign does not have.
 
 
 # %%
@@ -87,13 +87,13 @@ truth = {}
 for name in dict.fromkeys(row["function"] for row in table):
     x, y = np.array([(float(row["position"]), float(row["value"])) for row in table if row["function"] == name]).T
     truth[name] = CubicSpline(x, y)
-figure = error_functions(solution, truth)
+error_functions(solution, truth)
 
 # %% [markdown]
 # ## Where in the volume, and how much
 
 # %%
-figure = volume_sections(solution, tool)
+volume_sections(solution, tool)
 
 # %% [markdown]
 # ## The compensation grid, and what it will leave

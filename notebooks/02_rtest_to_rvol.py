@@ -78,7 +78,7 @@ def read(path):
 
 table = read(dataset / "truth_functions.csv")
 true_locations = {row["function"]: float(row["value"]) for row in table if not row["position"]}
-figure = location_errors(solution, true_locations)
+location_errors(solution, true_locations)
 
 # %% [markdown]
 # These are axis average lines in the machine frame, as ISO 230-1 means EX0C and EA0C. The parameters of the model describe
@@ -93,7 +93,7 @@ for row in table_of_location_errors(solution):
 
 # %% [markdown]
 # ## Error motions
-# How each axis moves while it turns. Lines with bands of ± *U* (k = 2); dashed the truth.
+# How each axis moves while it turns. Lines with bands of ± *U* (k = 2); dotted the truth.
 
 # %%
 truth = {}
@@ -101,7 +101,7 @@ for name in dict.fromkeys(row["function"] for row in table if row["position"]):
     rows = [row for row in table if row["function"] == name and row["position"]]
     x, y = np.array([(float(row["position"]), float(row["value"])) for row in rows]).T
     truth[name] = CubicSpline(x, y)
-figure = error_functions(solution, truth, axes="AC")
+error_functions(solution, truth, axes="AC")
 
 # %% [markdown]
 # ## Does it predict where it has not measured?
@@ -109,7 +109,7 @@ figure = error_functions(solution, truth, axes="AC")
 # a pattern here would mean that the model does not hold.
 
 # %%
-figure = angle_map(solution)
+angle_map(solution)
 
 # %% [markdown]
 # ## The grid of the rotary axes
@@ -128,7 +128,7 @@ for row in rows[:4]:
     print(f"{row[0]:10.0f} " + " ".join(f"{v:10.5f}" for v in row[1:]))
 
 # %%
-figure = rotary_grid(grid)
+rotary_grid(grid, solution.machine.name)
 
 # %% [markdown]
 # ## Against the truth

@@ -82,7 +82,7 @@ print(
         [line for line in lines if line.output in ("EXX", "EAZ", "EC0Y", "EA0S", "V_X")], lack_of_fit(solution)
     )
 )
-figure = budget_bars(lines)
+budget_bars(lines)
 
 # %% [markdown]
 # ## Monte Carlo
@@ -98,13 +98,13 @@ print(format_statement(statement(solution, tool, outputs)))
 # show: many readings share the work. Dashed, the truth, which a real campaign does not have.
 
 # %%
-figure = coverage_bands(solution, ["EXX", "EYY", "EZZ", "EYX", "ECX", "EAZ"], truth.functions)
+coverage_bands(solution, ["EXX", "EYY", "EZZ", "EYX", "ECX", "EAZ"], truth.functions)
 
 # %% [markdown]
 # The largest deviation in the volume is no linear function of the parameters; its distribution need not lie about its estimate.
 
 # %%
-figure = volume_distribution(solution, tool)
+volume_distribution(solution, tool)
 
 # %% [markdown]
 # ## What if an effect is left out?

@@ -289,3 +289,17 @@ def test_files_named_in_texts_are_there():
 def test_quick_checks_come_before_the_tests(stage):
     text = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
     assert text.index(stage) < text.index("pytest")
+
+
+def test_colours_are_named_in_the_palette_alone():
+    """White is the paper. A grey as a number, a colour by name or in hexadecimal digits, and a map of colours are colours."""
+    named = r"""["'](black|gr[ae]y|red|green|blue|orange|silver|dim\w*|light\w+|dark\w+|C\d|k|r|b|g)["']"""
+    written = (
+        rf"""\b(color|c|fc|ec|mfc|mec|facecolor|edgecolor|colors|cmap)\s*=\s*({named}|["']0?\.\d+["']|["']\w+_r["'])"""
+    )
+    python = [x for x in lines_with(written) if "palette.py" not in x]
+    hexadecimal = re.compile(r"#[0-9A-Fa-f]{6}\b|#[0-9A-Fa-f]{3}\b|\brgba?\(")
+    assets = [p for kind in ("css", "js", "html") for p in sorted((PACKAGE / "report").rglob(f"*.{kind}"))]
+    drawn = [p for p in FILES if place(p).startswith("report/") and p.name != "palette.py"]
+    found = [f"{place(p)}: {m}" for p in (*assets, *drawn) for m in hexadecimal.findall(p.read_text(encoding="utf-8"))]
+    assert not python + found

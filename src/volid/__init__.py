@@ -22,6 +22,9 @@ _os.environ["JAX_ENABLE_X64"] = "1"
 if "jax" in _sys.modules:
     _sys.modules["jax"].config.update("jax_enable_x64", True)
 _import_module("volid.backend.threads")  # before NumPy, which reads the number of threads as it is loaded
+_sys.modules["volid.plot"] = _import_module(
+    "volid.report.plot"
+)  # a table of names: for `from volid.plot import polar_plot`
 
 _PUBLIC = {  # public name: where it comes from, in the order of the work
     # machine and campaign

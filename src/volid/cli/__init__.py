@@ -76,6 +76,10 @@ VERBS = {
         "report",
         "one page to look at, to print and to hand over: verdict, figures, the deviation field, limits, provenance",
     ),
+    "figures": (
+        "figures",
+        "figures for papers, one file each: functions, sections of the field, residuals, stations and more",
+    ),
     "datum": ("datum", "the same solution in another datum, without a new fit"),
     "multilaterate": (
         "multilaterate",

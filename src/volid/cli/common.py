@@ -98,18 +98,20 @@ def check_figure(path: str | Path | None) -> None:
     if Path(path).suffix.lower() not in FIGURES:
         raise InputError(f"{path}: a figure ends in {', '.join(FIGURES)}; name the file so")
     if find_spec("matplotlib") is None:
-        raise InputError(
-            "figures need matplotlib, which is not installed; run pip install 'volid[plots]', or ask for none"
-        )
+        raise InputError("figures need matplotlib, which is not installed; run pip install matplotlib, or ask for none")
 
 
 def write_figure(figure: Figure, path: str | Path, overwrite: bool) -> None:
     """A figure of matplotlib as the file's ending says; it appears completely or not at all. Raises `OutputError`."""
+    from matplotlib import rc_context
+
     from volid.io.basics.atomic import atomic_output
 
     kind = Path(path).suffix.lstrip(".").lower() or "png"
-    with atomic_output(path, overwrite) as temporary:
-        figure.savefig(temporary, format=kind, dpi=150)
+    dated = {"svg": "Date", "pdf": "CreationDate"}  # left out, so that the same figure is the same file
+    metadata = {dated[kind]: None} if kind in dated else {}
+    with atomic_output(path, overwrite) as temporary, rc_context({"svg.hashsalt": "volid", "pdf.fonttype": 42}):
+        figure.savefig(temporary, format=kind, dpi=150, metadata=metadata)
 
 
 class _Stop(Exception):

@@ -98,7 +98,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=scatter,
         help="standard deviation of the functional point, mm, or by axis, mm or degrees; default: as the campaign shows it",
     )
-    parser.add_argument("--figure", metavar="FILE", help="a figure, .png, .svg or .pdf (needs matplotlib)")
+    parser.add_argument("--figure", metavar="FILE", help="a figure, .png, .svg or .pdf")
     parser.add_argument("--seed", metavar="N", type=seed, default=0, help="of points and draws")
     add_unusual(parser)
     add_output(parser, "OUT.csv", "table of all numbers; the text goes to standard output anyway")

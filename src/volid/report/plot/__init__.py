@@ -13,6 +13,7 @@ from typing import Any as _Any
 
 _FIGURES = {  # name: module of this folder
     "error_functions": "functions",
+    "cross_effects": "functions",
     "location_errors": "locations",
     "volume_sections": "sections",
     "residual_plot": "residuals",

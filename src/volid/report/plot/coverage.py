@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,8 +10,12 @@ import numpy as np
 from volid.fitting.results import FunctionValue
 from volid.fitting.solution import Solution
 from volid.model.iso230 import parse
-from volid.report.plot.palette import SERIES
-from volid.report.plot.panels import figure_with_panels
+from volid.report.language import ENGLISH, Texts
+from volid.report.plot.asked import Asked, NothingToDrawError
+from volid.report.plot.curves import scale_of
+from volid.report.plot.palette import BLACK, BLUE, FAINT, NEUTRAL, ORANGE, SKY
+from volid.report.plot.panels import figure_with_panels, heading, in_language, note_below, shown_vector
+from volid.report.symbols import in_words
 from volid.uncertainty.coverage import coverage_intervals
 from volid.uncertainty.intervals import function_intervals
 from volid.uncertainty.outputs import FIELD, headline_outputs
@@ -19,53 +23,88 @@ from volid.uncertainty.outputs import FIELD, headline_outputs
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+KEYS = ("largest_deviation", "rms_deviation", "range_x", "range_y", "range_z")  # texts of `FIELD`, in its order
+
 
 def coverage_bands(
     solution: Solution,
     names: Sequence[str],
     truth: Mapping[str, Callable[[np.ndarray], np.ndarray]] | None = None,
     points: int = 61,
+    *,
+    texts: Texts = ENGLISH,
 ) -> Figure:
     """Error motions minus their estimate: shortest 95 % intervals by Monte Carlo, ± 1.96 u by propagation, and the truth.
+
+    Panels of the same unit have the same scale.
+
+    Args:
+        solution: A solution with samples.
+        names: ISO 230-1 symbols of error motions.
+        truth: Known functions by symbol, position [mm or degrees] -> mm or rad.
+        points: Positions over the travel.
+        texts: The language.
 
     Raises `ValueError` when the solution has no samples.
     """
     columns = min(3, len(names))
-    figure, panels = figure_with_panels(
-        -(-len(names) // columns), columns, figsize=(4.4 * columns, 2.6 * -(-len(names) // columns)), squeeze=False
-    )
+    rows = -(-len(names) // columns)
+    size = (max(4.0 * columns, 5.5), 2.3 * rows + 1.0)
+    figure, panels = figure_with_panels(rows, columns, figsize=size, squeeze=False)
     for panel in panels.ravel()[len(names) :]:
         panel.set_visible(False)
     for panel, name in zip(panels.ravel(), names, strict=False):
         axis = solution.machine.axis(parse(name).axis)
         x = np.linspace(*axis.travel, points)
-        rows = [r for r in solution.motion(name, x) if r.direction >= 0]
-        _band(panel, solution, rows, x, (truth or {}).get(name))
-        panel.set_xlabel(f"{axis.letter} / {axis.unit}")
-        panel.set_title(name, fontsize=9, loc="left")
-        panel.set_ylabel(f"deviation from estimate / {parse(name).report_unit}", fontsize=8)
-    figure.legend(
-        *panels[0][0].get_legend_handles_labels(), fontsize=8, frameon=False, loc="outside upper center", ncols=3
-    )
+        values = [r for r in solution.motion(name, x) if r.direction >= 0]
+        _band(panel, solution, values, (truth or {}).get(name), texts)
+        panel.set_xlabel(f"{axis.letter} / {axis.unit}", fontsize=8)
+        panel.set_title(f"{name}: {in_words(name, texts)}", fontsize=8, loc="left", color=NEUTRAL)
+        panel.set_ylabel(f"{parse(name).report_unit}", fontsize=8)
+        _finish(panel, texts)
+    _share(panels.ravel(), names)
+    title = texts("figures.coverage_title", machine=solution.machine.name)
+    heading(figure, title, *panels[0][0].get_legend_handles_labels())
+    note_below(figure, [texts("functions.same_scales")])
     return figure
 
 
-def _band(panel: Any, solution: Solution, rows: list[FunctionValue], x: np.ndarray, truth: Any) -> None:
-    scale = 1e6 if parse(rows[0].name).is_rotation else 1e3
+def _band(panel: Any, solution: Solution, rows: list[FunctionValue], truth: Any, texts: Texts) -> None:
+    x, scale = np.array([r.position for r in rows]), scale_of(rows[0].name)
     value, u = (np.array([getattr(r, key) for r in rows]) for key in ("value", "u"))
     found = function_intervals(solution, rows)
     low, high = scale * (found.shortest_low - value), scale * (found.shortest_high - value)
-    panel.fill_between(x, low, high, color=SERIES[0], alpha=0.3, lw=0, label="Monte Carlo, shortest 95 %")
+    panel.fill_between(x, low, high, color=BLUE, alpha=0.3, lw=0, label=texts("figures.monte_carlo"))
     for sign in (-1.96, 1.96):
-        label = "propagation, ± 1.96 u" if sign < 0 else None
-        panel.plot(x, sign * scale * u, color=SERIES[1], lw=1.0, label=label)
+        label = texts("figures.propagation") if sign < 0 else None
+        panel.plot(x, sign * scale * u, color=ORANGE, lw=1.2, ls="--", label=label)
     if truth is not None:
-        panel.plot(x, scale * (truth(x) - value), color="black", lw=1.0, ls="--", label="truth")
-    panel.axhline(0.0, color="0.7", lw=0.8)
+        panel.plot(x, scale * (truth(x) - value), color=BLACK, lw=1.2, ls=":", label=texts("functions.truth"))
+    panel.axhline(0.0, color=FAINT, lw=0.8, zorder=0)
 
 
-def volume_distribution(solution: Solution, tool: Sequence[float]) -> Figure:
+def _share(panels: Iterable[Any], names: Sequence[str]) -> None:
+    """One scale for each unit."""
+    for rotation in (False, True):
+        alike = [p for p, n in zip(panels, names, strict=False) if parse(n).is_rotation == rotation]
+        ends = np.array([p.get_ylim() for p in alike])
+        for panel in alike:
+            panel.set_ylim(ends[:, 0].min(), ends[:, 1].max())
+
+
+def _finish(panel: Any, texts: Texts) -> None:
+    panel.tick_params(labelsize=8)
+    in_language(panel.xaxis, texts)
+    in_language(panel.yaxis, texts)
+
+
+def volume_distribution(solution: Solution, tool: Sequence[float], *, texts: Texts = ENGLISH) -> Figure:
     """Histograms of the deviation field's numbers from the samples, with 95 % intervals: largest, RMS, ranges.
+
+    Args:
+        solution: A solution with samples.
+        tool: Tool vector, shape (3,) [mm].
+        texts: The language.
 
     Raises `ValueError` when the solution has no samples, or the field is not determined for `tool` [mm].
     """
@@ -76,13 +115,28 @@ def volume_distribution(solution: Solution, tool: Sequence[float]) -> Figure:
     centre = np.concatenate([np.asarray(solution.parameters), np.asarray(solution.nuisance)])
     estimate = 1e3 * outputs.field_values(centre[None])[0]
     found = coverage_intervals(values)
-    figure, panels = figure_with_panels(1, len(FIELD), figsize=(15, 2.9))
-    for k, (panel, name) in enumerate(zip(panels, FIELD, strict=True)):
-        panel.hist(values[:, k], bins=60, color=SERIES[0], alpha=0.45, density=True)
-        panel.axvline(estimate[k], color="black", lw=1.2, label="estimate")
-        for end, label in ((found.shortest_low[k], "shortest 95 %"), (found.shortest_high[k], None)):
-            panel.axvline(end, color=SERIES[1], lw=1.0, ls="--", label=label)
-        panel.set_title(f"{name} / µm", fontsize=9, loc="left")
+    figure, panels = figure_with_panels(1, len(FIELD), figsize=(13, 3.2))
+    bins = int(np.clip(1.5 * np.sqrt(len(values)), 10, 60))
+    for k, panel in enumerate(panels):
+        panel.hist(values[:, k], bins=bins, color=SKY, density=True, label=texts("figures.samples", count=len(values)))
+        panel.axvline(estimate[k], color=BLACK, lw=1.4, label=texts("figures.estimate"))
+        for end, label in ((found.shortest_low[k], texts("figures.shortest")), (found.shortest_high[k], None)):
+            panel.axvline(end, color=ORANGE, lw=1.2, ls="--", label=label)
+        panel.set_xlabel(f"{texts(f'figures.{KEYS[k]}')} / µm", fontsize=8)
         panel.set_yticks([])
-    panels[0].legend(fontsize=7, frameon=False)
+        panel.locator_params(axis="x", nbins=4)
+        _finish(panel, texts)
+    title = texts("figures.distribution_title", machine=solution.machine.name)
+    heading(figure, title, *panels[0].get_legend_handles_labels())
+    note_below(figure, [texts("figures.tool_only", tool=shown_vector(tool, texts))])
     return figure
+
+
+def draw(asked: Asked) -> Figure:
+    """For the collection of figures."""
+    if asked.solution.samples is None:
+        raise NothingToDrawError("the solution has no samples of Monte Carlo refits (`volid.monte_carlo` makes them)")
+    try:
+        return volume_distribution(asked.solution, asked.tool, texts=asked.texts)
+    except ValueError as error:
+        raise NothingToDrawError(str(error)) from None

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 BLUE, ORANGE, GREEN, YELLOW = "#0072B2", "#D55E00", "#009E73", "#E69F00"
 PINK, SKY, BLACK = "#CC79A7", "#56B4E9", "#1A1A1A"
-SERIES = (BLUE, ORANGE, GREEN, PINK, YELLOW, SKY, BLACK)
+SERIES = (BLUE, ORANGE, BLACK, SKY, GREEN, YELLOW, PINK)
 STYLES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1)), (0, (3, 1)), (0, (1, 1)))
 
 NEUTRAL = "#6B6B6B"  # nominal, expected, explanations: 5.3 : 1 on white

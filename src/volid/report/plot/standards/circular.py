@@ -1,7 +1,4 @@
-"""The polar plot of a circular test: both senses about the nominal circle, deviations magnified, beside it the quantities.
-
-Needs matplotlib (`pip install 'volid[plots]'`).
-"""
+"""The polar plot of a circular test: both senses about the nominal circle, deviations magnified, beside it the quantities."""
 
 from __future__ import annotations
 
@@ -12,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from volid.exceptions import InputError
-from volid.report.plot.palette import BLUE, GREEN, ORANGE
+from volid.report.plot.palette import BLUE, FAINT, GREEN, NEUTRAL, ORANGE
 from volid.report.plot.panels import figure_with_panels
 from volid.standards.circular.evaluation import CircularDetails
 from volid.standards.results import Evaluation, Quantity
@@ -30,7 +27,7 @@ _WIDE = 5.9  # inches of a panel with its text
 _TALL = 6.0  # inches of the polar plot
 _LINE = 0.125  # inches of a line of the text
 _COLUMN = 36  # characters of a column of it
-_ENDS = ((0.0, "+{0}"), (90.0, "+{1}"), (180.0, "-{0}"), (270.0, "-{1}"))
+_ENDS = ((0.0, "+{0}"), (90.0, "+{1}"), (180.0, "−{0}"), (270.0, "−{1}"))
 
 
 def polar_plot(evaluations: Sequence[Evaluation]) -> Figure:
@@ -85,7 +82,7 @@ def _panel(panel: Any, evaluation: Evaluation) -> None:
     magnified = test.radius * 1e3 / _NOMINAL / step
     title = f"{evaluation.subject}: {step:g} µm per division, deviations × {float(f'{magnified:.2g}'):,.0f}"
     feed = f", feed {test.feed:g} mm/min" if test.feed else ""
-    panel.set_title(f"{title}\nradius {test.radius:g} mm{feed}, {_source(evaluation)}", fontsize=9)
+    panel.set_title(f"{title}\nradius {test.radius:g} mm{feed}, {_source(evaluation)}", fontsize=9, parse_math=False)
     panel.legend(loc="upper left", fontsize=7, frameon=False, borderaxespad=0.0)
     panel.set_aspect("equal")
     reach = _NOMINAL + _REACH + 1.3
@@ -109,14 +106,15 @@ def _scale(panel: Any, plane: str, step: float) -> None:
     turn = np.linspace(0.0, 360.0, 361)
     for k in range(-3, 4):
         panel.plot(
-            *_place(turn, k * 1e-3, 1.0), color="0.35" if k == 0 else "0.86", lw=1.0 if k == 0 else 0.6, zorder=0
+            *_place(turn, k * 1e-3, 1.0), color=NEUTRAL if k == 0 else FAINT, lw=1.0 if k == 0 else 0.6, zorder=0
         )
         x, y = (float(c[0]) for c in _place(np.array([-37.0]), k * 1e-3, 1.0))
-        label = f"{k * step:+g}" if k else "0 µm"
-        panel.text(x, y, label, fontsize=6, color="0.45", ha="center", va="center", zorder=1)
+        label = f"{k * step:+g}".replace("-", "−") if k else "0 µm"
+        on_paper = {"ha": "center", "va": "center", "bbox": {"fc": "white", "ec": "none", "pad": 0.6}}
+        panel.text(x, y, label, fontsize=6.5, color=NEUTRAL, zorder=1, **on_paper)
     for angle, name in _ENDS:
         inner, outer = (_place(np.array([angle]), k * 1e-3, 1.0) for k in (-3, 3.3))
-        panel.plot(*np.hstack([np.stack(inner), np.stack(outer)]), color="0.8", lw=0.6, zorder=0)
+        panel.plot(*np.hstack([np.stack(inner), np.stack(outer)]), color=FAINT, lw=0.6, zorder=0)
         x, y = (float(c[0]) for c in _place(np.array([angle]), 4.1e-3, 1.0))
         panel.text(x, y, name.format(*plane), ha="center", va="center", fontsize=9)
 
@@ -154,7 +152,7 @@ def _line(q: Quantity) -> str:
         q.unit, (1.0, q.unit, 2)
     )
     U = "" if q.U is None else f" ± {scale * q.U:.{digits}f}"
-    return f"{q.symbol:<14}{scale * q.value:8.{digits}f}{U:<7} {unit}{f' {q.verdict}' if q.verdict else ''}"
+    return f"{q.symbol:<14}{scale * q.value:8.{digits}f}{U:<8} {unit}{f' {q.verdict}' if q.verdict else ''}"
 
 
 def _spike_lines(evaluation: Evaluation, spikes: Sequence[Quantity]) -> list[str]:

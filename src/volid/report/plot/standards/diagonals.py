@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from volid.report.plot.palette import SERIES
-from volid.report.plot.panels import figure_with_panels
+from volid.report.plot.palette import FAINT, SERIES
+from volid.report.plot.panels import figure_with_panels, heading
 from volid.standards.diagonals.lines import Diagonal
 from volid.standards.positioning.runs import WAY_NAMES, statistics_of
 from volid.standards.results import Evaluation
@@ -38,8 +38,8 @@ def diagonals_figure(evaluations: Sequence[Evaluation]) -> Figure:
     for number, panel in enumerate(panels.ravel()[: len(found)]):
         if number + across >= len(found):
             panel.set_xlabel("distance from the start / mm")
-    panels[0, 0].legend(fontsize=7, frameon=False)
-    figure.suptitle("Diagonal displacement test, ISO 230-6: means of both ways" + _scatter(found), fontsize=11)
+    title = "Diagonal displacement test, ISO 230-6: means of both ways" + _scatter(found)
+    heading(figure, title, *panels[0, 0].get_legend_handles_labels())
     return figure
 
 
@@ -54,11 +54,18 @@ def _values(evaluation: Evaluation, diagonal: Diagonal) -> dict[str, float]:
 
 def _draw(panel: Any, diagonal: Diagonal) -> None:
     found, x = statistics_of(diagonal.runs.deviations), diagonal.runs.targets
-    panel.axhline(0.0, color="0.8", lw=0.8)
-    for way, (colour, marker) in enumerate(zip(SERIES[:2], "^v", strict=True)):
+    panel.axhline(0.0, color=FAINT, lw=0.8, zorder=0)
+    for way, (colour, marker) in enumerate(zip(SERIES, "^v", strict=False)):
         mean, s = 1e3 * found.mean[:, way], 1e3 * found.s[:, way]
         panel.fill_between(x, mean - 2.0 * s, mean + 2.0 * s, color=colour, alpha=0.2, lw=0)
         panel.plot(
-            x, mean, color=colour, lw=1.2, marker=marker, ms=3, label={"up": "on", "down": "back"}[WAY_NAMES[way]]
+            x,
+            mean,
+            color=colour,
+            ls=("-", "--")[way],
+            lw=1.2,
+            marker=marker,
+            ms=3,
+            label={"up": "on", "down": "back"}[WAY_NAMES[way]],
         )
     panel.margins(x=0.03)

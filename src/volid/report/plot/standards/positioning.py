@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from volid.report.plot.palette import SERIES
+from volid.report.plot.palette import BLACK, FAINT, NEUTRAL, SERIES
 from volid.report.plot.panels import figure_with_panels
 from volid.standards.positioning.evaluation import PositioningResult
 from volid.standards.positioning.runs import WAY_NAMES
@@ -18,14 +18,15 @@ if TYPE_CHECKING:
 
 _COLOURS = dict(zip(WAY_NAMES, SERIES, strict=False))
 _MARKERS = {"up": "^", "down": "v"}
-_SIGNS = {"up": "+", "down": "-"}
+_SIGNS = {"up": "+", "down": "−"}
+_STYLES = {"up": "-", "down": "--"}
 _APART = 0.006  # of the targets' range: approaches of the two directions are drawn so far beside their target
 
 
 def positioning_figure(evaluations: Sequence[Evaluation]) -> Figure:
     """One row for each axis: deviations over the targets on the left, the quantities as bars at the same scale on the right.
 
-    Lengths in µm, angles in arc seconds. Needs matplotlib. `evaluations`: as `evaluate_positioning` gives them.
+    Lengths in µm, angles in arc seconds. `evaluations`: as `evaluate_positioning` gives them.
     """
     n = len(evaluations)
     sides = (4, 1.5)
@@ -43,13 +44,15 @@ def positioning_figure(evaluations: Sequence[Evaluation]) -> Figure:
 
 def _deviations(panel: Any, result: PositioningResult, scale: float) -> None:
     runs, found = result.runs, result.statistics
-    panel.axhline(0.0, color="0.8", lw=0.8, zorder=0)
+    panel.axhline(0.0, color=FAINT, lw=0.8, zorder=0)
     aside = _APART * runs.length
     for way in runs.directions:
         name, (x, mean, s) = WAY_NAMES[way], (runs.targets, scale * found.mean[:, way], scale * found.s[:, way])
         colour, seen = _COLOURS[name], np.isfinite(mean)
         label = f"approached in {_SIGNS[name]}"
-        panel.plot(x[seen], mean[seen], f"{_MARKERS[name]}-", color=colour, ms=5, lw=1.3, label=label, zorder=3)
+        panel.plot(
+            x[seen], mean[seen], f"{_MARKERS[name]}{_STYLES[name]}", color=colour, ms=5, lw=1.3, label=label, zorder=3
+        )
         spread = seen & np.isfinite(s)
         if spread.any():
             low, high = (mean - 2.0 * s)[spread], (mean + 2.0 * s)[spread]
@@ -59,7 +62,8 @@ def _deviations(panel: Any, result: PositioningResult, scale: float) -> None:
             points = scale * runs.deviations[:, way]
             panel.plot(each.ravel(), points.ravel(), ".", color=colour, ms=3, alpha=0.45, zorder=2)
     panel.margins(x=0.03)
-    panel.legend(fontsize=8, frameon=False, ncols=2, loc="best")
+    place = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.2}
+    panel.legend(fontsize=8, frameon=False, ncols=4, columnspacing=1.2, **place)
 
 
 class _Bar(NamedTuple):
@@ -75,7 +79,7 @@ def _quantities(panel: Any, evaluation: Evaluation, scale: float, unit: str) -> 
     bars = _bars(evaluation)
     for x, bar in enumerate(bars):
         ends = [scale * bar.low, scale * bar.high]
-        panel.plot([x, x], ends, color="0.25", lw=2.0, marker="_", ms=12, mew=1.6)
+        panel.plot([x, x], ends, color=BLACK, lw=2.0, marker="_", ms=12, mew=1.6)
     panel.set_xticks(range(len(bars)), [_label(bar.quantity, scale) for bar in bars], fontsize=8)
     for bar, text in zip(bars, panel.get_xticklabels(), strict=True):
         text.set_fontweight("bold" if bar.quantity.verdict == FAIL else "normal")
@@ -84,7 +88,7 @@ def _quantities(panel: Any, evaluation: Evaluation, scale: float, unit: str) -> 
     panel.tick_params(axis="x", length=0)
     for side in ("top", "right", "left"):
         panel.spines[side].set_visible(False)
-    panel.set_title(unit, loc="left", fontsize=9, color="0.35")
+    panel.set_title(unit, loc="left", fontsize=9, color=NEUTRAL)
 
 
 def _bars(evaluation: Evaluation) -> list[_Bar]:
