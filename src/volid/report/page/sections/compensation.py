@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from markupsafe import Markup
+
 from volid.compensation.residual.fields import QUANTITIES
 from volid.compensation.residual.forecast import Column, Forecast
 from volid.report.contents.contents import Contents
@@ -23,7 +25,7 @@ def build(contents: Contents, texts: Texts) -> Section | None:
         texts,
         outlook=found,
         rows=[_row(column) for column in found.forecast.columns] if found.forecast else [],
-        figure=_figure(found.forecast, contents, texts) if found.forecast else "",
+        figures=_figures(found.forecast, texts) if found.forecast else [],
         contents=contents,
     )
     return Section("compensation", texts("page.section_compensation"), body)
@@ -44,7 +46,15 @@ def _row(column: Column) -> dict[str, Any]:
     }
 
 
-def _figure(found: Forecast, contents: Contents, texts: Texts) -> Any:
-    from volid.report.plot.forecast import forecast_figure
+def _figures(found: Forecast, texts: Texts) -> list[Markup]:
+    """What remains, and the orientation, as two small figures, which stand beside each other where there is room."""
+    from volid.report.plot.forecast import draw_lengths, draw_orientations
+    from volid.report.plot.panels import figure_with_panels
 
-    return svg(forecast_figure(found, contents.solution.machine.name), texts("compensation.figure"))
+    made = []
+    for draw, label in ((draw_lengths, "compensation.lengths"), (draw_orientations, "compensation.orientation")):
+        figure, panel = figure_with_panels(figsize=(5.2, 0.34 * len(found.columns) + 1.4))
+        draw(panel, found, texts)
+        panel.legend(fontsize=8, frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
+        made.append(svg(figure, texts(label)))
+    return made
