@@ -70,8 +70,8 @@ def draw_scene(panel: Any, scene: Scene, texts: Texts = ENGLISH) -> None:
     handles, labels = panel.get_legend_handles_labels()
     once = dict(zip(labels, handles, strict=True))
     panel.legend(
-        once.values(), once.keys(), title=f"{texts('field.box')}: {volume}", title_fontsize=8, fontsize=8, frameon=False, loc="upper center",
-        bbox_to_anchor=(0.5, 0.0), ncols=3,
+        once.values(), once.keys(), title=f"{texts('field.box')}: {volume}", title_fontsize=8, fontsize=8, frameon=False,
+        loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=3,
     )  # fmt: skip
 
 
