@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -32,7 +33,9 @@ def volume_places(machine: Machine, points: int = POINTS, seed: int = 0) -> Plac
 
 @dataclass(frozen=True, eq=False)
 class Field:
-    """The deviation field of a solution for one tool vector (3,) [mm], linear in θ, over m places; `gradient` (m, 6, n).
+    """The deviation field of a solution for one tool vector (3,) [mm], linear in θ, over m places.
+
+    `own`: gradient (k, 6, n) at the last k places; the others are those of `head`, a field that several ones continue.
 
     It is in the stated datum. A frame aligned otherwise, as a compensation may have it, moves the workpiece alone, and the rigid
     motion of the workpiece is taken out of what remains.
@@ -41,7 +44,8 @@ class Field:
     solution: Solution
     tool: np.ndarray
     places: Places
-    gradient: np.ndarray
+    own: np.ndarray
+    head: Field | None = None
 
     @property
     def machine(self) -> Machine:
@@ -49,9 +53,15 @@ class Field:
         return self.solution.machine
 
     @property
+    def gradient(self) -> np.ndarray:
+        """What the parameters do at all places, (m, 6, n)."""
+        return self.own if self.head is None else np.concatenate([self.head.gradient, self.own])
+
+    @cached_property
     def estimate(self) -> np.ndarray:
         """The deviation that the solution itself has, (m, 6) [mm, rad]."""
-        return np.asarray(self.gradient @ np.asarray(self.solution.parameters))
+        found = np.asarray(self.own @ np.asarray(self.solution.parameters))
+        return found if self.head is None else np.concatenate([self.head.estimate, found])
 
     def motion(self) -> WorkpieceMotion:
         """The rigid motion of the workpiece frame, fitted to the places that are spread evenly."""
@@ -62,8 +72,7 @@ class Field:
         if not len(more.positions):
             return self
         added = deviation_rows(self.solution, more.positions, more.directions, self.tool)
-        gradient = np.concatenate([self.gradient, added])
-        return Field(self.solution, self.tool, self.places.and_also(more), gradient)
+        return Field(self.solution, self.tool, self.places.and_also(more), added, self)
 
 
 def field_over(solution: Solution, places: Places, tool: np.ndarray) -> Field:

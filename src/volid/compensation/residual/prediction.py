@@ -99,18 +99,19 @@ def with_worst_places(field: Field, acting: Control) -> Field:
 
 def prediction(field: Field, acting: Control, draws: np.ndarray, repeats: Repeats) -> Prediction:
     """What a control leaves over the places of a field, one approach to each; `draws`: of θ less its estimate, (s, n)."""
-    return predictions(field, [(field, acting)], draws, repeats)[0]
+    shared = field if field.head is None else field.head
+    return predictions(shared, [(field, acting)], draws, repeats)[0]
 
 
 def predictions(
     shared: Field, tasks: Sequence[tuple[Field, Control]], draws: np.ndarray, repeats: Repeats
 ) -> list[Prediction]:
-    """What each of several controls leaves, over a field whose first places are those of `shared`.
+    """What each of several controls leaves, over `shared` or a field that continues it.
 
     What the draws (s, n) of θ less its estimate do at the shared places is computed once for all of them.
     """
     m = len(shared.places.positions)
-    running = [_Running(field, acting, repeats, len(draws), m) for field, acting in tasks]
+    running = [_Running(field, acting, repeats, len(draws)) for field, acting in tasks]
     rows = shared.gradient.reshape(-1, draws.shape[1]).T
     for start in range(0, len(draws), AT_ONCE):
         part = draws[start : start + AT_ONCE]
@@ -121,10 +122,10 @@ def predictions(
 
 
 class _Running:
-    """A control under way through the draws: `m` places of its field are shared with others."""
+    """A control under way through the draws: what the draws do at places of its `own`, it computes itself."""
 
-    def __init__(self, field: Field, acting: Control, repeats: Repeats, n_draws: int, m: int) -> None:
-        self.field, self.m = field, m
+    def __init__(self, field: Field, acting: Control, repeats: Repeats, n_draws: int) -> None:
+        self.field, self.own = field, field.own if field.head is not None else field.own[:0]
         self.scattering = repeats.columns(field.machine, field.places, field.tool)
         self.centre, self.even = left_by(field, acting)[None], field.places.even
         self.axis, self.without = tool_axes(field.machine, field.places.positions), field.motion().removed_from
@@ -133,7 +134,7 @@ class _Running:
 
     def add(self, part: np.ndarray, common: np.ndarray) -> None:
         """Some draws (s, n), and what they do at the shared places (s, m, 6)."""
-        own = self.field.gradient[self.m :].reshape(-1, part.shape[1])
+        own = self.own.reshape(-1, part.shape[1])
         spread = np.concatenate([common, (part @ own.T).reshape(len(part), -1, 6)], axis=1)
         if self.scatter.any():
             spread += self.scatter * self.rng.standard_normal(spread.shape)

@@ -65,7 +65,7 @@ def outlook(solution: Solution, tool: tuple[float, float, float]) -> Outlook:
     try:
         return Outlook(_predicted(solution, tool, lists))
     except NotDeterminedError as error:
-        return Outlook(reason=str(error))
+        return Outlook(reason=str(error).removeprefix("residual: "))
     except InputError:  # one of the types cannot be made of what is determined: which one?
         return _one_by_one(solution, tool, lists)
 

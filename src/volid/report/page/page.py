@@ -29,6 +29,14 @@ _COLOURS = {
 SCRIPTS = ("scene.js", "field.js", "stations.js", "page.js")
 STYLES = ("page.css", "scene.css")
 DRAWN = ("field", "stations")  # sections whose data are drawn in 3-D
+BEHIND_BARRIER = (
+    "verdict",
+    "machine",
+    "campaign",
+    "stations",
+    "residuals",
+    "provenance",
+)  # what a mistake does not falsify
 _PLAIN = re.compile(r"[^0-9A-Za-z ]")
 
 
@@ -109,6 +117,8 @@ def page(contents: Contents, texts: Texts) -> str:
 
 
 def _section(name: str, contents: Contents, texts: Texts) -> Section | None:
+    if contents.barrier and name not in BEHIND_BARRIER:
+        return None
     found = import_module(f"volid.report.page.sections.{name}").build(contents, texts)
     if found is None:
         return None

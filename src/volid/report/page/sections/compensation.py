@@ -17,8 +17,6 @@ _TILT = QUANTITIES.index("tool axis")
 
 def build(contents: Contents, texts: Texts) -> Section | None:
     """A table of the types with 95 % intervals, and the figure; the reason where there is no prediction."""
-    if contents.barrier:
-        return None
     found = contents.outlook
     body = render(
         "compensation.html",

@@ -10,8 +10,6 @@ from volid.report.page.templates import render
 
 def build(contents: Contents, texts: Texts) -> Section | None:
     """The statements of the fit with their advice; one sentence where everything is determined."""
-    if contents.barrier:
-        return None
     solution = contents.solution
     body = render(
         "not_determined.html",
