@@ -99,7 +99,7 @@ def rotary_places(machine: Machine) -> list[dict[str, float]]:
     that of none.
 
     >>> import volid
-    >>> rotary_places(volid.load_machine("models/wCAYbXZt_trunnion.toml"))[:2]
+    >>> rotary_places(volid.load_machine("models/wCAYXbZt_trunnion.toml"))[:2]
     [{'C': 0.0, 'A': 0.0}, {'C': 90.0, 'A': 0.0}]
     """
     turning = [a for a in machine.axes if not a.is_linear]

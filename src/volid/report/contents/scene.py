@@ -86,7 +86,7 @@ def scene_of(solution: Solution, tool: Sequence[float]) -> Scene:
     >>> solution = volid.fit(volid.load_campaign("datasets/vertical_multilateration/campaign.toml"))
     >>> found = scene_of(solution, (0.0, 0.0, -150.0))
     >>> [s.name for s in found.stations], found.n_points, found.beams["S1"].shape
-    (['S1', 'S2', 'S3', 'S4'], 2400, (40, 3))
+    (['S1', 'S2', 'S3', 'S4', 'S5', 'S6'], 2400, (40, 3))
     """
     campaign = solution.campaign
     stations, lost = _stations(solution)

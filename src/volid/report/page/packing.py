@@ -23,8 +23,8 @@ def packed(values: np.ndarray) -> dict[str, Any]:
     Args:
         values: Array of any shape, NaN where there is no number.
 
-    >>> packed(np.array([1.0, -0.5, np.nan]))
-    {'scale': 3.0518509475997192e-05, 'data': '/38AwACA'}
+    >>> packed(np.array([32767.0, -16384.0, np.nan]))
+    {'scale': 1.0, 'data': '/38AwACA'}
     """
     size = float(np.nanmax(np.abs(values))) if np.isfinite(values).any() else 0.0
     scale = size / LARGEST or 1.0

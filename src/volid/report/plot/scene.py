@@ -46,7 +46,7 @@ def draw_scene(panel: Any, scene: Scene, texts: Texts = ENGLISH) -> None:
     """Draw everything of a scene into a panel, with one legend below it."""
     stands = [s.place for s in (*scene.stations, *scene.spheres)]
     points = [p.places for p in scene.points]
-    prepare(panel, np.concatenate([scene.box, *points, *(s[None] for s in stands)]))
+    prepare(panel, np.concatenate([scene.box, *points, *(s[None] for s in stands), *scene.tools]))
     low, high = scene.box.min(axis=0), scene.box.max(axis=0)
     draw_box(panel, low, high, ranges=False)
     for station in scene.stations:
@@ -54,18 +54,24 @@ def draw_scene(panel: Any, scene: Scene, texts: Texts = ENGLISH) -> None:
             panel.plot(*projected(np.array([station.place, target])).T, color=FAINT, lw=0.6, zorder=0)
     for line in scene.lines:
         panel.plot(*projected(line).T, color=NEUTRAL, lw=0.9, zorder=1)
-    for i, p in enumerate(scene.points):
+    names = [f"{p.name} ({p.kind})" for p in scene.points]
+    names = names if len(names) <= len(SERIES) else [p.kind for p in scene.points]  # too many to be told apart
+    order = list(dict.fromkeys(names))
+    for name, p in zip(names, scene.points, strict=True):
+        i = order.index(name)
         shown = projected(p.places[:: max(1, len(p.places) // FEW)])
         marker, colour = MARKERS[i % len(MARKERS)], SERIES[i % len(SERIES)]
-        panel.plot(*shown.T, marker, ms=3.5, color=colour, label=f"{p.name} ({p.kind})", zorder=2)
+        panel.plot(*shown.T, marker, ms=3.5, color=colour, label=name, zorder=2)
     for i, tool in enumerate(scene.tools):
         label = texts("field.tools") if i == 0 else None
         panel.plot(*projected(tool).T, "-", color=BLACK, lw=2.5, label=label, zorder=3)
     _draw_stands(panel, scene, texts)
     volume = ", ".join(range_words(name, *ends) for name, *ends in zip("XYZ", low, high, strict=True))
+    handles, labels = panel.get_legend_handles_labels()
+    once = dict(zip(labels, handles, strict=True))
     panel.legend(
-        title=f"{texts('field.box')}: {volume}", title_fontsize=8, fontsize=8, frameon=False, loc="upper center",
-        bbox_to_anchor=(0.5, 0.0), ncols=3,
+        once.values(), once.keys(), title=f"{texts('field.box')}: {volume}", title_fontsize=8, fontsize=8, frameon=False,
+        loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=3,
     )  # fmt: skip
 
 
