@@ -52,8 +52,15 @@ def svg(figure: Figure, label: str) -> Markup:
         figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
     text, number = _UNSEEN.sub(lambda match: shown(match.group()), stream.getvalue()), next(_NUMBER)
     text = text[text.index("<svg") :]
-    text = re.sub(r'\bid="([^"]+)"', rf'id="f{number}-\1"', text)
+    seen: dict[str, int] = {}  # a name that several artists have is numbered: names are unique within a page
+    text = re.sub(r'\bid="([^"]+)"', lambda match: f'id="f{number}-{_numbered(match.group(1), seen)}"', text)
     text = re.sub(r'(xlink:href="#|url\(#)', rf"\1f{number}-", text)
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.S)
     opening = Markup('<svg role="img" aria-label="{}"').format(label)
     return Markup(text.replace("<svg", opening, 1))  # matplotlib escapes the texts of a figure
+
+
+def _numbered(name: str, seen: dict[str, int]) -> str:
+    """The name itself when it is met first, afterwards with a number."""
+    seen[name] = seen.get(name, 0) + 1
+    return name if seen[name] == 1 else f"{name}.{seen[name]}"
