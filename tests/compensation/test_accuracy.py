@@ -6,6 +6,7 @@ import pytest
 import volid
 from volid.compensation.residual.accuracy import expanded, motion_ranges, volume_sizes
 from volid.fitting.prediction.spread import covariance_root
+from volid.report.text.summary import summary_data
 
 PLACES, TRIALS, DRAWS = 40, 400, 200
 
@@ -75,3 +76,56 @@ def test_what_the_data_do_not_determine_is_not_a_number(single_tool_solution):
     unknown = [name for name, count in single_tool_solution.undetermined.items() if count and "0" not in name]
     ranges = motion_ranges(single_tool_solution)
     assert unknown and all(np.isnan(ranges[name]).any() for name in unknown)
+
+
+def _laser(folder, model, x_axis, readings):
+    """A solution of positioning readings of X, rows (X, Y, direction, value) [mm], u = 0.3 µm."""
+    travels = {"X": "[0.0, 1000.0]", "Y": "[0.0, 600.0]", "Z": "[-300.0, 0.0]"}
+    axes = "".join(f"[axis.{a}]\ntravel = {t}\n{x_axis if a == 'X' else ''}\n" for a, t in travels.items())
+    (folder / "machine.toml").write_text(
+        f'format = "volid-machine/1"\nname = "M"\nstructure = "w Y\' b X Z t"\n{axes}'
+        f'[model.functions]\n"E*" = false\n{model}\n'
+    )
+    (folder / "campaign.toml").write_text(
+        'format = "volid-campaign/1"\nmachine = "machine.toml"\n[[set]]\nname = "laser"\nkind = "component"\n'
+        'file = "laser.csv"\ntool = [0.0, 0.0, -100.0]\nu = 0.0003\n'
+    )
+    rows = "".join(f"{x:.4f},{y:g},0,{d:+.0f},X,{v:.7f}\n" for x, y, d, v in readings)
+    (folder / "laser.csv").write_text("X,Y,Z,X_dir,component,value\n" + rows)
+    return volid.fit(volid.load_campaign(folder / "campaign.toml"))
+
+
+def _range_is(solution, truth):
+    """The range of EXX, as it is judged and as it is printed, is the true one within U; U is a fraction of it."""
+    value, U = motion_ranges(solution)["EXX"]
+    assert abs(value - truth) <= U < 0.05 * truth
+    (row,) = summary_data(solution)["functions"]
+    assert row["range"] == value
+
+
+def test_waves_in_step_with_the_positions_are_in_a_range(tmp_path):
+    """Pitch 10 mm over 1000 mm: 101 positions meet one phase, at which a wave of ±3 µm is nothing."""
+    rng = np.random.default_rng(1)
+    x = np.clip(np.linspace(0.0, 1000.0, 201) + rng.uniform(-2.0, 2.0, 201), 0.0, 1000.0)
+    x[[0, -1]] = 0.0, 1000.0
+
+    def exx(x):
+        return 1e-5 * x + 0.003 * np.sin(2.0 * np.pi * x / 10.0)
+
+    values = exx(x) + 3e-4 * rng.standard_normal(len(x))
+    readings = zip(x, np.zeros(len(x)), np.ones(len(x)), values, strict=True)
+    solution = _laser(tmp_path, "EXX = true", "pitch = 10.0", readings)
+    _range_is(solution, np.ptp(exx(np.linspace(0.0, 1000.0, 100_001))))
+
+
+def test_the_range_of_a_cross_effect_is_not_that_of_one_line(tmp_path):
+    """Nothing but reversal at the reference of Y, ± 20 µm at its ends."""
+    rng = np.random.default_rng(2)
+    q = [(x, y, d) for y in np.linspace(0.0, 600.0, 9) for x in np.linspace(0.0, 1000.0, 21) for d in (1.0, -1.0)]
+
+    def exx(x, y, d):
+        return 0.020 * (x - 500.0) / 500.0 * (y - 300.0) / 300.0 + 0.0015 * d
+
+    readings = [(*at, exx(*at) + 3e-4 * rng.standard_normal()) for at in q]
+    model = 'EXX = { over = ["X", "Y"], segments = [4, 3], reversal = true }'
+    _range_is(_laser(tmp_path, model, "", readings), np.ptp([exx(*at) for at in q]))

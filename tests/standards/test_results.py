@@ -61,6 +61,14 @@ def test_what_is_not_determined_is_not_decided():
     assert unproved(found) == ["machine: V_X is not determined"]
 
 
+def test_one_limit_does_not_stand_for_lengths_and_rotations():
+    """0.005 mm is a limit of EXX; the same number would let every EAX up to 5000 µrad pass."""
+    both = Evaluation("ISO 230-1", "machine", (Quantity("EXX", 0.004, "mm"), Quantity("EAX", 0.004, "rad")))
+    with pytest.raises(InputError, match=r"E\?X.*different units: EXX in mm, EAX in rad"):
+        judge_all([both], {"E?X": 0.005})
+    assert judge_all([both], {"E[XYZ]X": 0.005})[0]["EAX"].verdict == ""
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from math import ceil
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -11,8 +12,10 @@ from volid.backend.even_points import evenly, every_step, number_of_steps
 from volid.fitting.prediction.spread import linear_uncertainty
 from volid.fitting.results import FunctionValue
 from volid.model.axis_lines import MACHINE, LineRow, line_row
-from volid.model.error_model import LOCATION
+from volid.model.error_functions import reference_of
+from volid.model.error_model import LOCATION, MEAN, WAVES
 from volid.model.iso230 import describe, parse
+from volid.model.linear_maps import function_rows
 from volid.model.requests import ask_step, checked_count
 
 if TYPE_CHECKING:
@@ -22,6 +25,8 @@ if TYPE_CHECKING:
 
 
 LARGEST = 10**12  # points per travel, far beyond any memory
+PER_WAVE, MOST = 12, 4001  # positions per short wave of a stated pitch, and most of a function
+POINTS, ACROSS = 21, 21  # positions of a function, and of the second axis of a cross effect
 ROW, FLOAT = 1000.0, 24.0  # bytes of a row of the table, and of a parameter at a position while it is computed
 
 
@@ -83,24 +88,74 @@ def motion(solution: Solution, name: str, positions: Float[np.ndarray, " m"]) ->
     """An error motion at positions of its axis, shape (m,) [mm or degrees], for each approach direction if it has reversal."""
     axis = parse(name).axis
     result = []
-    for direction in (1, -1) if (name, "reversal") in solution.model.by_name else (0,):
-        rows = solution.motion_rows(name, positions, direction)
-        values = rows @ np.asarray(solution.parameters)
-        scatter = solution.scatter_of(name)
-        u = np.hypot(linear_uncertainty(rows, solution.parameter_covariance), scatter)
-        unknown = solution.is_not_determined(rows)
-        for x, v, s, not_determined in zip(positions, values, u, unknown, strict=True):
-            v, s = (np.nan, np.nan) if not_determined else (float(v), float(s))
-            result.append(FunctionValue(name, axis, float(x), direction, v, s))
+    for direction in _directions(solution, name):
+        values, u = _with_u(solution, name, solution.motion_rows(name, positions, direction))
+        numbers = zip(positions.tolist(), values.tolist(), u.tolist(), strict=True)
+        result += [FunctionValue(name, axis, x, direction, v, s) for x, v, s in numbers]
     return result
+
+
+def _directions(solution: Solution, name: str) -> tuple[int, ...]:
+    return (1, -1) if (name, "reversal") in solution.model.by_name else (0,)
+
+
+def _with_u(solution: Solution, name: str, rows: Float[np.ndarray, "m n"]) -> tuple[np.ndarray, np.ndarray]:
+    """Values and u, each (m,), of rows on θ of an error motion; NaN where the data do not determine them."""
+    u = np.hypot(linear_uncertainty(rows, solution.parameter_covariance), solution.scatter_of(name))
+    unknown = solution.is_not_determined(rows)
+    return tuple(np.where(unknown, np.nan, found) for found in (rows @ np.asarray(solution.parameters), u))  # type: ignore[return-value]
+
+
+class WholeMotion(NamedTuple):
+    """An error motion everywhere on its measured range, so that its range and its largest u can be told.
+
+    `rows`: (m, n) on θ; `directions`: of approach, (m,), +1, -1 or 0; `values`, `u`: (m,) [mm or rad], NaN where not determined.
+    """
+
+    rows: np.ndarray
+    directions: np.ndarray
+    values: np.ndarray
+    u: np.ndarray
+
+
+def whole_motion(solution: Solution, name: str, points: int) -> WholeMotion:
+    """An error motion at `points` positions of its axis, both directions of approach: at all knots of a polygon, at
+    `PER_WAVE` positions in every short wave, and of a cross effect at `ACROSS` positions of the second axis each."""
+    machine = solution.machine
+    q = np.array([[reference_of(machine, solution.datum, a.letter)] for a in machine.axes])
+    splines = solution.model.by_name[name, MEAN].splines
+    for spline in splines[1:]:
+        q = np.repeat(q, ACROSS, axis=1)
+        q[spline.axis] = evenly(*machine.axes[spline.axis].travel, ACROSS)
+    own = _positions(solution, name, None, points)
+    if (name, WAVES) in solution.model.by_name:
+        own = np.union1d(own, evenly(*machine.axis(parse(name).axis).travel, points_with_waves(solution, name, points)))
+    count = q.shape[1]
+    q = np.tile(q, len(own))
+    q[machine.index(parse(name).axis)] = np.repeat(own, count)
+    ways = _directions(solution, name)
+    rows = np.concatenate([function_rows(solution.model, name, q, np.full_like(q, way)) for way in ways])
+    return WholeMotion(rows, np.repeat(ways, q.shape[1]), *_with_u(solution, name, rows))
+
+
+def points_with_waves(solution: Solution, name: str, points: int) -> int:
+    """At least `points`, and more where short waves of a stated pitch need them: in step with the pitch, all would meet the same
+    phase, and show no wave."""
+    if (name, WAVES) not in solution.model.by_name:
+        return points
+    axis = solution.machine.axis(parse(name).axis)
+    return min(MOST, max(points, ceil(PER_WAVE * axis.length / axis.pitch)))
 
 
 def summary_functions(solution: Solution) -> list[tuple[str, str, float, float]]:
     """For every function: symbol, words, range over the travel and largest u [mm or rad]; NaN if not determined."""
     result = []
     for name in solution.model.names:
-        values = [r for r in solution.functions() if r.name == name]
-        numbers = np.array([v.value for v in values])
-        spread = float(np.ptp(numbers)) if len(values) > 1 else float(numbers[0])
-        result.append((name, describe(name), spread, float(max(v.u for v in values))))
+        if (name, LOCATION) in solution.model.by_name:
+            found = location(solution, name)
+            values, u = np.array([found.value]), np.array([found.u])
+        else:
+            _, _, values, u = whole_motion(solution, name, POINTS)
+        spread = float(np.ptp(values)) if len(values) > 1 else float(values[0])
+        result.append((name, describe(name), spread, float(u.max())))
     return result

@@ -14,6 +14,11 @@ from typing import Any
 from volid.exceptions import InputError
 
 PASS, FAIL, UNDECIDED = "pass", "fail", "undecided"
+MODEL, LEFT_OUT = "model", "left_out"
+WITHHELD = {  # why conformity is neither stated nor denied
+    MODEL: "the model is not accepted, so that its value and U do not hold",
+    LEFT_OUT: "error motions that the model leaves out are not in its value",
+}
 GUARD_BAND, SIMPLE = "guard band", "simple"
 RULES = (GUARD_BAND, SIMPLE)
 RULE = (
@@ -34,6 +39,7 @@ class Quantity:
         limit: Largest value that is allowed, in `unit`; None where none was stated.
         verdict: "pass", "fail", "undecided"; empty without a limit.
         text: What the symbol means, in words.
+        withheld: Why there is no verdict although there is a value, one of `WITHHELD`; "" where nothing is withheld.
     """
 
     symbol: str
@@ -43,6 +49,7 @@ class Quantity:
     limit: float | None = None
     verdict: str = ""
     text: str = ""
+    withheld: str = ""
 
 
 @dataclass(frozen=True)
@@ -145,3 +152,18 @@ def _judged(quantity: Quantity, limit: float | None, rule: str) -> Quantity:
         return quantity
     margin = None if rule == SIMPLE else quantity.U
     return replace(quantity, limit=limit, verdict=verdict_of(quantity.value, limit, margin))
+
+
+def withhold(evaluation: Evaluation, reasons: Mapping[str, str]) -> Evaluation:
+    """The evaluation with no verdict on the quantities of `reasons`, keys of `WITHHELD` by symbol: a limit is neither kept nor
+    exceeded by a number that does not hold.
+
+    >>> found = judged(Evaluation("ISO 230-1", "machine", (Quantity("V_X", 0.001, "mm", U=0.0001),)), {"V_X": 0.01})
+    >>> found["V_X"].verdict, withhold(found, {"V_X": LEFT_OUT})["V_X"].verdict
+    ('pass', 'undecided')
+    """
+    found = (
+        replace(q, verdict=UNDECIDED, withheld=reasons[q.symbol]) if q.verdict and q.symbol in reasons else q
+        for q in evaluation.quantities
+    )
+    return replace(evaluation, quantities=tuple(found))

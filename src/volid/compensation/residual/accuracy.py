@@ -24,6 +24,7 @@ from volid.compensation.base import deviation_rows
 from volid.compensation.residual.prediction import parameter_draws
 from volid.fitting.prediction.largest import values_at, with_largest
 from volid.fitting.solution import Solution
+from volid.fitting.tabulation import whole_motion
 from volid.model.iso230 import parse
 
 K = 2.0
@@ -79,6 +80,8 @@ def volume_sizes(solution: Solution, tool: tuple[float, float, float], seed: int
 def motion_ranges(solution: Solution, points: int = 101, seed: int = 0) -> dict[str, tuple[float, float]]:
     """Range of every error motion over its measured travel, both approach directions, and its U, by symbol [mm or rad].
 
+    Short waves of a stated pitch are in it, and of a cross effect all positions of the second axis.
+
     Args:
         solution: A solution, as `volid.fit` makes it.
         points: Number of points of each function.
@@ -90,15 +93,12 @@ def motion_ranges(solution: Solution, points: int = 101, seed: int = 0) -> dict[
     >>> round(1e3 * value, 1), 0.0 < U < 0.003
     (31.8, True)
     """
-    rows = solution.functions(points=points)
     drawn, found = _Drawn(solution, seed), {}
-    for name in dict.fromkeys(row.name for row in rows if not parse(row.name).location):
-        own = [row for row in rows if row.name == name]
-        values = np.array([row.value for row in own])
-        matrix = np.concatenate([solution.motion_rows(name, np.array([r.position]), r.direction) for r in own])
-        spread = drawn.rows(matrix, solution.scatter_of(name))
-        value = float(np.ptp(values))
-        found[name] = (value, float(expanded(value, np.ptp(values + spread, axis=1))))
+    for name in dict.fromkeys(name for name in solution.model.names if not parse(name).location):
+        own = whole_motion(solution, name, points)
+        spread = drawn.rows(own.rows, solution.scatter_of(name))
+        value = float(np.ptp(own.values))
+        found[name] = (value, float(expanded(value, np.ptp(own.values + spread, axis=1))))
     return found
 
 

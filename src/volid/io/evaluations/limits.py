@@ -86,7 +86,8 @@ def judge_all(evaluations: Iterable[Evaluation], limits: str | Path | Limits | N
     """Evaluations with the verdicts of limits, from a file or a mapping of its form; as they are without them.
 
     A limit for every subject counts where a subject has its quantity. Raises `InputError` naming file and key for a subject or
-    quantity that is not there, and outside `accept_unusual` for a limit that looks like another unit.
+    quantity that is not there and for a form of symbols that have different units, and outside `accept_unusual` for a limit that
+    looks like another unit.
     """
     evaluations = list(evaluations)
     if limits is None:
@@ -96,6 +97,8 @@ def judge_all(evaluations: Iterable[Evaluation], limits: str | Path | Limits | N
     _require_known(path, general, own, evaluations)
     result = []
     for evaluation in evaluations:
+        for form in {**general, **own.get(evaluation.subject, {})}:
+            _require_one_unit(path, form, evaluation)
         mine = _of_symbols(general, evaluation) | _of_symbols(own.get(evaluation.subject, {}), evaluation)
         result.append(judged(evaluation, mine, rule))
         for quantity in result[-1].quantities:
@@ -112,6 +115,20 @@ def _of_symbols(limits: Mapping[str, float], evaluation: Evaluation) -> dict[str
 
 def _is_of(symbol: str, form: str) -> bool:
     return symbol == form or fnmatchcase(symbol, form)
+
+
+def _require_one_unit(path: str | Path, form: str, evaluation: Evaluation) -> None:
+    """Raises `InputError` for a form of lengths and rotations alike: 0.005 mm is a limit, 0.005 rad lets everything pass."""
+    by_unit: dict[str, str] = {}
+    for q in evaluation.quantities:
+        if _is_of(q.symbol, form):
+            by_unit.setdefault(q.unit, q.symbol)
+    if len(by_unit) > 1:
+        found = ", ".join(f"{symbol} in {unit}" for unit, symbol in by_unit.items())
+        raise InputError(
+            f'{path}: "{form}" stands for quantities of different units: {found}. Expected one unit; write one form for each, '
+            'such as "E[XYZ]?" and "E[ABC]?"'
+        )
 
 
 def _require_known(

@@ -71,9 +71,8 @@ def _conformity(statements: ET.Element, quantity: Quantity, rule: str) -> None:
     if rule != SIMPLE:
         add(statement, "norm", "ISO 14253-1:2017")
     known = math.isfinite(quantity.value)
-    rule_key = "rule_simple" if rule == SIMPLE else "rule_guard_band"
-    add_texts(statement, "declaration", rule_key if known else "no_conformity")
-    if known:
+    add_texts(statement, "declaration", declaration_key(quantity, rule))
+    if known and not quantity.withheld:
         add(statement, "conformity", _status(quantity))
     data = add(statement, "data")
     numbers = (("measured", quantity.value, quantity.U), ("limit", quantity.limit, None))
@@ -83,6 +82,15 @@ def _conformity(statements: ET.Element, quantity: Quantity, rule: str) -> None:
         )
         add_texts(one, "name", f"conformity_{key}")
         add_real(one, float(value or 0.0), quantity.unit, expanded)
+
+
+def declaration_key(quantity: Quantity, rule: str) -> str:
+    """Which text of texts/certificate.toml says how conformity was decided, or why it is not stated."""
+    if quantity.withheld:
+        return f"no_conformity_{quantity.withheld}"
+    if not math.isfinite(quantity.value):
+        return "no_conformity"
+    return "rule_simple" if rule == SIMPLE else "rule_guard_band"
 
 
 def _status(quantity: Quantity) -> str:

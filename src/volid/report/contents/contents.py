@@ -13,9 +13,9 @@ from volid.io.basics.provenance import provenance
 from volid.io.evaluations.limits import Limits, judge_all
 from volid.plausibility.record import Item, record
 from volid.report.contents.outlook import DRAWS, Outlook, outlook
-from volid.report.contents.quantities import quantities
+from volid.report.contents.quantities import quantities, unproved
 from volid.report.text.summary import summary_data
-from volid.standards.results import Evaluation
+from volid.standards.results import Evaluation, withhold
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ def gather(
         source=source,
         title=title,
         limits=str(limits) if isinstance(limits, str | Path) else "",
-        evaluation=judge_all([found], limits)[0] if shown else found,
+        evaluation=withhold(judge_all([found], limits)[0], unproved(summary, found)) if shown else found,
         sizes=sizes,
         outlook=outlook(solution, (x, y, z)) if shown and expected else Outlook(),
         record=record(solution.campaign),

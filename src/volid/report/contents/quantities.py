@@ -16,8 +16,9 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from volid.compensation.residual.accuracy import VolumeSizes
+from volid.fitting.diagnosis.adequacy import QUESTIONED, REJECTED
 from volid.model.iso230 import DIRECTIONS, ROTATIONS
-from volid.standards.results import Evaluation, Quantity
+from volid.standards.results import LEFT_OUT, MODEL, Evaluation, Quantity
 
 SUBJECT = "machine"
 LARGEST = "largest_deviation"
@@ -37,6 +38,20 @@ def quantities(
         return Evaluation("ISO 230-1", SUBJECT, ())
     found = (*_volume(summary, sizes), *_constants(summary), *_motions(summary, ranges))
     return Evaluation("ISO 230-1", SUBJECT, found)
+
+
+def unproved(summary: Mapping[str, Any], found: Evaluation) -> dict[str, str]:
+    """Symbols of the quantities whose value proves nothing about a limit, with the reason (`volid.standards.results.WITHHELD`).
+
+    All of them where the model is rejected, in question or did not converge; what is not determined is undecided anyway. Numbers
+    of the working volume where the model leaves out error motions of linear axes, which may add to them or cancel them.
+    """
+    determined = [q.symbol for q in found.quantities if math.isfinite(q.value)]
+    if summary["grade"] in (REJECTED, QUESTIONED) or not summary["converged"]:
+        return dict.fromkeys(determined, MODEL)
+    if not (summary["volume"] or {}).get("left_out"):
+        return {}
+    return {symbol: LEFT_OUT for symbol in determined if symbol == LARGEST or symbol.startswith("V_")}
 
 
 def _volume(summary: Mapping[str, Any], sizes: VolumeSizes) -> Iterator[Quantity]:

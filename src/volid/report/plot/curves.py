@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from math import ceil
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from volid.fitting.solution import Solution
+from volid.fitting.tabulation import points_with_waves
 from volid.model.error_functions import reference_of
-from volid.model.error_model import MEAN, WAVES
+from volid.model.error_model import MEAN
 from volid.model.iso230 import DIRECTIONS, motion, parse
 from volid.model.linear_maps import function_rows
 from volid.model.machine import Axis
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
 K = 2.0
 POINTS = 201
-PER_WAVE, MOST = 12, 4001  # points of a short wave, and of a curve
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,9 +96,7 @@ def curve(solution: Solution, name: str, points: int = POINTS) -> Curve:
     ('µm', [1, -1], 1.0)
     """
     axis = solution.machine.axis(parse(name).axis)
-    if (name, WAVES) in solution.model.by_name:
-        points = min(MOST, max(points, ceil(PER_WAVE * axis.length / axis.pitch)))
-    x = np.linspace(*axis.travel, points)
+    x = np.linspace(*axis.travel, points_with_waves(solution, name, points))
     rows, factor = solution.motion(name, x), scale_of(name)
     ways = []
     for direction in dict.fromkeys(row.direction for row in rows):

@@ -7,7 +7,7 @@ from math import isnan
 from typing import Any
 
 from volid.report.text.basics import bullets, micro, table
-from volid.standards.results import FAIL, RULE, SIMPLE, SIMPLE_RULE, UNDECIDED, Evaluation, Quantity
+from volid.standards.results import FAIL, RULE, SIMPLE, SIMPLE_RULE, UNDECIDED, WITHHELD, Evaluation, Quantity
 
 _SHOWN = {"mm": (1e3, "µm", 2), "rad": (1e6, "µrad", 1), "mm/mm": (1e6, "µm/m", 1), "°": (3600.0, "arc sec", 2)}
 _SUBJECT = "subject"
@@ -54,13 +54,22 @@ def evaluations_data(evaluations: Sequence[Evaluation]) -> dict[str, Any]:
 
 def unproved(evaluations: Sequence[Evaluation]) -> list[str]:
     """A sentence for every limit that is exceeded, or not proved to be kept."""
-    said = {FAIL: "exceeds its limit", UNDECIDED: "is within U of its limit, so that neither pass nor fail is proved"}
     return [
-        f"{e.subject}: {q.symbol} {'is not determined' if isnan(q.value) else said[q.verdict]}"
+        f"{e.subject}: {q.symbol} {_unproved(q)}"
         for e in evaluations
         for q in e.quantities
-        if q.verdict in said
+        if q.verdict in (FAIL, UNDECIDED)
     ]
+
+
+def _unproved(quantity: Quantity) -> str:
+    if quantity.withheld:
+        return f"is not judged by its limit: {WITHHELD[quantity.withheld]}"
+    if isnan(quantity.value):
+        return "is not determined"
+    if quantity.verdict == FAIL:
+        return "exceeds its limit"
+    return "is within U of its limit, so that neither pass nor fail is proved"
 
 
 def evaluation_rows(evaluations: Sequence[Evaluation]) -> tuple[tuple[str, ...], list[list[Any]]]:
@@ -91,6 +100,7 @@ def _entry(evaluation: Evaluation) -> dict[str, Any]:
         "source": evaluation.source,
         **{
             q.symbol: {"value": q.value, "unit": q.unit, "U": q.U, "limit": q.limit, "verdict": q.verdict or None}
+            | ({"withheld": WITHHELD[q.withheld]} if q.withheld else {})
             for q in evaluation.quantities
         },
         "remarks": list(evaluation.remarks),

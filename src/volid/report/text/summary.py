@@ -33,7 +33,7 @@ from volid.fitting.diagnosis.hold_out import by_angle, total
 from volid.fitting.repeatability import repeatability
 from volid.fitting.results import FunctionValue
 from volid.fitting.solution import Solution
-from volid.fitting.tabulation import constant
+from volid.fitting.tabulation import constant, whole_motion
 from volid.model.axis_lines import MACHINE, LineRow, constant_rows
 from volid.model.error_functions import describe_datum
 from volid.model.iso230 import DIRECTIONS, LINEAR_AXES, ROTARY_AXES, SPINDLE, describe, parse
@@ -101,7 +101,7 @@ def _numbers(solution: Solution, tool: tuple[float, float, float], most_draws: i
     return {
         **_constants(solution),
         "volume": _volume(solution, tool, most_draws),
-        "functions": [_function(solution, n, rows) for n, rows in table.items() if not parse(n).location],
+        "functions": [_function(solution, n) for n in table if not parse(n).location],
         "weakest": _weakest(row for rows in table.values() for row in rows),
     }
 
@@ -295,10 +295,9 @@ def _tabulated(solution: Solution) -> dict[str, list[FunctionValue]]:
     return {n: found[n] for n in sorted(found, key=lambda n: (order.index(parse(n).axis), parse(n).component))}
 
 
-def _function(solution: Solution, name: str, rows: list[FunctionValue]) -> dict[str, Any]:
-    values, u = np.array([r.value for r in rows]), np.array([r.u for r in rows])
-    ways = {d: values[[r.direction == d for r in rows]] for d in (1, -1)}
-    reversal = ways[1] - ways[-1]
+def _function(solution: Solution, name: str) -> dict[str, Any]:
+    _, directions, values, u = whole_motion(solution, name, _POINTS)
+    reversal = values[directions == 1] - values[directions == -1]
     known = bool(np.isfinite(values).all())
     return {
         "name": name,

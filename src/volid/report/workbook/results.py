@@ -18,6 +18,7 @@ from volid.fitting.solution import Solution
 from volid.io.functions_csv import round_place
 from volid.model.axis_lines import MACHINE
 from volid.model.iso230 import DIRECTIONS
+from volid.report.certificate.statements import declaration_key
 from volid.report.contents.contents import Contents
 from volid.report.contents.curves import Curve, curves, plain_symbol
 from volid.report.contents.volume import volume_values
@@ -25,7 +26,7 @@ from volid.report.language import Texts
 from volid.report.symbols import angle_words, in_words
 from volid.report.text.basics import scale_of, unit_of
 from volid.report.workbook.table import Chart, Column, Table, micro_of, micro_row
-from volid.standards.results import SIMPLE, Evaluation
+from volid.standards.results import Evaluation
 
 K = 2.0
 MIXED = "µm, µrad"
@@ -205,9 +206,10 @@ def limits_sheet(found: Evaluation, texts: Texts) -> Table:
         Column(texts("workbook.conformity"), width=16),
         Column(texts("workbook.rule"), width=90),
     ]
-    rule, rows = texts("certificate.rule_simple" if found.rule == SIMPLE else "certificate.rule_guard_band"), []
+    rows: list[list[Any]] = []
     for q in (q for q in found.quantities if q.limit is not None):
         numbers = [micro_of(v, q.unit) for v in (q.value, q.U, q.limit)]
+        rule = texts(f"certificate.{declaration_key(q, found.rule)}")
         rows.append([q.symbol, *numbers, unit_of(q.unit), texts(f"workbook.conformity_{q.verdict}"), rule])
     return Table(texts("workbook.sheet_limits"), columns, rows)
 

@@ -11,7 +11,7 @@ from volid.report.language import Texts
 from volid.report.page.section import Section
 from volid.report.page.templates import render
 from volid.report.symbols import in_words
-from volid.standards.results import SIMPLE, Quantity
+from volid.standards.results import SIMPLE, WITHHELD, Quantity
 
 
 def build(contents: Contents, texts: Texts) -> Section | None:
@@ -21,14 +21,20 @@ def build(contents: Contents, texts: Texts) -> Section | None:
     judged = [q for q in contents.evaluation.quantities if q.limit is not None]
     rule = "simple" if contents.evaluation.rule == SIMPLE else "guard_band"
     rows = [_row(q, texts) for q in judged]
-    body = render("limits.html", texts, rows=rows, rule=rule, source=contents.limits, contents=contents)
+    withheld = {
+        key: [row["words"] if not row["symbol"] else row["symbol"] for row in rows if row["withheld"] == key]
+        for key in WITHHELD
+    }
+    shown = {"rows": rows, "rule": rule, "source": contents.limits, "withheld": withheld}
+    body = render("limits.html", texts, contents=contents, **shown)
     return Section("limits", texts("page.section_limits"), body)
 
 
 def _row(quantity: Quantity, texts: Texts) -> dict[str, Any]:
     words = texts("limits.largest") if quantity.symbol == LARGEST else _words(quantity.symbol, texts)
     symbol = "" if quantity.symbol == LARGEST else quantity.symbol
-    return {"quantity": quantity, "symbol": symbol, "words": words, "key": f"evaluation.{quantity.symbol}"}
+    key, withheld = f"evaluation.{quantity.symbol}", quantity.withheld
+    return {"quantity": quantity, "symbol": symbol, "words": words, "key": key, "withheld": withheld}
 
 
 def _words(symbol: str, texts: Texts) -> str:
