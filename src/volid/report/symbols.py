@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from volid.model.iso230 import LINEAR_AXES, ROTATIONS, SPINDLE, ErrorName, parse
+import re
+
+from volid.model.iso230 import LINEAR_AXES, ROTARY_AXES, ROTATIONS, SPINDLE, ErrorName, parse
 from volid.report.language import Texts
 from volid.report.text.squareness import angle_of
 
+_OTHER = re.compile(r"\(0([A-Z])\)")  # the axis that a constant is stated against
 _LINES = dict(zip(ROTATIONS, LINEAR_AXES, strict=True))
 
 
@@ -24,6 +27,30 @@ def in_words(name: str, texts: Texts) -> str:
     error = parse(name)
     line = _LINES.get(error.direction, error.direction)
     return texts(f"symbols.{_kind(error)}", axis=error.axis, direction=error.direction, line=line)
+
+
+def constant_words(name: str, texts: Texts) -> str:
+    """A constant in words, also one that ISO 230-1 states against another axis, such as "EY(0A)C".
+
+    Args:
+        name: The symbol, such as "EY0C" or "EY(0A)C".
+        texts: The language.
+
+    >>> constant_words("EY(0A)C", Texts("en"))
+    'error of the position of C in Y direction, relative to A'
+    """
+    words, other = in_words(plain_symbol(name), texts), _OTHER.search(name)
+    stated = other and other[1] in ROTARY_AXES
+    return texts("symbols.relative", words=words, axis=other[1]) if other and stated else words
+
+
+def plain_symbol(name: str) -> str:
+    """The symbol without the axis that it is stated against.
+
+    >>> plain_symbol("EY(0A)C"), plain_symbol("EC0Y")
+    ('EY0C', 'EC0Y')
+    """
+    return _OTHER.sub("0", name)
 
 
 def _kind(error: ErrorName) -> str:

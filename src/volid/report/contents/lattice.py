@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from jaxtyping import Float, Int
 
 MOST, FEWEST = 9, 3  # nodes along the longest axis and along the others, at most and at least
+CLEAR = 280  # nodes through which one still sees into the volume
 QUARTERS = (90.0, 180.0, 270.0)  # degrees: where a rotary axis of a full turn is looked at
 MOST_PLACES = 7  # rotary positions
 
@@ -77,11 +78,14 @@ def lattice_of(machine: Machine, most: int = MOST) -> Lattice:
 
     Args:
         machine: The machine.
-        most: Nodes along the longest axis.
+        most: Nodes along the longest axis, at most: fewer where the volume is near to a cube.
     """
     travels = {a.letter: a for a in machine.axes if a.is_linear}
     longest = max((a.length for a in travels.values()), default=0.0)
-    x, y, z = (_nodes(travels.get(letter), longest, most) for letter in LINEAR_AXES)
+    for along in range(most, FEWEST - 1, -1):
+        x, y, z = (_nodes(travels.get(letter), longest, along) for letter in LINEAR_AXES)
+        if len(x) * len(y) * len(z) <= CLEAR:
+            break
     return Lattice(machine, (x, y, z))
 
 

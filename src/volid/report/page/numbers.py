@@ -103,6 +103,19 @@ class Numbers:
         number = self._data(value, self._general(value, digits), unit, key)
         return Markup('<span class="number">{}{}{}</span>').format(number, _gap(unit), unit)
 
+    def position(self, value: float | None, unit: str = "mm", key: str = "") -> Markup:
+        """Where a machine stood, to 0.1 mm or 0.01°: finer than that no place in a machine is looked for.
+
+        >>> from volid.report.language import ENGLISH
+        >>> print(Numbers(ENGLISH).position(12345.678).striptags(), Numbers(ENGLISH).position(-24.7349, "°").striptags())
+        12345.7\u202fmm −24.73°
+        """
+        if value is None or not math.isfinite(value):
+            return self.unknown()
+        shown = f"{round(value, 2 if unit == '°' else 1) + 0.0:.9g}"
+        number = self._data(value, self._signs(shown), unit, key)
+        return Markup('<span class="number">{}{}{}</span>').format(number, _gap(unit), unit)
+
     def with_interval(
         self,
         value: float | None,

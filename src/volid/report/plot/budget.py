@@ -12,9 +12,9 @@ from volid.exceptions import InputError
 from volid.report.contents.contributions import Contributions, contributions, headline_contributions, with_main_sources
 from volid.report.language import ENGLISH, Texts
 from volid.report.plot.asked import Asked, NothingToDrawError
-from volid.report.plot.dots import all_as_written, quiet
+from volid.report.plot.dots import finished, quiet
 from volid.report.plot.palette import BLACK, FAINT, NEUTRAL, SERIES
-from volid.report.plot.panels import figure_with_panels
+from volid.report.plot.panels import figure_with_panels, heading, shown_vector
 from volid.uncertainty.budget import Line
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ def draw(asked: Asked) -> Figure:
 
 def said_of_tool(tool: Sequence[float], texts: Texts) -> str:
     """For which tool vector the numbers of the volume hold."""
-    return texts("budget.tool", tool=", ".join(f"{t:g}".replace("-", "\u2212") for t in tool))
+    return texts("budget.tool", tool=shown_vector(tool, texts))
 
 
 def budget_bars(lines: Iterable[Line], texts: Texts = ENGLISH, words: Mapping[str, str] | None = None) -> Figure:
@@ -81,9 +81,9 @@ def _figure(found: Sequence[Contributions], texts: Texts, title: str) -> Figure:
     for panel, part in zip(panels[:, 0], parts, strict=False):
         budget_panel(panel, part, texts)
     handles, labels = panels[0][0].get_legend_handles_labels()
-    figure.legend(handles, labels, fontsize=8, frameon=False, loc="outside upper center", ncols=2, title=title or None)
+    heading(figure, title, handles, labels)
     figure.supxlabel(fill(texts("budget.how"), 110), fontsize=7, x=0.01, ha="left", color=NEUTRAL)
-    all_as_written(figure)
+    finished(figure, texts)
     return figure
 
 

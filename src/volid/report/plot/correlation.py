@@ -11,9 +11,9 @@ from volid.fitting.solution import Solution
 from volid.report.contents.correlations import LISTED, STRONG, Correlations, Pair, correlations_of
 from volid.report.language import ENGLISH, Texts
 from volid.report.plot.asked import Asked
-from volid.report.plot.dots import all_as_written, halo
+from volid.report.plot.dots import finished, halo
 from volid.report.plot.palette import BLACK, FAINT, NEUTRAL, SIGNED
-from volid.report.plot.panels import figure_with_panels
+from volid.report.plot.panels import figure_with_panels, heading, signs
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -50,19 +50,23 @@ def correlation_matrix(solution: Solution, texts: Texts = ENGLISH) -> Figure:
     figure, panel = figure_with_panels(figsize=(SIDE + 2.2, SIDE + 1.0 + 0.17 * len(lines)))
     image = matrix_panel(panel, found)
     figure.colorbar(image, ax=panel, label=texts("correlation.coefficient"), shrink=0.7)
-    figure.suptitle(f"{solution.machine.name}: {texts('correlation.title')}", fontsize=10)
+    heading(figure, f"{solution.machine.name}: {texts('correlation.title')}")
     more = [texts("correlation.more", n=len(pairs) - LISTED)] if len(pairs) > LISTED else []
-    said = [texts("correlation.strong" if lines else "correlation.none", limit=f"{STRONG:g}"), *lines, *more]
+    said = [
+        texts("correlation.strong" if lines else "correlation.none", limit=signs(f"{STRONG:g}", texts)),
+        *lines,
+        *more,
+    ]
     said += [texts("correlation.grey")] if np.isnan(found.matrix).any() else []
     figure.supxlabel("\n".join(said), fontsize=7, x=0.01, ha="left", color=NEUTRAL)
-    all_as_written(figure)
+    finished(figure, texts)
     return figure
 
 
 def words_of(pair: Pair, texts: Texts) -> str:
     """A pair in words: which two, how strongly, and what of them is known better."""
     key = "correlation.difference" if pair.correlation > 0.0 else "correlation.sum"
-    rho = f"{pair.correlation:+.3f}".replace("-", "\u2212")
+    rho = signs(f"{pair.correlation:+.3f}", texts)
     return texts(key, a=pair.parameters[0], b=pair.parameters[1], rho=rho)
 
 

@@ -6,8 +6,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from volid.report.language import Texts
 from volid.report.plot.palette import ATTENTION, FAINT, NEUTRAL, PAPER, SERIES
-from volid.report.plot.panels import as_written
+from volid.report.plot.panels import as_written, in_language
 
 MOST = 5000  # dots of a panel
 LARGEST = 0.25  # share of them that is kept for the largest
@@ -116,11 +117,15 @@ def near_each_other(at: np.ndarray, near: float = NEAR) -> list[list[int]]:
     return groups
 
 
-def all_as_written(figure: Any) -> None:
-    """Every text of a figure as it is written, because it may hold names from files: a dollar sign begins no formula."""
+def finished(figure: Any, texts: Texts) -> None:
+    """Every text of a figure as it is written, because it may hold names from files: a dollar sign begins no formula; and the
+    numbers of all its axes in the signs of a language."""
     from matplotlib.text import Text
 
     as_written(figure.findobj(Text))
+    for panel in figure.axes:
+        in_language(panel.xaxis, texts)
+        in_language(panel.yaxis, texts)
 
 
 def halo() -> list[Any]:

@@ -13,8 +13,7 @@ from volid.report.contents.lattice import Lattice, grouped
 from volid.report.language import ENGLISH, Texts
 from volid.report.plot.isometric import SEEN, draw_box, prepare, projected
 from volid.report.plot.palette import ATTENTION, BLACK, FAINT, SIZES
-from volid.report.plot.panels import figure_with_panels
-from volid.report.text.basics import vector
+from volid.report.plot.panels import figure_with_panels, in_language, shown_vector
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -64,11 +63,11 @@ def deviation_volume(
     scale = scale_of(found, factor)
     figure, panels = figure_with_panels(1, 2, figsize=(11, 4.0))
     for panel, state in zip(panels, (0, len(found.states) - 1), strict=True):
-        draw_field(panel, found, state, scale)
+        draw_field(panel, found, state, scale, texts)
         panel.set_title(state_title(found, state, texts), fontsize=9, loc="left")
     colour_bar(figure, panels, scale, texts)
     drawn = texts("field.drawn", factor=texts_number(scale.factor, texts))
-    with_tool = texts("field.with_tool", tool=vector(found.tools[0].tolist()).replace("-", "−"))
+    with_tool = texts("field.with_tool", tool=shown_vector(found.tools[0].tolist(), texts))
     figure.suptitle("\n".join([solution.machine.name, f"{drawn}, {with_tool}"]), fontsize=10)
     return figure
 
@@ -86,7 +85,7 @@ def _round_down(x: float) -> float:
     return float(power * max(f for f in (1.0, 1.5, 2.0, 3.0, 5.0, 7.0) if f <= x / power + 1e-9))
 
 
-def draw_field(panel: Any, found: DeviationFields, state: int, scale: Scale) -> None:
+def draw_field(panel: Any, found: DeviationFields, state: int, scale: Scale, texts: Texts = ENGLISH) -> None:
     """Draw the seen faces of the lattice, deformed by a state of the first tool vector and rotary position, into a panel."""
     from matplotlib.collections import LineCollection
 
@@ -94,7 +93,7 @@ def draw_field(panel: Any, found: DeviationFields, state: int, scale: Scale) -> 
     points = lattice.points
     pairs = np.array(grouped([line for line in lattice.lines if on_seen_face(lattice, line)]))
     prepare(panel, points)
-    draw_box(panel, points.min(axis=0), points.max(axis=0))
+    draw_box(panel, points.min(axis=0), points.max(axis=0), texts)
     panel.add_collection(LineCollection(list(projected(points)[pairs]), colors=FAINT, linewidths=0.5, zorder=0))
     length = np.linalg.norm(values, axis=1)
     known = np.isfinite(length[pairs]).all(axis=1)
@@ -125,6 +124,8 @@ def colour_bar(figure: Figure, panels: Any, scale: Scale, texts: Texts = ENGLISH
     bar = figure.colorbar(colours, ax=panels, shrink=0.7, **options)
     bar.set_label(texts("field.length"), fontsize=8)
     bar.ax.tick_params(labelsize=8)
+    in_language(bar.ax.xaxis, texts)
+    in_language(bar.ax.yaxis, texts)
 
 
 def state_name(names: Sequence[str], texts: Texts) -> str:

@@ -24,7 +24,7 @@ from volid.report.plot.curves import (
     shown_axes,
 )
 from volid.report.plot.palette import BLACK, BLUE, FAINT, GREEN, NEUTRAL, ORANGE, SIGNED
-from volid.report.plot.panels import figure_with_panels, heading, in_language, level_lines, note_below
+from volid.report.plot.panels import figure_with_panels, heading, in_language, level_lines, note_below, signs
 from volid.report.symbols import in_words
 
 if TYPE_CHECKING:
@@ -183,7 +183,7 @@ def remarks(found: Mapping[str, Curve], shown: Sequence[Axis], texts: Texts) -> 
             lines.append(texts(f"functions.{key}", names=", ".join(names)))
     for c in found.values():
         if c.beside is not None:
-            words = {"name": c.name, "axis": c.beside.letter, "at": f"{c.at:g}", "unit": c.beside.unit}
+            words = {"name": c.name, "axis": c.beside.letter, "at": signs(f"{c.at:g}", texts), "unit": c.beside.unit}
             lines.append(texts("functions.at_reference", **words))
     return lines
 

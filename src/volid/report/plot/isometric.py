@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from volid.report.language import ENGLISH, Texts
 from volid.report.plot.palette import FAINT, NEUTRAL
+from volid.report.plot.panels import signs
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -38,13 +40,13 @@ def projected(places: Float[np.ndarray, "*m 3"]) -> Float[np.ndarray, "*m 2"]:
     return np.stack([places @ RIGHT, places @ UP], axis=-1)
 
 
-def draw_box(panel: Any, low: np.ndarray, high: np.ndarray, ranges: bool = True) -> None:
+def draw_box(panel: Any, low: np.ndarray, high: np.ndarray, texts: Texts | None = ENGLISH) -> None:
     """Edges of a box, those behind it dashed, with X, Y, Z along three of them.
 
     Args:
         panel: Axes of matplotlib, made ready by `prepare`.
         low, high: Two opposite corners, shape (3,) [mm].
-        ranges: Whether the ranges of X, Y, Z are written beside their names.
+        texts: The language of the ranges beside the names X, Y, Z; None: names alone.
     """
     corners = np.array(list(product((0, 1), repeat=3)))
     hidden = np.array([1 - end for end in SEEN])
@@ -53,10 +55,10 @@ def draw_box(panel: Any, low: np.ndarray, high: np.ndarray, ranges: bool = True)
             ends = projected(np.where(np.array([a, b]) == 1, high, low))
             behind = (a == hidden).all() or (b == hidden).all()
             panel.plot(*ends.T, color=FAINT if behind else NEUTRAL, lw=0.6, ls=(0, (4, 3)) if behind else "-", zorder=1)
-    _draw_names(panel, low, high, ranges)
+    _draw_names(panel, low, high, texts)
 
 
-def _draw_names(panel: Any, low: np.ndarray, high: np.ndarray, ranges: bool) -> None:
+def _draw_names(panel: Any, low: np.ndarray, high: np.ndarray, texts: Texts | None) -> None:
     """Each axis, and its range, at the middle of a lower or outer edge that is seen."""
     size = float(np.linalg.norm(high - low))
     edges = {"X": (0, (None, 0, 0), (-0.3, -1)), "Y": (1, (1, None, 0), (0.9, -0.9)), "Z": (2, (0, 0, None), (-1, 0))}
@@ -67,20 +69,21 @@ def _draw_names(panel: Any, low: np.ndarray, high: np.ndarray, ranges: bool) -> 
             [0.5 * (low[i] + high[i]) if e is None else (high if e else low)[i] for i, e in enumerate(ends)]
         )
         x, y = projected(middle) + AWAY * size * np.array(outwards)
-        text = range_words(name, low[k], high[k]) if ranges else name
+        text = range_words(name, low[k], high[k], texts) if texts else name
         turned = {"X": "right", "Y": "left", "Z": "right"}[name]
-        text = text.replace(" ", "\n", 1) if name == "Z" else text
+        text = text.replace(" ", "\n", 1).replace(" … ", " …\n") if name == "Z" else text
         ground = {"facecolor": panel.get_facecolor(), "edgecolor": "none", "alpha": 0.8, "pad": 1.0}
         panel.text(x, y, text, ha=turned, va="center", fontsize=8, bbox=ground, zorder=5)
 
 
-def range_words(name: str, low: float, high: float) -> str:
+def range_words(name: str, low: float, high: float, texts: Texts = ENGLISH) -> str:
     """An axis with its range in mm.
 
     >>> range_words("Z", -500.0, 0.0)
     'Z −500 … 0 mm'
     """
-    return f"{name} {low:.5g} … {high:.5g} mm".replace("-", "−")
+    shown = (signs(f"{round(float(end), 1) + 0.0:.7g}", texts) for end in (low, high))
+    return f"{name} {' … '.join(shown)} mm"
 
 
 def prepare(panel: Any, places: Float[np.ndarray, "m 3"], margin: float = 0.12) -> None:

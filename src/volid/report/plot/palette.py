@@ -21,4 +21,9 @@ GOOD = GREEN
 PAPER = "#FFFFFF"  # behind everything: seams around letters and marks
 
 SIZES = "cividis_r"  # colour map of sizes, from zero: the largest is darkest
+RATIOS = (
+    "#B9DEF3",
+    PAPER,
+    "#F2A373",
+)  # of ratios: below 1, 1, above 1; light enough for black letters, 1 lightest in grey
 SIGNED = "RdYlBu_r"  # colour map of values of both signs, zero in its middle

@@ -11,17 +11,17 @@ from scipy.special import chdtrc
 from volid.fitting.solution import Solution
 from volid.report.contents.readings import Readings, readings_of
 from volid.report.language import ENGLISH, Texts
-from volid.report.plot.dots import all_as_written, quiet
-from volid.report.plot.palette import ATTENTION, BLACK, NEUTRAL, PAPER, SIZES
-from volid.report.plot.panels import figure_with_panels
+from volid.report.plot.dots import finished, quiet
+from volid.report.plot.palette import ATTENTION, BLACK, FAINT, RATIOS
+from volid.report.plot.panels import figure_with_panels, heading, signs
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 CELLS = 4  # along every axis
 SIGNIFICANT = 1e-3  # probability by chance, of all cells together, from which on a cell is framed
-HIGHEST = 3.0  # RMS over expected that has the darkest colour: 1 is light enough for black letters
-DARK = 1.5  # from which on letters are white
+HIGHEST = 2.0  # RMS over expected that has the darkest colour; its inverse the other one
+TICKS = (0.5, 0.7, 1.0, 1.4, 2.0)  # of the scale
 
 
 class Cells(NamedTuple):
@@ -58,13 +58,22 @@ def residuals_by_region(solution: Solution, texts: Texts = ENGLISH) -> Figure:
         image = region_panel(panel, readings, pair, texts)
     if pairs:
         label = texts("residuals.rms_column")
-        figure.colorbar(image, ax=panels[0], label=label, extend="max", shrink=0.9)
+        bar = figure.colorbar(
+            image,
+            ax=panels[0],
+            label=label,
+            extend="both",
+            shrink=0.9,
+            ticks=TICKS,
+            format=lambda x, _: signs(f"{x:g}", texts),
+        )
+        bar.minorticks_off()
     else:
         why = "one_line" if readings.used.any() else "nothing_checks"
         panels[0][0].text(0.5, 0.5, texts(f"residuals.{why}"), ha="center", va="center", fontsize=9)
         panels[0][0].set_axis_off()
-    figure.suptitle(f"{solution.machine.name}: {texts('residuals.by_region')}", fontsize=10)
-    all_as_written(figure)
+    heading(figure, f"{solution.machine.name}: {texts('residuals.by_region')}")
+    finished(figure, texts)
     return figure
 
 
@@ -106,17 +115,20 @@ def cells_over(readings: Readings, pair: tuple[int, int], tests: int = 1) -> Cel
 
 def region_panel(panel: Any, readings: Readings, pair: tuple[int, int], texts: Texts) -> Any:
     """The cells over two axes: colour and number are the RMS over expected; what is drawn, for a colour bar."""
+    from matplotlib.colors import LinearSegmentedColormap, LogNorm
     from matplotlib.patches import Rectangle
 
     cells = cells_over(readings, pair, tests=CELLS**2 * len(moving_pairs(readings)))
-    image = panel.pcolormesh(*cells.edges, cells.weight.T, cmap=SIZES, vmin=0.0, vmax=HIGHEST, rasterized=True)
+    style = {"cmap": LinearSegmentedColormap.from_list("ratios", RATIOS), "norm": LogNorm(1.0 / HIGHEST, HIGHEST)}
+    image = panel.pcolormesh(*cells.edges, cells.weight.T, edgecolors=FAINT, lw=0.5, rasterized=True, **style)
+    _hatched(panel, cells)
     middles = [0.5 * (e[1:] + e[:-1]) for e in cells.edges]
     for i, j in np.ndindex(CELLS, CELLS):
         weight, x, y = cells.weight[i, j], middles[0][i], middles[1][j]
         mark = " !" if cells.flagged[i, j] else ""
-        said = f"{weight:.2f}{mark}\nn {cells.n[i, j]:.0f}" if np.isfinite(weight) else "–"
-        colour = PAPER if weight > DARK else BLACK
-        panel.text(x, y, said, ha="center", va="center", fontsize=6.5, color=colour if np.isfinite(weight) else NEUTRAL)
+        if np.isfinite(weight):
+            said = f"{signs(f'{weight:.2f}', texts)}{mark}\nn {cells.n[i, j]:.0f}"
+            panel.text(x, y, said, ha="center", va="center", fontsize=6.5, color=BLACK)
         if cells.flagged[i, j]:
             corner = (float(cells.edges[0][i]), float(cells.edges[1][j]))
             width, height = (float(e[k + 1] - e[k]) for e, k in zip(cells.edges, (i, j), strict=True))
@@ -127,3 +139,13 @@ def region_panel(panel: Any, readings: Readings, pair: tuple[int, int], texts: T
     panel.set_ylabel(f"{axes[pair[1]].letter} / {axes[pair[1]].unit}", fontsize=8)
     quiet(panel)
     return image
+
+
+def _hatched(panel: Any, cells: Cells) -> None:
+    """Cells in which no reading is checked: without a colour, which would say that all is as expected."""
+    from matplotlib.patches import Rectangle
+
+    for i, j in np.argwhere(~np.isfinite(cells.weight)):
+        corner = (float(cells.edges[0][i]), float(cells.edges[1][j]))
+        width, height = (float(e[k + 1] - e[k]) for e, k in zip(cells.edges, (i, j), strict=True))
+        panel.add_patch(Rectangle(corner, width, height, fill=False, hatch="////", ec=FAINT, lw=0.0, gid="unchecked"))

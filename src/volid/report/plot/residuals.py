@@ -11,9 +11,9 @@ from volid.fitting.solution import Solution
 from volid.report.contents.readings import Readings, readings_of
 from volid.report.language import ENGLISH, Texts
 from volid.report.plot.asked import Asked
-from volid.report.plot.dots import MOST, Marked, all_as_written, draw_dots, expected_lines, frame_of, quiet, thinned
+from volid.report.plot.dots import MOST, Marked, draw_dots, expected_lines, finished, frame_of, quiet, thinned
 from volid.report.plot.palette import FAINT, NEUTRAL, SERIES
-from volid.report.plot.panels import figure_with_panels
+from volid.report.plot.panels import figure_with_panels, heading, signs
 from volid.report.plot.residual_distribution import distribution_panel, normal_panel
 from volid.report.plot.residual_regions import residuals_by_region
 
@@ -59,15 +59,15 @@ def residual_plot(solution: Solution, texts: Texts = ENGLISH) -> Figure:
     order_panel(panels[1][0], readings, texts)
     distribution_panel(panels[0][1], readings, texts)
     normal_panel(panels[1][1], readings, texts)
-    figure.suptitle(f"{solution.machine.name}: {texts('residuals.title')}", fontsize=10)
+    heading(figure, f"{solution.machine.name}: {texts('residuals.title')}")
     figure.supxlabel(footnote(readings, texts), fontsize=7, x=0.01, ha="left", color=NEUTRAL)
-    all_as_written(figure)
+    finished(figure, texts)
     return figure
 
 
 def footnote(readings: Readings, texts: Texts) -> str:
     """What the marks mean, and which the numbered readings are."""
-    lines = [texts("residuals.marks", critical=f"{readings.critical:.1f}")]
+    lines = [texts("residuals.marks", critical=signs(f"{readings.critical:.1f}", texts))]
     for k, number in enumerate(readings.worst, 1):
         aside = texts("residuals.aside") if readings.outlier[number] else texts("residuals.used")
         size = f"{readings.normalised[number]:+.1f}".replace("-", "\u2212")
@@ -114,7 +114,12 @@ def strips_panel(panel: Any, readings: Readings, texts: Texts) -> None:
         if k:
             panel.axhline(k - 0.5, color=FAINT, lw=0.6, zorder=0)
         panel.text(
-            1.01, k, _weight(readings, strip.numbers), transform=panel.get_yaxis_transform(), fontsize=7, va="center"
+            1.01,
+            k,
+            _weight(readings, strip.numbers, texts),
+            transform=panel.get_yaxis_transform(),
+            fontsize=7,
+            va="center",
         )
     expected_lines(panel, readings.critical, frame, lying=True)
     draw_dots(panel, marked(readings, places), frame, lying=True)
@@ -129,9 +134,9 @@ def strips_panel(panel: Any, readings: Readings, texts: Texts) -> None:
     panel.tick_params(axis="y", length=0)
 
 
-def _weight(readings: Readings, numbers: np.ndarray) -> str:
+def _weight(readings: Readings, numbers: np.ndarray, texts: Texts) -> str:
     weight = readings.unit_weight(numbers)
-    return f"{weight:.2f}" if np.isfinite(weight) else "–"
+    return signs(f"{weight:.2f}", texts) if np.isfinite(weight) else "–"
 
 
 def _cut(name: str) -> str:
@@ -204,9 +209,9 @@ def residuals_by_position(solution: Solution, texts: Texts = ENGLISH) -> Figure:
         position_panel(panel, readings, i, texts)
     for panel in panels.ravel()[len(moved) :]:
         panel.remove()
-    figure.suptitle(f"{solution.machine.name}: {texts('residuals.over_positions')}", fontsize=10)
+    heading(figure, f"{solution.machine.name}: {texts('residuals.over_positions')}")
     figure.supxlabel(footnote(readings, texts), fontsize=7, x=0.01, ha="left", color=NEUTRAL)
-    all_as_written(figure)
+    finished(figure, texts)
     return figure
 
 

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MARKERS = (".", "x", "+", "1", "2", "3", "4")
+LETTERS = 12.5  # of the legend, beside each other in an inch
+NO_BREAK = "\u00a0"
 FEW = 350  # points of a set in a drawing
 
 
@@ -48,7 +50,7 @@ def draw_scene(panel: Any, scene: Scene, texts: Texts = ENGLISH) -> None:
     points = [p.places for p in scene.points]
     prepare(panel, np.concatenate([scene.box, *points, *(s[None] for s in stands), *scene.tools]))
     low, high = scene.box.min(axis=0), scene.box.max(axis=0)
-    draw_box(panel, low, high, ranges=False)
+    draw_box(panel, low, high, None)
     for station in scene.stations:
         for target in scene.beams.get(station.name, np.zeros((0, 3)))[::3]:
             panel.plot(*projected(np.array([station.place, target])).T, color=FAINT, lw=0.6, zorder=0)
@@ -66,12 +68,15 @@ def draw_scene(panel: Any, scene: Scene, texts: Texts = ENGLISH) -> None:
         label = texts("field.tools") if i == 0 else None
         panel.plot(*projected(tool).T, "-", color=BLACK, lw=2.5, label=label, zorder=3)
     _draw_stands(panel, scene, texts)
-    volume = ", ".join(range_words(name, *ends) for name, *ends in zip("XYZ", low, high, strict=True))
+    ranges = [range_words(name, a, b, texts) for name, a, b in zip("XYZ", low, high, strict=True)]
+    letters = int(LETTERS * panel.figure.get_figwidth())
+    volume = "\n".join(wrap(f"{texts('field.box')}: {', '.join(r.replace(' ', NO_BREAK) for r in ranges)}", letters))
     handles, labels = panel.get_legend_handles_labels()
     once = dict(zip(labels, handles, strict=True))
+    columns = min(3, max(1, letters // (max(map(len, once), default=0) + 8)))
     panel.legend(
-        once.values(), once.keys(), title=f"{texts('field.box')}: {volume}", title_fontsize=8, fontsize=8, frameon=False,
-        loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=3,
+        once.values(), once.keys(), title=volume, title_fontsize=8, fontsize=8, frameon=False,
+        loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=columns,
     )  # fmt: skip
 
 

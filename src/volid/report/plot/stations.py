@@ -10,7 +10,7 @@ from volid.fitting.solution import Solution
 from volid.report.contents.geometry import MeasuringGeometry, Stand, geometry_of
 from volid.report.language import ENGLISH, Texts
 from volid.report.plot.asked import Asked
-from volid.report.plot.dots import all_as_written, halo, near_each_other, quiet
+from volid.report.plot.dots import finished, halo, near_each_other, quiet
 from volid.report.plot.palette import ATTENTION, BLACK, NEUTRAL, PAPER, SERIES
 from volid.report.plot.panels import figure_with_panels
 
@@ -69,7 +69,7 @@ def station_geometry(solution: Solution, texts: Texts = ENGLISH) -> Figure:
     handles, labels = panels[0][0].get_legend_handles_labels()
     panels[1][1].legend(handles, labels, fontsize=8, frameon=False, loc="center left")
     figure.suptitle(f"{solution.machine.name}\n{title_of(geometry, texts)}", fontsize=9)
-    all_as_written(figure)
+    finished(figure, texts)
     return figure
 
 

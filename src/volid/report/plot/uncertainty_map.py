@@ -11,9 +11,9 @@ from volid.fitting.solution import Solution
 from volid.model.machine import Machine
 from volid.report.language import ENGLISH, Texts
 from volid.report.plot.asked import Asked, NothingToDrawError
-from volid.report.plot.dots import all_as_written, quiet
+from volid.report.plot.dots import finished, quiet
 from volid.report.plot.palette import ATTENTION, NEUTRAL, PAPER, SIZES
-from volid.report.plot.panels import figure_with_panels
+from volid.report.plot.panels import figure_with_panels, heading, shown_vector, signs
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -74,13 +74,12 @@ def uncertainty_sections(solution: Solution, tool: tuple[float, float, float], t
         1, len(shown), figsize=(WIDTH, min(max(height, 1.8), 6.0) + 1.3), squeeze=False, width_ratios=widths
     )
     for panel, section in zip(panels[0], shown, strict=True):
-        image = section_panel(panel, section, largest, solution.campaign.machine)
+        image = section_panel(panel, section, largest, said_cut(section, solution.campaign.machine, texts))
     figure.colorbar(image, ax=panels[0], label="U (k = 2) / µm", shrink=0.9)
-    said = ", ".join(f"{t:g}".replace("-", "\u2212") for t in tool)
-    figure.suptitle(f"{solution.machine.name}: {texts('uncertainty_map.title', tool=said)}", fontsize=10)
+    heading(figure, f"{solution.machine.name}: {texts('uncertainty_map.title', tool=shown_vector(tool, texts))}")
     if not all(np.isfinite(s.expanded).all() for s in shown):
         figure.supxlabel(texts("uncertainty_map.hatched"), fontsize=8, color=ATTENTION)
-    all_as_written(figure)
+    finished(figure, texts)
     return figure
 
 
@@ -129,7 +128,7 @@ def cut_positions(machine: Machine, pair: tuple[str, str]) -> dict[str, float]:
     return found
 
 
-def section_panel(panel: Any, section: Section, largest: float, machine: Machine) -> Any:
+def section_panel(panel: Any, section: Section, largest: float, title: str) -> Any:
     """U of one section in µm, from 0 to `largest` [mm] for all sections; what is drawn, for a colour bar."""
     from matplotlib.patches import Rectangle
     from matplotlib.ticker import MaxNLocator
@@ -143,13 +142,13 @@ def section_panel(panel: Any, section: Section, largest: float, machine: Machine
     panel.set_aspect("equal")
     panel.set_xlabel(f"{section.axes[0]} / mm", fontsize=8)
     panel.set_ylabel(f"{section.axes[1]} / mm", fontsize=8)
-    panel.set_title(said_cut(section, machine), fontsize=8, loc="left")
+    panel.set_title(title, fontsize=8, loc="left")
     quiet(panel)
     return image
 
 
-def said_cut(section: Section, machine: Machine) -> str:
+def said_cut(section: Section, machine: Machine, texts: Texts) -> str:
     """Where the section cuts: "Z = -250 mm, A = 0°"."""
     units = {letter: "°" if machine.axis(letter).unit in ("deg", "°") else " mm" for letter in section.cut}
-    texts = (f"{letter} = {value:g}{units[letter]}" for letter, value in section.cut.items())
-    return ", ".join(texts).replace("-", "\u2212")
+    cuts = (f"{letter} = {signs(f'{value:g}', texts)}{units[letter]}" for letter, value in section.cut.items())
+    return ", ".join(cuts)

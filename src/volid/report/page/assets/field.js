@@ -125,7 +125,7 @@ function deviationField(root, data) {
     const box = Scenes.joined(rows, ...at), bent = Scenes.joined(rows, ...there), shafts = arrowLines(there);
     const traces = [
       { type: "scatter3d", mode: "lines", ...box, line: { color: colours.faint, width: 1 }, hoverinfo: "skip" },
-      { type: "scatter3d", mode: "lines", ...bent, line: { color: coloured(now), width: 4, ...colour() }, hoverinfo: "skip" },
+      { type: "scatter3d", mode: "lines", ...bent, line: { color: coloured(now), width: 3, ...colour() }, hoverinfo: "skip" },
       { type: "scatter3d", mode: "lines", ...shafts, line: { color: colours.ink, width: 2.5 }, hoverinfo: "skip", visible: arrows.checked },
       { type: "scatter3d", mode: "markers", x: there[0], y: there[1], z: there[2], text: hovers(now), hoverinfo: "text",
         marker: { size: 2, color: Array.from(now.length), showscale: true, colorbar: Scenes.bar(canvas, words.length), ...colour() } },
@@ -142,7 +142,7 @@ function deviationField(root, data) {
       if (JSON.stringify(wanted) !== JSON.stringify(limits)) {
         limits = wanted;
         ["xaxis", "yaxis", "zaxis"].forEach((name, c) => { layout[`scene.${name}.range`] = limits[c]; });
-        layout["scene.aspectratio"] = Scenes.ratio(limits, zoom());
+        layout["scene.aspectratio"] = Scenes.ratio(canvas, limits, zoom());
         layout["scene.annotations"] = Scenes.names(limits, data.axes);
       }
       if (recoloured) {

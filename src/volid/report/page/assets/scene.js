@@ -50,7 +50,7 @@ const Scenes = (() => {
     });
     return {
       scene: {
-        xaxis: axis(0), yaxis: axis(1), zaxis: axis(2), aspectmode: "manual", aspectratio: ratio(ranges, first(canvas)),
+        xaxis: axis(0), yaxis: axis(1), zaxis: axis(2), aspectmode: "manual", aspectratio: ratio(canvas, ranges, 1),
         camera: camera("oblique"), dragmode: "orbit", domain: { x: [0, 1], y: [isNarrow(canvas) ? 0.13 : 0, 1] }, annotations: names(ranges, titles),
       },
       font: { family: FONT, size: 12, color: colours.ink }, margin: { l: 0, r: 0, t: 0, b: isNarrow(canvas) ? 8 : 0 }, showlegend: false,
@@ -75,11 +75,13 @@ const Scenes = (() => {
     }));
   }
 
-  /* Sides of the drawn box, one scale for all axes. */
-  function ratio(ranges, zoom) {
-    const lengths = ranges.map(([low, high]) => high - low);
-    const whole = Math.hypot(...lengths) / (1.95 * zoom);
-    return { x: lengths[0] / whole, y: lengths[1] / whole, z: lengths[2] / whole };
+  /* Sides of the drawn box, one scale for all axes: as large as the canvas has room for in the first view, names beside it.
+     A side of 2 is as long as the canvas is high; seen from X, Y and Z the box fits too. */
+  function ratio(canvas, ranges, zoom) {
+    const [x, y, z] = ranges.map(([low, high]) => high - low);
+    const room = canvas.clientWidth - (isNarrow(canvas) ? 120 : 260), high = canvas.clientHeight * (isNarrow(canvas) ? 0.87 : 1);
+    const fit = Math.min(1.7 / (0.22 * x + 0.35 * y + 0.91 * z), (2 * room) / high / (0.85 * x + 0.53 * y), 1.8 / Math.max(y, z));
+    return { x: zoom * fit * x, y: zoom * fit * y, z: zoom * fit * z };
   }
 
   /* Lines through places: `rows` of numbers of nodes, with gaps between them. */
@@ -129,7 +131,6 @@ const Scenes = (() => {
 
   /* On a phone a drawing is as wide as it is high: names and numbers of the axes need more of it, and the scale lies below. */
   const isNarrow = (canvas) => canvas.clientWidth < 600;
-  const first = (canvas) => (isNarrow(canvas) ? 0.78 : 1);
   const bar = (canvas, words) => ({
     title: { text: words, side: isNarrow(canvas) ? "top" : "right", font: { size: 12 } }, thickness: 14, tickfont: { size: 12 }, outlinewidth: 0,
     ...(isNarrow(canvas) ? { orientation: "h", x: 0.5, len: 0.9, y: 0, yanchor: "bottom", ypad: 0 } : { x: 1, len: 0.8, xpad: 4 }),
@@ -137,14 +138,14 @@ const Scenes = (() => {
 
   /* Buttons for views and distance. */
   function views(root, Plotly, canvas, ranges) {
-    let zoom = first(canvas);
+    let zoom = 1;
     for (const button of root.querySelectorAll("[data-view]")) {
       button.addEventListener("click", () => Plotly.relayout(canvas, { "scene.camera": camera(button.dataset.view) }));
     }
     for (const button of root.querySelectorAll("[data-zoom]")) {
       button.addEventListener("click", () => {
         zoom = Math.min(8, Math.max(0.3, zoom * Number(button.dataset.zoom)));
-        Plotly.relayout(canvas, { "scene.aspectratio": ratio(ranges(), zoom) });
+        Plotly.relayout(canvas, { "scene.aspectratio": ratio(canvas, ranges(), zoom) });
       });
     }
     return () => zoom;

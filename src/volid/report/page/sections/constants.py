@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -17,7 +16,7 @@ from volid.report.page.section import Section, svg
 from volid.report.page.templates import render
 from volid.report.plot.axis_lines import LinePlace, line_places, stands_in_its_frame
 from volid.report.plot.squareness import Angle, angles_of, sketch_panel, sketch_panels
-from volid.report.symbols import angle_words, in_words
+from volid.report.symbols import angle_words, constant_words, plain_symbol
 
 MINUS = "\N{MINUS SIGN}"
 _GROUPS = ("squareness", "location_errors", "tool_frame")
@@ -57,11 +56,11 @@ def _sketches(contents: Contents, texts: Texts) -> list[dict[str, Markup]]:
 
 def _row(entry: Mapping[str, Any], key: str, machine: Machine, texts: Texts) -> dict[str, Any]:
     """A constant of the summary with its symbol, its meaning, and what its sign says."""
-    name = re.sub(r"\(0[A-Z]\)", "0", entry["name"])
+    name = plain_symbol(entry["name"])
     return {
         **entry,
         "symbol": entry.get("symbol", entry["name"]),
-        "meaning": in_words(name, texts),
+        "meaning": constant_words(entry["name"], texts),
         "sign": _sign(name, entry, machine, texts),
         "key": f"{key}.{entry['name']}",
     }

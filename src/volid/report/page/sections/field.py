@@ -22,8 +22,7 @@ from volid.report.plot.field import (
     state_title,
     texts_number,
 )
-from volid.report.plot.panels import figure_with_panels
-from volid.report.text.basics import vector
+from volid.report.plot.panels import figure_with_panels, shown_vector, signs
 
 PANEL = (4.1, 3.3)  # inch: one small figure
 MIDDLE = (("L-POS", "L-STR", "L-SQU"), ("R-POR",))  # what is drawn between none and all
@@ -49,8 +48,8 @@ def build(contents: Contents, texts: Texts) -> Section | None:
         found=found, reasons=contents.solution.statements,
         drawn=[_drawing(found, s, scale, texts) for s in drawn_states(found)], bar=_bar(scale, texts),
         factor=texts_number(scale.factor, texts), left_out=contents.summary["volume"]["left_out"],
-        states=_names(found, texts), tools=[vector(t).replace("-", "−") for t in found.tools.tolist()],
-        places=_places(found), notes=_notes(found, texts), tool=vector(list(contents.tool)).replace("-", "−"),
+        states=_names(found, texts), tools=[shown_vector(t, texts) for t in found.tools.tolist()],
+        places=_places(found, texts), notes=_notes(found, texts), tool=shown_vector(contents.tool, texts),
     )  # fmt: skip
     return Section("field", title, body, _data(found, scale, texts))
 
@@ -63,7 +62,7 @@ def drawn_states(found: DeviationFields) -> list[int]:
 
 def _drawing(found: DeviationFields, state: int, scale: Scale, texts: Texts) -> Markup:
     figure, panel = figure_with_panels(figsize=PANEL)
-    draw_field(panel, found, state, scale)
+    draw_field(panel, found, state, scale, texts)
     title = state_title(found, state, texts)
     panel.set_title(title, fontsize=9, loc="left")
     return svg(figure, title)
@@ -80,9 +79,9 @@ def _names(found: DeviationFields, texts: Texts) -> list[str]:
     return [state_name(names, texts) for names in found.states]
 
 
-def _places(found: DeviationFields) -> list[str]:
+def _places(found: DeviationFields, texts: Texts) -> list[str]:
     """Rotary positions in words; one, empty, for a machine without rotary axes."""
-    return [", ".join(f"{a} {v:g}°".replace("-", "−") for a, v in place.items()) for place in found.places]
+    return [", ".join(f"{a} {signs(f'{v:g}', texts)}°" for a, v in place.items()) for place in found.places]
 
 
 def _notes(found: DeviationFields, texts: Texts) -> list[str]:

@@ -23,7 +23,7 @@ from volid.report.plot.functions import (
     legend_of_ways,
     remarks,
 )
-from volid.report.plot.panels import SMALL_SIZE, signs, small_panel
+from volid.report.plot.panels import SMALL_SIZE, small_panel
 from volid.report.symbols import in_words
 
 POINTS = 101  # of a curve
@@ -89,13 +89,15 @@ def _table(axis: Axis, rows: list[Mapping[str, Any]], texts: Texts) -> Markup:
     """Ranges and largest U of an axis's functions, with the largest reversal where a function has one."""
     reversal = any(row["largest_reversal"] is not None for row in rows)
     keys = ["function", "range", "u", *(["reversal"] if reversal else [])]
-    head = Markup("").join(Markup('<th scope="col">{}</th>').format(texts(f"functions.table_{key}")) for key in keys)
+    words = [texts(f"functions.table_{key}") for key in keys]
+    head = Markup('<th scope="col">{}</th>').format(words[0])
+    head += Markup("").join(Markup('<th scope="col" class="n">{}</th>').format(word) for word in words[1:])
     body = Markup("\n").join(_row(row, reversal, texts) for row in rows)
-    low, high = (signs(f"{end:g}", texts) for end in axis.travel)
-    caption = texts("functions.table_caption", axis=axis.letter, low=low, high=high, unit=axis.unit)
-    return Markup("<table><caption>{}</caption>\n<thead><tr>{}</tr></thead>\n<tbody>\n{}\n</tbody></table>").format(
-        caption, head, body
-    )
+    low, high = (Numbers(texts).position(end, axis.unit) for end in axis.travel)
+    caption = Markup(texts("functions.table_caption")).format(axis=axis.letter, low=low, high=high)
+    return Markup(
+        '<table class="ranges"><caption>{}</caption>\n<thead><tr>{}</tr></thead>\n<tbody>\n{}\n</tbody></table>'
+    ).format(caption, head, body)
 
 
 def _row(row: Mapping[str, Any], reversal: bool, texts: Texts) -> Markup:
@@ -111,7 +113,9 @@ def _row(row: Mapping[str, Any], reversal: bool, texts: Texts) -> Markup:
         has = row["largest_reversal"] is not None
         cells.append(numbers.number(row["largest_reversal"], unit, f"{key}.largest_reversal", places) if has else "–")
     named = Markup('<th scope="row"><b>{}</b> {}</th>').format(name, in_words(name, texts))
-    return Markup("<tr>{}{}</tr>").format(named, Markup("").join(Markup("<td>{}</td>").format(c) for c in cells))
+    return Markup("<tr>{}{}</tr>").format(
+        named, Markup("").join(Markup('<td class="n">{}</td>').format(c) for c in cells)
+    )
 
 
 def _maps(solution: Solution, texts: Texts) -> Markup:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from typing import Any
 
 from volid.report.contents.contents import Contents
@@ -10,7 +9,7 @@ from volid.report.contents.quantities import LARGEST
 from volid.report.language import Texts
 from volid.report.page.section import Section
 from volid.report.page.templates import render
-from volid.report.symbols import in_words
+from volid.report.symbols import constant_words, plain_symbol
 from volid.standards.results import SIMPLE, WITHHELD, Quantity
 
 
@@ -41,5 +40,5 @@ def _words(symbol: str, texts: Texts) -> str:
     """What a symbol means as something that is limited: the size of a constant, the range of a component or a motion."""
     if symbol.startswith("V_"):
         return texts("limits.accuracy", component=symbol[2:])
-    name = re.sub(r"\(0[A-Z]\)", "0", symbol)
-    return texts("limits.size" if "0" in name else "limits.range", what=in_words(name, texts))
+    name = plain_symbol(symbol)
+    return texts("limits.size" if "0" in name else "limits.range", what=constant_words(symbol, texts))

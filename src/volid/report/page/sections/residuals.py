@@ -15,7 +15,7 @@ from volid.report.contents.readings import Readings, readings_of
 from volid.report.language import Texts
 from volid.report.page.section import Section, svg
 from volid.report.page.templates import render
-from volid.report.plot.dots import RESOLUTION, all_as_written
+from volid.report.plot.dots import RESOLUTION, finished
 from volid.report.plot.panels import figure_with_panels
 from volid.report.plot.residual_distribution import distribution_panel, normal_panel
 from volid.report.plot.residual_regions import moving_pairs, region_panel
@@ -69,23 +69,23 @@ def panels_of(readings: Readings, texts: Texts) -> Iterator[Markup]:
     """The figures of the section one after the other: by station, over time, distributions, positions, regions."""
     names = max(len(s.name) for s in readings.strips)
     frame = Frame(max(SIZE[1], 1.0 + 0.15 * len(readings.strips)), 0.25 + LETTER * min(names, NAME_LENGTH + 1), 0.5)
-    yield _drawn(partial(strips_panel, readings=readings, texts=texts), texts("residuals.by_station"), frame)
+    yield _drawn(partial(strips_panel, readings=readings), texts("residuals.by_station"), texts, frame)
     over = texts("residuals.over_time" if has_times(readings) else "residuals.over_order")
-    yield _drawn(partial(order_panel, readings=readings, texts=texts), over)
+    yield _drawn(partial(order_panel, readings=readings), over, texts)
     if not readings.used.any():
         return
-    yield _drawn(partial(distribution_panel, readings=readings, texts=texts), texts("residuals.distribution"))
-    yield _drawn(partial(normal_panel, readings=readings, texts=texts), texts("residuals.probability"))
+    yield _drawn(partial(distribution_panel, readings=readings), texts("residuals.distribution"), texts)
+    yield _drawn(partial(normal_panel, readings=readings), texts("residuals.probability"), texts)
     axes = readings.campaign.machine.axes
     for i in moving_axes(readings):
         label = texts("residuals.over_axis", axis=axes[i].letter)
-        yield _drawn(partial(position_panel, readings=readings, i=i, texts=texts), label)
+        yield _drawn(partial(position_panel, readings=readings, i=i), label, texts)
     for pair in moving_pairs(readings):
         label = texts("residuals.region_of", axes=", ".join(axes[i].letter for i in pair))
-        yield _drawn(partial(region_panel, readings=readings, pair=pair, texts=texts), label)
+        yield _drawn(partial(region_panel, readings=readings, pair=pair), label, texts)
 
 
-def _drawn(draw: Callable[[Any], Any], label: str, frame: Frame | None = None) -> Markup:
+def _drawn(draw: Callable[..., Any], label: str, texts: Texts, frame: Frame | None = None) -> Markup:
     """One panel as SVG, its dots as a picture that is sharp in print. To find margins would take as long as to draw."""
     frame = Frame() if frame is None else frame
     figure, panel = figure_with_panels(figsize=(SIZE[0], frame.height))
@@ -93,10 +93,10 @@ def _drawn(draw: Callable[[Any], Any], label: str, frame: Frame | None = None) -
     figure.set_dpi(RESOLUTION)
     low, high = 0.45 / frame.height, 1.0 - 0.4 / frame.height
     figure.subplots_adjust(frame.left / SIZE[0], low, 1.0 - frame.right / SIZE[0], high)
-    draw(panel)
+    draw(panel, texts=texts)
     if not panel.get_title(loc="left"):
         panel.set_title(label, fontsize=8, loc="left")
-    all_as_written(figure)
+    finished(figure, texts)
     return svg(figure, label)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
@@ -15,10 +14,11 @@ from volid.report.language import Texts
 from volid.report.page.numbers import Numbers, places_of
 from volid.report.page.section import Section
 from volid.report.page.templates import render, said, sentence
-from volid.report.symbols import angle_words, in_words
+from volid.report.symbols import angle_words, in_words, plain_symbol
 from volid.standards.results import FAIL, PASS, UNDECIDED
 
 GOOD, ATTENTION, BAD = "good", "attention", "bad"  # classes of the style, each with a sign of its own
+IN_A_CARD = 4  # squareness or location errors that stand in one column
 _KEYS = {
     ACCEPTED: "accepted",
     ENLARGED: "enlarged",
@@ -102,15 +102,18 @@ def _open_points(summary: Mapping[str, Any], texts: Texts) -> Iterator[Markup]:
         yield Markup("{} {}").format(texts("verdict.active"), said(active))
 
 
-def _constants(summary: Mapping[str, Any], texts: Texts) -> list[dict[str, Any]]:
-    """Squareness errors, else location errors, with their words and keys."""
+def _constants(summary: Mapping[str, Any], texts: Texts) -> list[list[dict[str, Any]]]:
+    """Squareness errors, else location errors in the machine frame, with their words and keys; many of them in two groups."""
     chosen = "squareness" if summary["squareness"] else "location_errors"
     found = []
     for entry in summary[chosen]:
-        name = re.sub(r"\(0[A-Z]\)", "0", entry["name"])
+        name = plain_symbol(entry["name"])
+        if chosen == "location_errors" and name != entry["name"]:
+            continue
         words = angle_words(name, entry["value"], entry["U"], texts) if chosen == "squareness" else ""
         found.append({**entry, "words": words or in_words(name, texts), "key": f"{chosen}.{entry['name']}"})
-    return found
+    half = -(-len(found) // 2) if len(found) > IN_A_CARD else len(found)
+    return [group for group in (found[:half], found[half:]) if group]
 
 
 def _accuracy(contents: Contents) -> list[dict[str, Any]]:
