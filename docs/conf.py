@@ -16,6 +16,7 @@ from machinery.copies import write_copies  # noqa: E402
 from machinery.docstrings import process  # noqa: E402
 from machinery.figures import write_figures  # noqa: E402
 from machinery.formats import write_formats  # noqa: E402
+from machinery.formulas import setup_formulas  # noqa: E402
 from machinery.interface import write_interface  # noqa: E402
 
 project = "volid"
@@ -30,6 +31,7 @@ html_title = f"volid {release}"
 html_static_path = ["static"]
 html_css_files = ["site.css"]
 html_copy_source = False
+html_math_renderer = "mathml"
 
 myst_enable_extensions = ["dollarmath", "deflist", "colon_fence", "fieldlist"]
 myst_heading_anchors = 4
@@ -69,6 +71,7 @@ def list_links(app, exception) -> None:
 
 def setup(app) -> None:
     """Called by Sphinx."""
+    setup_formulas(app)
     app.connect("config-inited", write_all)
     app.connect("build-finished", list_links)
     app.connect("autodoc-process-docstring", process)
