@@ -12,8 +12,8 @@ from support.trackers import simulated
 from volid.campaign import Campaign
 from volid.exceptions import InputError
 from volid.fitting.equations.choice import engine_named
-from volid.fitting.equations.optimistix_solver import solve_by_optimistix
 from volid.fitting.equations.free_directions import FreeDirections
+from volid.fitting.equations.optimistix_solver import solve_by_optimistix
 from volid.fitting.equations.problem import build_problem, scatter
 from volid.fitting.equations.solver import Objective, solve
 from volid.fitting.equations.system import Normal
