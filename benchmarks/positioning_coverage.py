@@ -11,7 +11,7 @@ import sys
 
 import numpy as np
 
-from volid.standards import positioning_uncertainty
+from volid.standards.positioning import uncertainty
 from volid.standards.positioning.conditions import Conditions, contributions_of
 from volid.standards.positioning.evaluation import quantities_of
 from volid.standards.positioning.runs import PositioningRuns, statistics_of
@@ -54,7 +54,7 @@ def coverage(which: str, instrument: str, tests: int) -> tuple[dict[str, float],
     for test in range(tests):
         true = machine(*MACHINES[which], rng)
         runs = PositioningRuns("X", TARGETS, shown(true, of, rng))
-        U = positioning_uncertainty.expanded(runs, contributions_of(Conditions(**of), runs), quantities_of, test).U
+        U = uncertainty.expanded(runs, contributions_of(Conditions(**of), runs), quantities_of, test).U
         right, seen = (quantities_of(statistics_of(d)) for d in (true, runs.deviations))
         for name in SHOWN:
             inside[name] += bool(abs(float(seen[name] - right[name])) <= U[name])
@@ -64,7 +64,7 @@ def coverage(which: str, instrument: str, tests: int) -> tuple[dict[str, float],
 
 def main(tests: int = 1000) -> None:
     """Print the table of benchmarks/README.md."""
-    positioning_uncertainty.TRIALS = 1000
+    uncertainty.TRIALS = 1000
     print("| machine | instrument |", " | ".join(SHOWN), "|")
     print("|---" * (2 + len(SHOWN)) + "|")
     for which in MACHINES:

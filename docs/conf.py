@@ -3,6 +3,7 @@
 What is written at build (figures, commands, copies of texts of the repository) comes from `machinery`.
 """
 
+import re
 import sys
 from importlib.metadata import version as installed_version
 from pathlib import Path
@@ -16,7 +17,9 @@ from machinery.copies import write_copies  # noqa: E402
 from machinery.docstrings import process  # noqa: E402
 from machinery.figures import write_figures  # noqa: E402
 from machinery.formats import write_formats  # noqa: E402
+from machinery.formulas import setup_formulas  # noqa: E402
 from machinery.interface import write_interface  # noqa: E402
+from sphinx.errors import ExtensionError  # noqa: E402
 
 project = "volid"
 author = "the volid contributors"
@@ -30,6 +33,7 @@ html_title = f"volid {release}"
 html_static_path = ["static"]
 html_css_files = ["site.css"]
 html_copy_source = False
+html_math_renderer = "mathml"
 
 myst_enable_extensions = ["dollarmath", "deflist", "colon_fence", "fieldlist"]
 myst_heading_anchors = 4
@@ -67,8 +71,20 @@ def list_links(app, exception) -> None:
     )
 
 
+def check_offline(app, exception) -> None:
+    """Raises where a page would load anything from the network: the site is read in workshops."""
+    if exception is not None:
+        return
+    for page in Path(app.outdir).rglob("*.html"):
+        for element in re.findall(r"<(?:script|link|img|iframe)\b[^>]*>", page.read_text(encoding="utf-8")):
+            if re.search(r"(?:src|href)=\"(?:https?:)?//", element):
+                raise ExtensionError(f"{page.relative_to(app.outdir)} needs the network: {element}")
+
+
 def setup(app) -> None:
     """Called by Sphinx."""
+    setup_formulas(app)
     app.connect("config-inited", write_all)
     app.connect("build-finished", list_links)
+    app.connect("build-finished", check_offline)
     app.connect("autodoc-process-docstring", process)

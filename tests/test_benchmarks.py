@@ -1,7 +1,12 @@
 """What the benchmarks say of their numbers: ratios, regressions, table. No time is asserted."""
 
+import inspect
+import re
+from importlib import import_module
+
 import numpy as np
 import pytest
+from support.places import ROOT
 
 from benchmarks import measure
 from benchmarks.__main__ import NAMES, compare, table
@@ -86,3 +91,15 @@ def test_even_points_fill_the_cube_more_evenly_than_chance():
     counts = np.histogramdd(points, bins=4, range=[(0, 1)] * 3)[0]
     assert np.abs(counts - 8).max() <= 4  # chance: standard deviation 2.8, largest of 64 about 8
     assert not np.array_equal(points, even_points(512, 3, seed=4))
+
+
+def documented():
+    """Modules that `python -m` runs on the pages: figures nobody can repeat are none."""
+    pages = [ROOT / "docs" / "validation.md", ROOT / "benchmarks" / "README.md", ROOT / "CONTRIBUTING.md"]
+    texts = "".join(p.read_text(encoding="utf-8") for p in pages)
+    return sorted(set(re.findall(r"python -m (benchmarks\.\w+)", texts)))
+
+
+@pytest.mark.parametrize("name", documented())
+def test_what_the_pages_run_can_be_run(name):
+    assert '__name__ == "__main__"' in inspect.getsource(import_module(name))

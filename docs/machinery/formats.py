@@ -6,11 +6,23 @@ from pathlib import Path
 
 from machinery.writing import write
 
-MODULES = ("solutions", "tables", "grids", "functions_csv", "truths", "studies", "networks")
+MODULES = (
+    "campaign.hdf5",
+    "solutions",
+    "tables",
+    "layouts",
+    "grids",
+    "functions_csv",
+    "truths",
+    "studies",
+    "study_results",
+    "networks",
+    "network_results",
+)
 
 
 def write_formats(target: Path) -> None:
     """One text for each module, which `reference/files.md` includes."""
     for name in MODULES:
         text = inspect.getdoc(import_module(f"volid.io.{name}")) or ""
-        write(target / f"{name}.md", text + "\n")
+        write(target / f"{name.rpartition('.')[2]}.md", text + "\n")

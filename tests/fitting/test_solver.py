@@ -12,9 +12,11 @@ from support.trackers import simulated
 from volid.campaign import Campaign
 from volid.exceptions import InputError
 from volid.fitting.equations.choice import engine_named
+from volid.fitting.equations.free_directions import FreeDirections
 from volid.fitting.equations.optimistix_solver import solve_by_optimistix
 from volid.fitting.equations.problem import build_problem, scatter
-from volid.fitting.equations.solver import solve
+from volid.fitting.equations.solver import Objective, solve
+from volid.fitting.equations.system import Normal
 from volid.fitting.fit import fit
 from volid.fitting.starts import find_starts
 from volid.model.error_functions import motion_names
@@ -128,6 +130,31 @@ def test_start_at_the_answer_takes_two_iterations():
     again = solve(problem, start=optimum.z)
     assert again.converged and again.iterations <= 4
     assert difference(problem, again.z, optimum.z, uncertainties(problem, optimum)) < 1e-6
+
+
+class _Rounded(Objective):
+    """Two parameters that are known only together; every gradient has a rounding error of its own."""
+
+    matrix = np.array([[1.0, 1.0 - 1e-6], [1.0 - 1e-6, 1.0]])
+
+    def __init__(self):
+        self.free, self.slopes = FreeDirections(np.eye(2)), 0
+
+    def full_slope(self, z):
+        self.slopes += 1
+        return self.full_normal(z, False)[:2]
+
+    def full_normal(self, z, rough):
+        rounding = 1e-12 * (-1.0) ** self.slopes * np.array([1.0, -1.0])
+        return Normal(0.5 * z @ self.matrix @ z, self.matrix @ z + rounding, self.matrix.copy())
+
+
+def test_a_start_within_rounding_of_the_answer_is_the_answer():
+    """As a streamed fit has it, whose sample is all of the campaign: steps are rounding there and never shrink."""
+    objective = _Rounded()
+    found = solve(solved()[0], np.zeros(2), objective=objective)
+    assert found.converged and objective.slopes <= 2
+    assert np.abs(found.z).max() < 1e-5
 
 
 def test_held_directions_stay_where_they_start():

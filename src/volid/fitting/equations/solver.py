@@ -175,10 +175,12 @@ class _Descent:
     def settled(self, step: np.ndarray) -> bool:
         """Whether the step moves no linear combination of the parameters by more than `SETTLED` of its u: √(gᵀ H⁻¹ g).
 
-        Parameters that are known only together may still move by more than their conditional u, which is rounding then.
+        Parameters that are known only together may still move by more than their conditional u, which is rounding then. A
+        JᵀJ in single precision that no step has proved cannot say so; one in double precision can, at a start that is the
+        minimum already, where steps are rounding and never shrink.
         """
         decrement = float(self.gradient @ step)
-        return self.age > 0 and 0.0 <= decrement <= SETTLED**2
+        return (self.age > 0 or not self.rough) and 0.0 <= decrement <= SETTLED**2
 
     def descends(self, cost: float) -> bool:
         """Whether a trial's cost is no higher than the best, but for rounding."""
@@ -235,9 +237,9 @@ def solve(
     at = _Descent(objective, z)
     for count in range(1, LARGEST_STEPS + 1):
         step, size = at.propose()
-        near, light = at.distance(size) <= TOLERANCE or at.settled(step), at.light
+        close, settled, light = at.distance(size) <= TOLERANCE, at.settled(step), at.light
         trial = objective.free.move(at.z, step)
-        if light and at.age and near:
+        if light and (settled or (at.age and close)):
             at.z, at.cost = trial, max(0.0, at.cost - 0.5 * float(at.gradient @ step))
             return at.optimum(count, True)
         cost, gradient = objective.slope(trial) if np.isfinite(size) else (np.inf, at.gradient)
@@ -246,7 +248,7 @@ def solve(
                 return at.optimum(count, False)
             continue
         at.accept(trial, cost, gradient, size)
-        if light and near:
+        if light and (close or settled):
             return at.optimum(count, True)
         at.relax()
     return at.optimum(LARGEST_STEPS, False)
