@@ -114,3 +114,15 @@ def test_a_machine_in_part_determined_keeps_blank_what_is_not():
     expected = replace(solution, null_space=open_).evaluate(found.lattice.positions({}), TOOL).determined[:, :3]
     np.testing.assert_array_equal(known, expected.all(axis=1))
     assert not known.all()
+
+
+def test_a_grid_that_holds_for_its_own_tool_leaves_the_field_of_other_tools_blank(solution):
+    """Roll of Z is open, which a tool on the spindle axis does not show, and tools beside it do."""
+    roll = next(f for f in solution.model.functions if f.name == "ECZ")
+    null = np.eye(solution.model.n_parameters)[:, roll.parameters]
+    found = deviation_fields(replace(solution, null_space=null), (0.0, 0.0, -150.0), [["L-VOL"]], most=3)
+    beside = np.hypot(found.tools[:, 0], found.tools[:, 1]) > 0.0
+    assert beside.any() and not beside[0]
+    np.testing.assert_array_equal(np.isnan(found.values[:, 0, 1]).all(axis=(1, 2)), beside)
+    assert np.isfinite(found.values[~beside]).all() and np.isfinite(found.values[:, 0, 0]).any(axis=(1, 2)).all()
+    assert np.isfinite(found.motions).all(), "a page holds no numbers that are none"

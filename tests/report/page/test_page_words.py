@@ -159,3 +159,22 @@ def test_numbers_hold_for_the_tool_vector_that_was_asked_for(solution):
         volid.volumetric_summary(solution, tool).before_max, rel=1e-12
     )
     assert np.allclose(found.outlook.forecast.tools, [tool])
+
+
+def test_types_that_are_not_determined_do_not_take_the_others_with_them(single_tool_solution):
+    """Squareness is open with a single tool vector; the grid for this tool vector is not."""
+    found = gather(single_tool_solution)
+    assert {c.name for c in found.outlook.forecast.columns} >= {"none", "L-POS", "L-VOL"}
+    assert [name for name, _ in found.outlook.refused] == ["L-SQU"]
+
+
+def test_a_tool_vector_that_is_not_determined_has_a_page(single_tool_solution):
+    html = page(gather(single_tool_solution, tool=(100.0, 0.0, -150.0)), ENGLISH)
+    assert ENGLISH("field.nothing") in html
+
+
+@pytest.mark.parametrize("texts", [ENGLISH, GERMAN])
+def test_functions_left_out_stand_with_the_readings_that_determine_them(rotary_solution, texts):
+    html = page(gather(rotary_solution, expected=False), texts)
+    named = re.search(r"<li>([^<:]*): " + re.escape(texts("not_determined.reading_straightness")), html)
+    assert named and set(named[1].split(", ")) == {"EYX", "EZX", "EXY", "EZY", "EXZ", "EYZ"}

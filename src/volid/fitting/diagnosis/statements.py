@@ -16,6 +16,7 @@ from volid.observations import KINDS, sets_by_kind
 NAMED = 1e-4  # squared component of the null space from which a function is part of it
 
 PART_OF_WEAK = 0.01  # the same, of what is weakly determined
+FEWEST = 5  # positions of an axis, below which too few may be the reason
 
 
 class _Group(NamedTuple):
@@ -142,7 +143,10 @@ def _is_place_of_workpiece(campaign: Campaign, group: _Group) -> bool:
 def _reason(model: ErrorModel, null: np.ndarray, campaign: Campaign) -> str:
     concerned = [f.name for f in model.functions if f.part != LOCATION and np.sum(null[f.parameters] ** 2) > NAMED]
     reasons = [*_segment_reasons(model, campaign, concerned), *likely_reasons(campaign)]
-    return "; ".join(reasons) or "the readings do not separate them"
+    return (
+        "; ".join(reasons)
+        or "the readings do not separate them; stations, tool vectors or positions that differ more would"
+    )
 
 
 def _standing(campaign: Campaign) -> str:
@@ -177,9 +181,12 @@ def likely_reasons(campaign: Campaign) -> list[str]:
         ways = set(np.unique(np.concatenate([s.all_ends.directions[:, i] for s in campaign.sets])).tolist()) - {0}
         if len(ways) < 2 and any(f.axis == letter for f in map(parse, reversals(campaign.machine))):
             said = "in one direction only" if ways else "without recorded directions"
-            reasons.append(f"axis {letter} was approached {said} (column {letter}_dir)")
-        if count < 5:
-            reasons.append(f"axis {letter} was measured at {count} position{'s' if count > 1 else ''} only")
+            reasons.append(
+                f"axis {letter} was approached {said} (column {letter}_dir); approach its positions from both"
+            )
+        if count < FEWEST:
+            measured = f"{count} position{'s' if count > 1 else ''}"
+            reasons.append(f"axis {letter} was measured at {measured} only; measure {FEWEST} or more over its travel")
     return list(dict.fromkeys(reasons))
 
 

@@ -22,7 +22,7 @@ from volid.compensation.control import Control
 from volid.compensation.package import Compensation, CompensationRequest, compensation_of
 from volid.compensation.residual.fields import moved_by
 from volid.compensation.residual.tools import campaign_tools
-from volid.exceptions import NotDeterminedError
+from volid.exceptions import InputError, NotDeterminedError
 from volid.fitting.prediction.deviations import deviation_values
 from volid.fitting.prediction.working_volume import spread_positions
 from volid.fitting.solution import Solution
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 TABLES_ALONE = ("L-POS", "L-STR", "L-SQU")  # what a control does that has tables of single axes and nothing else
 NONE: tuple[str, ...] = ()
 MOST_TOOLS = 3
+FEW = 64  # places over the volume, at which a control is asked whether it acts, and does anything
 SPREAD = 256  # places over the volume, to which the rigid motion of the workpiece is fitted
 BUDGET = 80_000  # nodes over all fields: 0.7 MB in a page
 CROWDED = 400  # nodes: with more of them nothing is seen of the inner ones
@@ -54,7 +55,7 @@ class DeviationFields:
         places: Positions of the rotary axes by letter [degrees].
         states: What is compensated: names of types that act together, the first state without any.
         values: Deviations of the functional point, machine frame, shape (k, places, states, nodes, 3) [mm]; NaN where the data do
-            not determine them.
+            not determine them, and where a state has grids that hold for another tool vector only.
         u: Their standard uncertainties, shape (k, places, nodes, 3) [mm].
         motions: The rigid motion of the workpiece in each field, as fitted over the whole volume: its deviation at X, Y, Z is
             M · (X, Y, Z, 1), M of shape (k, places, states, 3, 4) [mm].
@@ -76,8 +77,8 @@ class DeviationFields:
 
     @property
     def is_known(self) -> bool:
-        """Whether any value is determined."""
-        return bool(np.isfinite(self.values[:, :, 0]).any())
+        """Whether any value is determined with the first tool vector, that which was asked for, at the first rotary place."""
+        return bool(np.isfinite(self.values[0, 0, 0]).any())
 
     def largest(self, tool: int, place: int, state: int) -> int:
         """Number of the node at which a field is largest in length; -1 where nothing is determined."""
@@ -143,13 +144,13 @@ class _Request(NamedTuple):
             self.solution.machine, SPREAD
         )  # with the nodes: one long computation is quicker than many
         both = np.concatenate([nodes, volume])
-        left = np.array([left_by(self.solution, c, both, tool) for c in self.controls])
+        left = np.array([self._left_by(c, both, tool) for c in self.controls])
         shape = (len(self.places), -1)
         plain = self.solution.evaluate(nodes, tool)
         known = np.asarray(plain.determined[:, :3].all(axis=1))
         values = np.where(known[:, None], left[:, : len(nodes)], np.nan)
         values = np.moveaxis(values.reshape(len(self.controls), *shape, 3), 0, 1)
-        motions = WorkpieceMotion(self.solution.machine, volume, tool).motions(left[:, len(nodes) :])
+        motions = WorkpieceMotion(self.solution.machine, volume, tool).motions(np.nan_to_num(left[:, len(nodes) :]))
         rigid = plain.rigid is not None and bool(plain.rigid.any())
         return (
             values,
@@ -157,6 +158,13 @@ class _Request(NamedTuple):
             self._maps(motions, nodes.reshape(*shape, nodes.shape[1]), tool),
             rigid,
         )
+
+    def _left_by(self, acting: Control, positions: np.ndarray, tool: np.ndarray) -> np.ndarray:
+        """What a control leaves, (m, 3) [mm]; NaN where open rotations let its grids hold for another tool vector only."""
+        try:
+            return left_by(self.solution, acting, positions, tool)
+        except InputError:
+            return np.full((len(positions), 3), np.nan)
 
     def _maps(self, motions: np.ndarray, nodes: np.ndarray, tool: np.ndarray) -> np.ndarray:
         """M of `DeviationFields`, (places, states, 3, 4), of rigid motions (states, 6)."""
@@ -204,16 +212,30 @@ def _controls(
             acting = made.get(" + ".join(names)) or compensation_of(solution, names, request)
         except NotDeterminedError as error:
             lost.append((names, str(error)))
+            continue
+        control = acting.control(solution.machine)
+        reason = _refusal(control, base.tool)
+        if reason:
+            lost.append((names, reason))
         else:
-            found[names] = acting.control(solution.machine)
+            found[names] = control
     return found, tuple(lost)
+
+
+def _refusal(acting: Control, tool: np.ndarray) -> str:
+    """Why a control cannot act over the volume with a tool vector, values of its grids being blank; "" where it can."""
+    try:
+        acting.command(spread_positions(acting.machine, FEW), tool)
+    except InputError as error:
+        return str(error)
+    return ""
 
 
 def _without_idle(
     solution: Solution, acting: _Controls, tool: np.ndarray
 ) -> tuple[_Controls, tuple[tuple[str, ...], ...]]:
     """The controls that change any command over the volume, and the states of those that do not, or only as another one does."""
-    q = spread_positions(solution.machine, 64)
+    q = spread_positions(solution.machine, FEW)
     kept: _Controls = {}
     commands: list[np.ndarray] = [q]
     for names, control in acting.items():

@@ -14,6 +14,7 @@ from volid.fitting.solution import Solution
 from volid.model.iso230 import LINEAR_AXES, ROTARY_AXES, parse
 
 DRAWS = 400  # of the parameters: intervals to some percent of their width, in seconds
+TRIED = 20  # draws, the fewest that have intervals, where it is only asked whether there is a prediction
 TOGETHER = (("L-VOL", "R-VOL"), ("L-VOL+", "R-VOL+"))
 
 
@@ -64,24 +65,26 @@ def outlook(solution: Solution, tool: tuple[float, float, float]) -> Outlook:
     lists = lists_of(solution)
     try:
         return Outlook(_predicted(solution, tool, lists))
-    except NotDeterminedError as error:
-        return Outlook(reason=str(error).removeprefix("residual: "))
-    except InputError:  # one of the types cannot be made of what is determined: which one?
-        return _one_by_one(solution, tool, lists)
+    except (InputError, NotDeterminedError) as error:  # all of them, or a type made of what is open: which one?
+        return _one_by_one(solution, tool, lists, str(error).removeprefix("residual: "))
 
 
-def _one_by_one(solution: Solution, tool: tuple[float, float, float], lists: list[tuple[str, ...]]) -> Outlook:
-    """The same, without the types that cannot be predicted."""
+def _one_by_one(
+    solution: Solution, tool: tuple[float, float, float], lists: list[tuple[str, ...]], reason: str
+) -> Outlook:
+    """The same, without the types that cannot be predicted; `reason` where none can."""
     kept, refused = [], []
     for names in lists:
         try:
-            _predicted(solution, tool, [names])
+            _predicted(solution, tool, [names], TRIED)
         except (InputError, NotDeterminedError) as error:
             refused.append((" + ".join(names), str(error)))
         else:
             kept.append(names)
-    return Outlook(_predicted(solution, tool, kept), refused=tuple(refused))
+    return Outlook(_predicted(solution, tool, kept), refused=tuple(refused)) if kept else Outlook(reason=reason)
 
 
-def _predicted(solution: Solution, tool: tuple[float, float, float], lists: list[tuple[str, ...]]) -> Forecast:
-    return forecast(solution, lists, base_of(solution, tool), np.array([tool]), most_draws=DRAWS)
+def _predicted(
+    solution: Solution, tool: tuple[float, float, float], lists: list[tuple[str, ...]], draws: int = DRAWS
+) -> Forecast:
+    return forecast(solution, lists, base_of(solution, tool), np.array([tool]), most_draws=draws)

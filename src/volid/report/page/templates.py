@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from functools import cache
 from importlib.resources import files
 from typing import Any
@@ -11,6 +12,8 @@ from markupsafe import Markup
 from volid.exceptions import shown
 from volid.report.language import Texts
 from volid.report.page.numbers import Numbers
+
+_WORD = re.compile(r"[A-Za-z]+[,:]?( |$)")  # a plain word, no name of a file or setting
 
 
 @cache
@@ -54,10 +57,10 @@ def english(text: object) -> Markup:
 
 
 def sentence(text: str) -> Markup:
-    """The same as a whole sentence.
+    """The same as a whole sentence; what begins with a name, such as that of a file, keeps it as it is.
 
-    >>> print(sentence("the fit has not converged"))
-    <span lang="en">The fit has not converged.</span>
+    >>> print(sentence("the fit has not converged"), sentence("data/runs.csv: read in µm"))
+    <span lang="en">The fit has not converged.</span> <span lang="en">data/runs.csv: read in µm.</span>
     """
-    text = text[:1].upper() + text[1:]
+    text = text[:1].upper() + text[1:] if _WORD.match(text) else text
     return english(text if text.endswith((".", "?", "!")) else f"{text}.")
