@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from volid.compensation.base import base_of
+from volid.compensation.package import CompensationRequest, compensation_of
 from volid.compensation.residual.forecast import Forecast, forecast
 from volid.compensation.types import TYPES, select
 from volid.exceptions import InputError, NotDeterminedError
@@ -73,9 +74,10 @@ def outlook(solution: Solution, tool: tuple[float, float, float]) -> Outlook:
 def _one_by_one(solution: Solution, tool: tuple[float, float, float], lists: list[tuple[str, ...]]) -> Outlook:
     """The same, without the types that cannot be predicted."""
     kept, refused = [], []
+    request = CompensationRequest(base_of(solution, tool), uncertainty=False)
     for names in lists:
         try:
-            _predicted(solution, tool, [names])
+            compensation_of(solution, names, request)
         except (InputError, NotDeterminedError) as error:
             refused.append((" + ".join(names), str(error)))
         else:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from scipy.special import chdtrc
 
+from volid.exceptions import cut
 from volid.fitting.solution import Solution
 from volid.report.contents.readings import Readings, readings_of
 from volid.report.language import ENGLISH, Texts
@@ -63,7 +64,7 @@ def residuals_by_region(solution: Solution, texts: Texts = ENGLISH) -> Figure:
         why = "one_line" if readings.used.any() else "nothing_checks"
         panels[0][0].text(0.5, 0.5, texts(f"residuals.{why}"), ha="center", va="center", fontsize=9)
         panels[0][0].set_axis_off()
-    figure.suptitle(f"{solution.machine.name}: {texts('residuals.by_region')}", fontsize=10)
+    figure.suptitle(f"{cut(solution.machine.name)}: {texts('residuals.by_region')}", fontsize=10)
     all_as_written(figure)
     return figure
 

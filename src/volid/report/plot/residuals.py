@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from volid.exceptions import cut, shown
 from volid.fitting.solution import Solution
 from volid.report.contents.readings import Readings, readings_of
 from volid.report.language import ENGLISH, Texts
@@ -59,7 +60,7 @@ def residual_plot(solution: Solution, texts: Texts = ENGLISH) -> Figure:
     order_panel(panels[1][0], readings, texts)
     distribution_panel(panels[0][1], readings, texts)
     normal_panel(panels[1][1], readings, texts)
-    figure.suptitle(f"{solution.machine.name}: {texts('residuals.title')}", fontsize=10)
+    figure.suptitle(f"{cut(solution.machine.name)}: {texts('residuals.title')}", fontsize=10)
     figure.supxlabel(footnote(readings, texts), fontsize=7, x=0.01, ha="left", color=NEUTRAL)
     all_as_written(figure)
     return figure
@@ -135,7 +136,7 @@ def _weight(readings: Readings, numbers: np.ndarray) -> str:
 
 
 def _cut(name: str) -> str:
-    return name if len(name) <= NAME_LENGTH else f"{name[: NAME_LENGTH - 1]}…"
+    return cut(shown(name), NAME_LENGTH)
 
 
 def has_times(readings: Readings) -> bool:
@@ -204,7 +205,7 @@ def residuals_by_position(solution: Solution, texts: Texts = ENGLISH) -> Figure:
         position_panel(panel, readings, i, texts)
     for panel in panels.ravel()[len(moved) :]:
         panel.remove()
-    figure.suptitle(f"{solution.machine.name}: {texts('residuals.over_positions')}", fontsize=10)
+    figure.suptitle(f"{cut(solution.machine.name)}: {texts('residuals.over_positions')}", fontsize=10)
     figure.supxlabel(footnote(readings, texts), fontsize=7, x=0.01, ha="left", color=NEUTRAL)
     all_as_written(figure)
     return figure

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from volid.exceptions import cut
 from volid.fitting.solution import Solution
 from volid.model.machine import Machine
 from volid.report.language import ENGLISH, Texts
@@ -77,7 +78,7 @@ def uncertainty_sections(solution: Solution, tool: tuple[float, float, float], t
         image = section_panel(panel, section, largest, solution.campaign.machine)
     figure.colorbar(image, ax=panels[0], label="U (k = 2) / µm", shrink=0.9)
     said = ", ".join(f"{t:g}".replace("-", "\u2212") for t in tool)
-    figure.suptitle(f"{solution.machine.name}: {texts('uncertainty_map.title', tool=said)}", fontsize=10)
+    figure.suptitle(f"{cut(solution.machine.name)}: {texts('uncertainty_map.title', tool=said)}", fontsize=10)
     if not all(np.isfinite(s.expanded).all() for s in shown):
         figure.supxlabel(texts("uncertainty_map.hatched"), fontsize=8, color=ATTENTION)
     all_as_written(figure)
