@@ -5,14 +5,14 @@ import re
 import pytest
 from support.places import SOURCE
 
-from volid.fitting.diagnosis.adequacy import ACCEPTED, ENLARGED, NOT_TESTABLE, REJECTED
+from volid.fitting.diagnosis import adequacy
 from volid.plausibility.record import FURTHER, ITEMS
 from volid.report.certificate.statements import IN_PLACE
 from volid.report.language import table
 from volid.standards.results import FAIL, PASS, UNDECIDED
 
 ROOMS = {"workbook": r'texts\(f?"workbook\.([a-z_]\w*)"', "certificate": r'add_texts\([^"]*"\w+", "([a-z]\w*)"'}
-GRADES = [grade.replace(", ", "_").replace(" ", "_") for grade in (ACCEPTED, ENLARGED, NOT_TESTABLE, REJECTED)]
+GRADES = [grade.replace(", ", "_").replace(" ", "_") for grade in adequacy.GRADES]
 ABSENT = (
     "country",
     "identifier",

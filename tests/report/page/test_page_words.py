@@ -17,7 +17,7 @@ from volid.report.page.page import page
 from volid.report.page.sections.verdict import BAD, headline_of
 
 GERMAN = Texts("de")
-EVIL = '<script>alert("x")</script>\'&\u202eevil\x07'
+EVIL = '<script>alert("x")</script>\'&$\\frac{1}{$ {0} %s\u202eevil\x07'
 ALLOWED = {  # what reads the same in German: symbols, standards, names of types, units
     "1 µrad = 1 µm/m.", "95 %:", "Symbol", "RMS", "L-POS", "L-STR", "L-SQU", "L-ANG", "L-VOL", "L-VOL+", "FOR", "SHA-256",
 }  # fmt: skip

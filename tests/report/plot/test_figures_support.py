@@ -1,7 +1,10 @@
 """The check of figures finds what it is to find, and nothing else."""
 
+from io import StringIO
+
 import numpy as np
 import pytest
+from matplotlib import rc_context
 from support.figures import faults
 
 from volid.report.plot.panels import figure_with_panels
@@ -45,3 +48,16 @@ def test_a_legend_on_the_data():
     assert faults(figure) == ["the legend of 'rising' lies on what is drawn"]
     panel.legend(loc="upper left")
     assert faults(figure) == []
+
+
+def test_names_from_files_are_drawn_as_they_are_written():
+    figure, panel = figure_with_panels(1, 1, figsize=(4, 3))
+    panel.set_title("a $\\frac{1}{$\u202eb\u200f", parse_math=True)
+    panel.set_yticks([0, 1], ["$x^2$", "$ a $"])
+    panel.text(0.5, 0.5, "\x1bS1")
+    stream = StringIO()
+    with rc_context({"svg.fonttype": "none"}):
+        figure.savefig(stream, format="svg")
+    text = stream.getvalue()
+    assert "a $\\frac{1}{$\\u202eb\\u200f" in text and ">$x^2$<" in text and "\\x1bS1" in text
+    assert not {"\u202e", "\u200f", "\x1b"} & set(text)

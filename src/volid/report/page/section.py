@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
 from io import StringIO
 from itertools import count
@@ -38,6 +40,18 @@ class Section:
     data: Any = None
 
 
+def _numbered(figure: int) -> Callable[[re.Match[str]], str]:
+    """What makes an id of a figure its own in the page; those that a figure gives to several of its parts are counted."""
+    seen: Counter[str] = Counter()
+
+    def own(match: re.Match[str]) -> str:
+        name = match.group(1)
+        seen[name] += 1
+        return f'id="f{figure}-{name}"' if seen[name] == 1 else f'id="f{figure}-{name}-{seen[name]}"'
+
+    return own
+
+
 def svg(figure: Figure, label: str) -> Markup:
     """A figure as SVG within the page, with its own names, so that figures do not take each other's clip paths.
 
@@ -52,15 +66,8 @@ def svg(figure: Figure, label: str) -> Markup:
         figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
     text, number = _UNSEEN.sub(lambda match: shown(match.group()), stream.getvalue()), next(_NUMBER)
     text = text[text.index("<svg") :]
-    seen: dict[str, int] = {}  # a name that several artists have is numbered: names are unique within a page
-    text = re.sub(r'\bid="([^"]+)"', lambda match: f'id="f{number}-{_numbered(match.group(1), seen)}"', text)
+    text = re.sub(r'\bid="([^"]+)"', _numbered(number), text)
     text = re.sub(r'(xlink:href="#|url\(#)', rf"\1f{number}-", text)
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.S)
     opening = Markup('<svg role="img" aria-label="{}"').format(label)
     return Markup(text.replace("<svg", opening, 1))  # matplotlib escapes the texts of a figure
-
-
-def _numbered(name: str, seen: dict[str, int]) -> str:
-    """The name itself when it is met first, afterwards with a number."""
-    seen[name] = seen.get(name, 0) + 1
-    return name if seen[name] == 1 else f"{name}.{seen[name]}"

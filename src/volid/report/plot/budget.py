@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from volid.exceptions import InputError
+from volid.exceptions import InputError, cut
 from volid.report.contents.contributions import Contributions, contributions, headline_contributions, with_main_sources
 from volid.report.language import ENGLISH, Texts
 from volid.report.plot.asked import Asked, NothingToDrawError
@@ -31,7 +31,7 @@ def draw(asked: Asked) -> Figure:
         found = headline_contributions(asked.solution, asked.tool, asked.texts)
     except InputError as reason:
         raise NothingToDrawError(str(reason)) from None
-    return _figure(found, asked.texts, f"{asked.solution.machine.name}: {said_of_tool(asked.tool, asked.texts)}")
+    return _figure(found, asked.texts, f"{cut(asked.solution.machine.name)}: {said_of_tool(asked.tool, asked.texts)}")
 
 
 def said_of_tool(tool: Sequence[float], texts: Texts) -> str:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from volid.exceptions import cut
 from volid.fitting.solution import Solution
 from volid.report.contents.correlations import LISTED, STRONG, Correlations, Pair, correlations_of
 from volid.report.language import ENGLISH, Texts
@@ -50,7 +51,7 @@ def correlation_matrix(solution: Solution, texts: Texts = ENGLISH) -> Figure:
     figure, panel = figure_with_panels(figsize=(SIDE + 2.2, SIDE + 1.0 + 0.17 * len(lines)))
     image = matrix_panel(panel, found)
     figure.colorbar(image, ax=panel, label=texts("correlation.coefficient"), shrink=0.7)
-    heading(figure, f"{solution.machine.name}: {texts('correlation.title')}")
+    heading(figure, f"{cut(solution.machine.name)}: {texts('correlation.title')}")
     more = [texts("correlation.more", n=len(pairs) - LISTED)] if len(pairs) > LISTED else []
     said = [
         texts("correlation.strong" if lines else "correlation.none", limit=signs(f"{STRONG:g}", texts)),

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from volid.exceptions import cut
 from volid.fitting.results import FunctionValue
 from volid.fitting.solution import Solution
 from volid.model.iso230 import parse
@@ -63,7 +64,7 @@ def coverage_bands(
         panel.set_ylabel(f"{parse(name).report_unit}", fontsize=8)
         _finish(panel, texts)
     _share(panels.ravel(), names)
-    title = texts("figures.coverage_title", machine=solution.machine.name)
+    title = texts("figures.coverage_title", machine=cut(solution.machine.name))
     heading(figure, title, *panels[0][0].get_legend_handles_labels())
     note_below(figure, [texts("functions.same_scales")])
     return figure
@@ -126,7 +127,7 @@ def volume_distribution(solution: Solution, tool: Sequence[float], *, texts: Tex
         panel.set_yticks([])
         panel.locator_params(axis="x", nbins=4)
         _finish(panel, texts)
-    title = texts("figures.distribution_title", machine=solution.machine.name)
+    title = texts("figures.distribution_title", machine=cut(solution.machine.name))
     heading(figure, title, *panels[0].get_legend_handles_labels())
     note_below(figure, [texts("figures.tool_only", tool=shown_vector(tool, texts))])
     return figure

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from volid.exceptions import cut
 from volid.fitting.solution import Solution
 from volid.report.contents.deviation_field import DeviationFields, deviation_fields
 from volid.report.contents.lattice import Lattice, grouped
@@ -68,7 +69,7 @@ def deviation_volume(
     colour_bar(figure, panels, scale, texts)
     drawn = texts("field.drawn", factor=texts_number(scale.factor, texts))
     with_tool = texts("field.with_tool", tool=shown_vector(found.tools[0].tolist(), texts))
-    figure.suptitle("\n".join([solution.machine.name, f"{drawn}, {with_tool}"]), fontsize=10)
+    figure.suptitle("\n".join([cut(solution.machine.name), f"{drawn}, {with_tool}"]), fontsize=10)
     return figure
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from volid.compensation.residual.fields import ANGLES, LENGTHS
 from volid.compensation.residual.forecast import NONE, Forecast
+from volid.exceptions import cut
 from volid.report.contents.outlook import outlook
 from volid.report.language import ENGLISH, Texts
 from volid.report.plot.asked import Asked, NothingToDrawError
@@ -145,4 +146,4 @@ def draw(asked: Asked) -> Figure:
     found = outlook(asked.solution, asked.tool)
     if found.forecast is None:
         raise NothingToDrawError(found.reason)
-    return forecast_figure(found.forecast, asked.solution.machine.name, texts=asked.texts)
+    return forecast_figure(found.forecast, cut(asked.solution.machine.name), texts=asked.texts)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from volid.exceptions import cut
 from volid.fitting.solution import Solution
 from volid.model.iso230 import DIRECTIONS, parse
 from volid.model.machine import Axis
@@ -77,7 +78,7 @@ def error_functions(
         _column(column, own, ends, truth or {}, texts)
     if not own_scales:
         _first_of_row(panels)
-    title = texts("functions.title", machine=solution.machine.name)
+    title = texts("functions.title", machine=cut(solution.machine.name))
     heading(figure, title, *legend_of_ways(figure.axes, texts))
     scales = texts("functions.own_scales" if own_scales else "functions.same_scales")
     note_below(figure, [scales, *remarks(found, shown, texts)])
@@ -206,7 +207,7 @@ def cross_effects(solution: Solution, *, texts: Texts = ENGLISH) -> Figure:
         figure.colorbar(areas, ax=panel, label=parse(name).report_unit)
     for panel in panels.ravel()[len(names) :]:
         panel.set_axis_off()
-    heading(figure, texts("functions.cross_title", machine=solution.machine.name))
+    heading(figure, texts("functions.cross_title", machine=cut(solution.machine.name)))
     return figure
 
 

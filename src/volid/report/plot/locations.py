@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from volid.exceptions import cut
 from volid.fitting.results import FunctionValue
 from volid.fitting.solution import Solution
 from volid.model.iso230 import ROTARY_AXES, parse
@@ -49,7 +50,7 @@ def location_errors(solution: Solution, truth: Mapping[str, float] | None = None
         _column(column, shown, truth, texts)
         column[0].set_title(texts(f"figures.{key}"), fontsize=9, loc="left", color=NEUTRAL)
     labels = panels[0][0].get_legend_handles_labels() if truth else ()
-    heading(figure, texts("figures.locations_title", machine=solution.machine.name), *labels)
+    heading(figure, texts("figures.locations_title", machine=cut(solution.machine.name)), *labels)
     unknown = ", ".join(r.name for r in rows if not np.isfinite(r.value))
     note_below(figure, [texts("functions.not_determined", names=unknown)] if unknown else [])
     return figure

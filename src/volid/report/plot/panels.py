@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from volid.exceptions import shown
 from volid.report.language import Texts
 from volid.report.plot.palette import NEUTRAL, SIGNED
 
@@ -109,6 +110,7 @@ def _comma_formatter() -> Any:
     return CommaFormatter
 
 
+NAME_LENGTH = 28  # characters of the name of a station, a sphere or a set within a figure
 TITLE, SMALL = 11, 8  # points of a figure's title, and of its legend and notes
 
 
@@ -146,6 +148,18 @@ def as_written(texts: Iterable[Any]) -> None:
     """Texts of matplotlib that hold names from files: a dollar sign in them begins no formula."""
     for text in texts:
         text.set_parse_math(False)
+
+
+def plain_texts(figure: Figure) -> None:
+    """Every text of a figure as it is written, because it may hold names from files: a dollar sign begins no formula, control
+    characters and marks of direction are shown, not obeyed."""
+    from matplotlib.text import Text
+
+    for text in figure.findobj(Text):
+        text.set_parse_math(False)
+        written = text.get_text()
+        if (harmless := shown(written)) != written:
+            text.set_text(harmless)
 
 
 def note_below(figure: Figure, lines: Sequence[str], width: int | None = None) -> None:
@@ -200,7 +214,11 @@ def _figure_class() -> Any:
     from matplotlib.figure import Figure
 
     class ShownFigure(Figure):
-        """A figure that a notebook shows as the last value of a cell."""
+        """A figure that a notebook shows as the last value of a cell; names from files are drawn as they are written."""
+
+        def draw(self, renderer: Any) -> None:
+            plain_texts(self)
+            super().draw(renderer)
 
         def _repr_png_(self) -> bytes:
             from io import BytesIO

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from scipy.special import chdtrc
 
+from volid.exceptions import cut
 from volid.fitting.solution import Solution
 from volid.report.contents.readings import Readings, readings_of
 from volid.report.language import ENGLISH, Texts
@@ -72,7 +73,7 @@ def residuals_by_region(solution: Solution, texts: Texts = ENGLISH) -> Figure:
         why = "one_line" if readings.used.any() else "nothing_checks"
         panels[0][0].text(0.5, 0.5, texts(f"residuals.{why}"), ha="center", va="center", fontsize=9)
         panels[0][0].set_axis_off()
-    heading(figure, f"{solution.machine.name}: {texts('residuals.by_region')}")
+    heading(figure, f"{cut(solution.machine.name)}: {texts('residuals.by_region')}")
     finished(figure, texts)
     return figure
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from volid.exceptions import cut, shown
 from volid.fitting.solution import Solution
 from volid.report.contents.readings import Readings, readings_of
 from volid.report.language import ENGLISH, Texts
@@ -59,7 +60,7 @@ def residual_plot(solution: Solution, texts: Texts = ENGLISH) -> Figure:
     order_panel(panels[1][0], readings, texts)
     distribution_panel(panels[0][1], readings, texts)
     normal_panel(panels[1][1], readings, texts)
-    heading(figure, f"{solution.machine.name}: {texts('residuals.title')}")
+    heading(figure, f"{cut(solution.machine.name)}: {texts('residuals.title')}")
     figure.supxlabel(footnote(readings, texts), fontsize=7, x=0.01, ha="left", color=NEUTRAL)
     finished(figure, texts)
     return figure
@@ -140,7 +141,7 @@ def _weight(readings: Readings, numbers: np.ndarray, texts: Texts) -> str:
 
 
 def _cut(name: str) -> str:
-    return name if len(name) <= NAME_LENGTH else f"{name[: NAME_LENGTH - 1]}…"
+    return cut(shown(name), NAME_LENGTH)
 
 
 def has_times(readings: Readings) -> bool:
@@ -209,7 +210,7 @@ def residuals_by_position(solution: Solution, texts: Texts = ENGLISH) -> Figure:
         position_panel(panel, readings, i, texts)
     for panel in panels.ravel()[len(moved) :]:
         panel.remove()
-    heading(figure, f"{solution.machine.name}: {texts('residuals.over_positions')}")
+    heading(figure, f"{cut(solution.machine.name)}: {texts('residuals.over_positions')}")
     figure.supxlabel(footnote(readings, texts), fontsize=7, x=0.01, ha="left", color=NEUTRAL)
     finished(figure, texts)
     return figure

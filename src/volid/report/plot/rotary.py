@@ -8,6 +8,7 @@ import numpy as np
 
 from volid.compensation.grids.grid import RotaryGrid
 from volid.compensation.grids.rotary import rotary_grids
+from volid.exceptions import cut
 from volid.fitting.solution import Solution
 from volid.observations import KINDS
 from volid.report.language import ENGLISH, Texts
@@ -53,7 +54,7 @@ def angle_map(solution: Solution, number: int = 0, held_out: bool = True, *, tex
     bar = figure.colorbar(spots, ax=panel, label=texts("figures.residual_rms"))
     for axis in (panel.xaxis, panel.yaxis, bar.ax.yaxis):
         in_language(axis, texts)
-    heading(figure, texts("figures.angle_map_title", machine=solution.machine.name))
+    heading(figure, texts("figures.angle_map_title", machine=cut(solution.machine.name)))
     return figure
 
 
@@ -139,7 +140,9 @@ def draw(asked: Asked) -> dict[str, Figure]:
     solution, texts = asked.solution, asked.texts
     if all(axis.is_linear for axis in solution.machine.axes):
         raise NothingToDrawError("the machine has no rotary axes")
-    found = {g.side: rotary_grid(g, solution.machine.name, texts=texts) for g in rotary_grids(solution, points=NODES)}
+    found = {
+        g.side: rotary_grid(g, cut(solution.machine.name), texts=texts) for g in rotary_grids(solution, points=NODES)
+    }
     for number, readings in enumerate(solution.campaign.sets):
         if _has_vectors(solution, number):
             found[f"residuals_{_plain(readings.name)}"] = angle_map(solution, number, texts=texts)

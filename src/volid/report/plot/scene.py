@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from volid.exceptions import cut
 from volid.fitting.solution import Solution
 from volid.report.contents.scene import Scene, scene_of
 from volid.report.language import ENGLISH, Texts
 from volid.report.plot.isometric import draw_box, prepare, projected, range_words
 from volid.report.plot.palette import BLACK, FAINT, NEUTRAL, SERIES
-from volid.report.plot.panels import figure_with_panels
+from volid.report.plot.panels import NAME_LENGTH, figure_with_panels
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -40,7 +41,9 @@ def campaign_view(solution: Solution, tool: Sequence[float] | None = None, *, te
     scene = scene_of(solution, solution.most_used_tool() if tool is None else tool)
     figure, panel = figure_with_panels(figsize=(7.2, 5.4))
     draw_scene(panel, scene, texts)
-    panel.set_title("\n".join(wrap(f"{solution.machine.name}: {solution.campaign.title}", 90)), fontsize=9, loc="left")
+    panel.set_title(
+        "\n".join(wrap(f"{cut(solution.machine.name)}: {cut(solution.campaign.title)}", 90)), fontsize=9, loc="left"
+    )
     return figure
 
 
@@ -56,7 +59,7 @@ def draw_scene(panel: Any, scene: Scene, texts: Texts = ENGLISH) -> None:
             panel.plot(*projected(np.array([station.place, target])).T, color=FAINT, lw=0.6, zorder=0)
     for line in scene.lines:
         panel.plot(*projected(line).T, color=NEUTRAL, lw=0.9, zorder=1)
-    names = [f"{p.name} ({p.kind})" for p in scene.points]
+    names = [f"{cut(p.name, NAME_LENGTH)} ({p.kind})" for p in scene.points]
     names = names if len(names) <= len(SERIES) else [p.kind for p in scene.points]  # too many to be told apart
     order = list(dict.fromkeys(names))
     for name, p in zip(names, scene.points, strict=True):
@@ -86,4 +89,6 @@ def _draw_stands(panel: Any, scene: Scene, texts: Texts) -> None:
             x, y = projected(stand.place)
             label = texts(key) if i == 0 else None
             panel.plot(x, y, marker, ms=7, mfc="none", mec=BLACK, mew=1.3, ls="none", label=label, zorder=4)
-            panel.annotate(stand.name, (x, y), xytext=(6, 4), textcoords="offset points", fontsize=8, zorder=5)
+            panel.annotate(
+                cut(stand.name, NAME_LENGTH), (x, y), xytext=(6, 4), textcoords="offset points", fontsize=8, zorder=5
+            )

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from volid.exceptions import cut
 from volid.fitting.solution import Solution
 from volid.model.iso230 import LINEAR_AXES
 from volid.model.machine import Axis
@@ -137,7 +138,7 @@ def volume_sections(
     in_language(bar.yaxis, texts)
     handles = [panels[0].lines[0], panels[0].lines[-1]]
     labels = [texts("figures.commanded"), texts("figures.actual", factor=grouped(factor))]
-    heading(figure, texts("figures.sections_title", machine=solution.machine.name), handles, labels)
+    heading(figure, texts("figures.sections_title", machine=cut(solution.machine.name)), handles, labels)
     note_below(figure, _circumstances(tool, found, largest, texts))
     return figure
 

@@ -6,13 +6,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from volid.exceptions import cut
 from volid.fitting.solution import Solution
 from volid.report.contents.geometry import MeasuringGeometry, Stand, geometry_of
 from volid.report.language import ENGLISH, Texts
 from volid.report.plot.asked import Asked
 from volid.report.plot.dots import finished, halo, near_each_other, quiet
 from volid.report.plot.palette import ATTENTION, BLACK, NEUTRAL, PAPER, SERIES
-from volid.report.plot.panels import figure_with_panels
+from volid.report.plot.panels import NAME_LENGTH, figure_with_panels
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -68,7 +69,7 @@ def station_geometry(solution: Solution, texts: Texts = ENGLISH) -> Figure:
     panels[1][1].set_axis_off()
     handles, labels = panels[0][0].get_legend_handles_labels()
     panels[1][1].legend(handles, labels, fontsize=8, frameon=False, loc="center left")
-    figure.suptitle(f"{solution.machine.name}\n{title_of(geometry, texts)}", fontsize=9)
+    figure.suptitle(f"{cut(solution.machine.name)}\n{title_of(geometry, texts)}", fontsize=9)
     finished(figure, texts)
     return figure
 
@@ -81,7 +82,10 @@ def title_of(geometry: MeasuringGeometry, texts: Texts) -> str:
         else texts("stations.axis", axis=geometry.body)
     )
     text = texts("stations.title", body=body)
-    return f"{text}\n{texts('stations.left_out', names=', '.join(geometry.left_out))}" if geometry.left_out else text
+    if not geometry.left_out:
+        return text
+    names = ", ".join(cut(name, NAME_LENGTH) for name in geometry.left_out)
+    return f"{text}\n{texts('stations.left_out', names=names)}"
 
 
 def extent_of(geometry: MeasuringGeometry) -> tuple[np.ndarray, np.ndarray]:
@@ -151,6 +155,6 @@ def _names(panel: Any, stands: tuple[Stand, ...], pair: list[int], size: float) 
         return
     places = np.array([s.place for s in stands])[:, pair]
     for members in near_each_other(places / size, NEAR):
-        text, at = ", ".join(stands[i].name for i in members), places[members[0]]
+        text, at = ", ".join(cut(stands[i].name, NAME_LENGTH) for i in members), places[members[0]]
         style = {"fontsize": 8, "ha": "left", "va": "bottom", "zorder": 5, "path_effects": halo()}
         panel.annotate(text, at, (4, 3), textcoords="offset points", **style)

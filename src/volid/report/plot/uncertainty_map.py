@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from volid.exceptions import cut
 from volid.fitting.solution import Solution
 from volid.model.machine import Machine
 from volid.report.language import ENGLISH, Texts
@@ -76,7 +77,7 @@ def uncertainty_sections(solution: Solution, tool: tuple[float, float, float], t
     for panel, section in zip(panels[0], shown, strict=True):
         image = section_panel(panel, section, largest, said_cut(section, solution.campaign.machine, texts))
     figure.colorbar(image, ax=panels[0], label="U (k = 2) / µm", shrink=0.9)
-    heading(figure, f"{solution.machine.name}: {texts('uncertainty_map.title', tool=shown_vector(tool, texts))}")
+    heading(figure, f"{cut(solution.machine.name)}: {texts('uncertainty_map.title', tool=shown_vector(tool, texts))}")
     if not all(np.isfinite(s.expanded).all() for s in shown):
         figure.supxlabel(texts("uncertainty_map.hatched"), fontsize=8, color=ATTENTION)
     finished(figure, texts)

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from volid.exceptions import shown
+from volid.exceptions import cut, shown
 from volid.report.contents.contents import Contents
 from volid.report.contents.scene import Scene, Stand, scene_of
 from volid.report.language import Texts
 from volid.report.page.packing import colours, packed
 from volid.report.page.section import Section, svg
 from volid.report.page.templates import render
-from volid.report.plot.panels import figure_with_panels, shown_vector, signs
+from volid.report.plot.panels import NAME_LENGTH, figure_with_panels, shown_vector, signs
 from volid.report.plot.scene import draw_scene
 
 WORDS = ("box", "beams", "lines", "tools", "stations", "spheres", "normalised")
@@ -43,7 +43,7 @@ def _elsewhere(scene: Scene, texts: Texts) -> list[str]:
 def _said(stand: Stand, texts: Texts) -> str:
     x, y, z = (signs(f"{v:.1f}", texts) for v in stand.place)
     joint = "; " if texts.language == "de" else ", "
-    return texts("field.stand", name=stand.name, body=stand.body, place=f"X {x}{joint}Y {y}{joint}Z {z}")
+    return texts("field.stand", name=cut(stand.name), body=stand.body, place=f"X {x}{joint}Y {y}{joint}Z {z}")
 
 
 def _drawing(scene: Scene, texts: Texts) -> Markup:
@@ -59,7 +59,11 @@ def _plain(text: str) -> str:
 
 def _stands(stands: Iterable[Stand], texts: Texts) -> list[dict[str, Any]]:
     return [
-        {"name": _plain(s.name), "place": np.round(s.place, 2).tolist(), "words": _plain(_said(s, texts))}
+        {
+            "name": _plain(cut(s.name, NAME_LENGTH)),
+            "place": np.round(s.place, 2).tolist(),
+            "words": _plain(_said(s, texts)),
+        }
         for s in stands
     ]
 
@@ -74,7 +78,11 @@ def _data(scene: Scene, texts: Texts) -> dict[str, Any]:
     return {
         "box": packed(scene.box),
         "points": [
-            {"name": f"{_plain(p.name)} ({p.kind})", "places": packed(p.places), "normalised": packed(p.normalised)}
+            {
+                "name": f"{_plain(cut(p.name, NAME_LENGTH))} ({p.kind})",
+                "places": packed(p.places),
+                "normalised": packed(p.normalised),
+            }
             for p in scene.points
         ],
         "stations": _stands(scene.stations, texts),

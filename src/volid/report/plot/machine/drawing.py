@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from volid.exceptions import cut
 from volid.fitting.solution import Solution
 from volid.model.error_functions import reference_of
 from volid.model.machine import Axis, Machine
@@ -70,7 +71,7 @@ def machine_figure(
     machine_panel(upper, scheme)
     chain_panel(lower, machine)
     if title:
-        figure.suptitle(fill(machine.name, int(11.0 * width)), fontsize=10, parse_math=False)
+        figure.suptitle(fill(cut(machine.name), int(11.0 * width)), fontsize=10, parse_math=False)
     return figure
 
 
