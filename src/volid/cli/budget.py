@@ -30,9 +30,9 @@ HELP = "uncertainty budget: which source contributes how much to which output"
 
 _EPILOG = """\
 Sources are the sets of readings, every systematic effect, calibrated lengths and an earlier
-solution (--prior). Outputs are location errors, error functions at 7 positions and the deviation in
-the working volume (largest, RMS, ranges V_X, V_Y, V_Z), or with --at the six components at given
-points. Contributions are standard uncertainties; their squares add up to u². OUT.csv has one row
+solution (--prior). Outputs are location errors, error functions at 7 positions (mean of both directions
+of approach) and the deviation in the working volume (largest, RMS, ranges V_X, V_Y, V_Z), or with
+--at the six components at given points. Contributions are standard uncertainties; their squares add up to u². OUT.csv has one row
 per output and source, largest first: output, position, unit, u, source, u_source, u_source_unit,
 sensitivity, contribution, share (mm and rad). Sensitivity = contribution / u_source, blank where a
 source has members of several u.

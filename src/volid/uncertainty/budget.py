@@ -22,7 +22,7 @@ from volid.fitting.prediction.spread import linear_uncertainty
 from volid.fitting.solution import Solution
 from volid.fitting.streamed import check_refittable
 from volid.observations import KINDS
-from volid.uncertainty.outputs import Outputs
+from volid.uncertainty.outputs import FIELD, Outputs
 from volid.uncertainty.trials.centre import Centre
 
 SMOOTHNESS = "between the positions (smoothness of the functions)"
@@ -93,6 +93,7 @@ def headline_rows(solution: Solution, outputs: Outputs) -> Rows:
     """Functions, location errors and the numbers of the deviation field, these linearised at the solution.
 
     The largest length |e| at its place has the gradient eᵀG/|e|, the RMS over P even points Σ eᵀG/(P·RMS), a range G_max - G_min.
+    A component on which no error motion of the model acts is left out: 0 ± 0 would be a claim.
     """
     x = np.concatenate([np.asarray(solution.parameters), np.asarray(solution.nuisance)])
     matrix, scatter = outputs.rows, outputs.scatter
@@ -109,7 +110,9 @@ def headline_rows(solution: Solution, outputs: Outputs) -> Rows:
         own = np.linalg.norm(e * outputs.directions, axis=1)
         mean = float(np.linalg.norm(own[even])) / total
         scatter = np.concatenate([scatter, [own[worst] / size[worst], mean], np.sqrt(2.0) * outputs.directions])
-    return Rows(outputs.names, outputs.positions, outputs.units, matrix, scatter)
+    kept = [i for i, name in enumerate(outputs.names) if name not in FIELD or matrix[i].any() or scatter[i] > 0.0]
+    names, units = ([of[i] for i in kept] for of in (outputs.names, outputs.units))
+    return Rows(tuple(names), outputs.positions[kept], tuple(units), matrix[kept], scatter[kept])
 
 
 def point_rows(solution: Solution, positions: np.ndarray, tool: np.ndarray, direction: np.ndarray) -> Rows:

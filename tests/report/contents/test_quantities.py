@@ -11,6 +11,8 @@ from volid.report.contents.contents import gather
 from volid.report.language import ENGLISH
 from volid.report.page.sections.limits import build
 from volid.report.text.evaluations import unproved
+from volid.uncertainty.budget import headline_rows
+from volid.uncertainty.outputs import headline_outputs
 
 WIDE = {"largest_deviation": 0.9, "V_X": 0.9, "EXX": 0.9}
 
@@ -43,3 +45,18 @@ def test_a_model_that_is_not_accepted_proves_nothing(positioning, grade, verdict
     assert judged(solution).evaluation["EXX"].verdict == verdict
     narrow = judged(solution, {"EXX": 1e-6}).evaluation["EXX"]
     assert narrow.verdict == ("fail" if grade == ENLARGED else "undecided") and np.isfinite(narrow.value)
+
+
+def test_a_budget_has_no_component_that_nothing_acts_on(positioning):
+    """V_Y of positioning of X and Z alone: not 0 ± 0."""
+    outputs = headline_outputs(positioning, np.zeros(3))
+    rows = headline_rows(positioning, outputs)
+    assert {"V_X", "V_Z"} <= set(rows.names) and "V_Y" not in rows.names
+    assert len(rows.names) == len(rows.units) == len(rows.positions) == len(rows.matrix) == len(rows.scatter)
+
+
+@pytest.mark.parametrize(("limit", "shown"), [(0.01225, "12.25"), (0.05, "50.0"), (0.0123456, "12.3456")])
+def test_a_limit_is_shown_as_it_was_stated(positioning, limit, shown):
+    """12.2 µm would be another limit."""
+    body = build(judged(positioning, {"EXX": limit}), ENGLISH).body
+    assert f'data-key="evaluation.EXX.limit">{shown}</data>' in body

@@ -12,6 +12,7 @@ import numpy as np
 
 from volid.fitting.results import FunctionValue
 from volid.fitting.solution import Solution
+from volid.fitting.tabulation import points_with_waves
 from volid.model.iso230 import describe, parse
 from volid.report.text.basics import scale_of
 
@@ -37,7 +38,7 @@ def picture(solution: Solution, name: str, width: int = 100, plain: bool = False
     EXX positioning of X [um], + o approached in + and -, . value +/- U (k = 2)
     """
     axis = solution.machine.axis(parse(name).axis)
-    rows = solution.motion(name, np.linspace(*axis.travel, POINTS))
+    rows = solution.motion(name, np.linspace(*axis.travel, points_with_waves(solution, name, POINTS)))
     known = [row for row in rows if np.isfinite(row.value)]
     unit = parse(name).report_unit
     both = any(row.direction for row in rows)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from decimal import Decimal
 from typing import Any
 
 from volid.report.contents.contents import Contents
@@ -33,7 +34,19 @@ def _row(quantity: Quantity, texts: Texts) -> dict[str, Any]:
     words = texts("limits.largest") if quantity.symbol == LARGEST else _words(quantity.symbol, texts)
     symbol = "" if quantity.symbol == LARGEST else quantity.symbol
     key, withheld = f"evaluation.{quantity.symbol}", quantity.withheld
-    return {"quantity": quantity, "symbol": symbol, "words": words, "key": key, "withheld": withheld}
+    places = places_as_stated(quantity.limit or 0.0, quantity.unit)
+    return {"quantity": quantity, "symbol": symbol, "words": words, "key": key, "withheld": withheld, "places": places}
+
+
+def places_as_stated(limit: float, unit: str) -> int:
+    """Decimal places, in the unit of the page, that show a limit as it was stated, and one at least: it is exact.
+
+    >>> places_as_stated(0.01225, "mm"), places_as_stated(15e-6, "rad")
+    (2, 1)
+    """
+    moved = {"mm": 3, "rad": 6}.get(unit, 0)
+    exponent = Decimal(repr(float(limit))).scaleb(moved).normalize().as_tuple().exponent
+    return max(1, -int(exponent))
 
 
 def _words(symbol: str, texts: Texts) -> str:
