@@ -54,7 +54,7 @@ const Scenes = (() => {
         camera: camera("oblique"), dragmode: "orbit", domain: { x: [0, 1], y: [isNarrow(canvas) ? 0.13 : 0, 1] }, annotations: names(ranges, titles),
       },
       font: { family: FONT, size: 12, color: colours.ink }, margin: { l: 0, r: 0, t: 0, b: isNarrow(canvas) ? 8 : 0 }, showlegend: false,
-      separators: LANGUAGE === "de" ? ",." : ".,", paper_bgcolor: "rgba(0,0,0,0)", hoverlabel: { align: "left" },
+      separators: LANGUAGE === "de" ? ",." : ".,", paper_bgcolor: "transparent", hoverlabel: { align: "left" },
     };
   }
 
