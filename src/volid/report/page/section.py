@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from dataclasses import dataclass
 from io import StringIO
 from itertools import count
@@ -52,8 +53,20 @@ def svg(figure: Figure, label: str) -> Markup:
         figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
     text, number = _UNSEEN.sub(lambda match: shown(match.group()), stream.getvalue()), next(_NUMBER)
     text = text[text.index("<svg") :]
-    text = re.sub(r'\bid="([^"]+)"', rf'id="f{number}-\1"', text)
+    seen: Counter[str] = Counter()
+    text = re.sub(r'\bid="([^"]+)"', lambda found: f'id="f{number}-{_once(found[1], seen)}"', text)
     text = re.sub(r'(xlink:href="#|url\(#)', rf"\1f{number}-", text)
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.S)
     opening = Markup('<svg role="img" aria-label="{}"').format(label)
     return Markup(text.replace("<svg", opening, 1))  # matplotlib escapes the texts of a figure
+
+
+def _once(name: str, seen: Counter[str]) -> str:
+    """The name of an element; a number after it where the figure has it already: a name must be the only one of its page.
+
+    >>> seen = Counter()
+    >>> _once("rms", seen), _once("rms", seen)
+    ('rms', 'rms-2')
+    """
+    seen[name] += 1
+    return name if seen[name] == 1 else f"{name}-{seen[name]}"
