@@ -15,6 +15,7 @@ from volid.report.contents.contents import gather
 from volid.report.language import ENGLISH, Texts, table
 from volid.report.page.page import page
 from volid.report.page.sections.verdict import BAD, headline_of
+from volid.report.symbols import constant_words
 
 GERMAN = Texts("de")
 EVIL = '<script>alert("x")</script>\'&$\\frac{1}{$ {0} %s\u202eevil\x07'
@@ -37,6 +38,19 @@ def test_the_verdict_stands_first_and_says_what_to_do(contents):
     html = page(contents, ENGLISH)
     body = html[html.index("<main>") :]
     assert body.index(ENGLISH("verdict.accepted")) < body.index(ENGLISH("verdict.accepted_do")) < body.index("<table")
+
+
+def test_drawings_of_a_german_page_write_numbers_and_vectors_in_german(contents):
+    html = page(contents, GERMAN)
+    drawn = re.findall(r"<text[^>]*>([^<]*)</text>", html)
+    assert len([text for text in drawn if re.search(r"\d,\d", text)]) > 20
+    assert [text for text in drawn if re.search(r"\d\.\d", text)] == []
+    assert re.findall(r"Werkzeugvektor \([^;)]*\)", html) == []
+
+
+def test_a_location_error_against_another_axis_says_against_which():
+    assert constant_words("EY0C", GERMAN) != constant_words("EY(0A)C", GERMAN)
+    assert constant_words("EY(0A)C", GERMAN).endswith("gegenüber A")
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ import pytest
 from matplotlib import colormaps
 from matplotlib.colors import to_rgb
 
-from volid.report.plot.palette import ATTENTION, BLACK, FAINT, GOOD, NEUTRAL, SERIES, SIGNED, SIZES, STYLES
+from volid.report.plot.palette import ATTENTION, BLACK, FAINT, GOOD, NEUTRAL, RATIOS, SERIES, SIGNED, SIZES, STYLES
 
 SEEN = {
     "all": np.eye(3),
@@ -90,3 +90,9 @@ def test_signs_differ_for_all_eyes(eyes):
     seen = lab(linear(colours) @ SEEN[eyes].T)
     assert all(np.linalg.norm(seen[i] - seen[-1 - i]) > APART for i in range(4))
     assert np.argmax(seen[:, 0]) in (4, 5, 6)  # zero is lightest
+
+
+def test_black_letters_are_read_on_every_colour_of_a_ratio_and_1_is_the_lightest_in_grey():
+    light = linear([*RATIOS, BLACK]) @ TO_XYZ[1]
+    assert ((light[:-1] + 0.05) / (light[-1] + 0.05) > 7.0).all()  # contrast, WCAG AAA
+    assert light[1] > max(light[0], light[2])
