@@ -39,6 +39,23 @@ def test_the_verdict_stands_first_and_says_what_to_do(contents):
     assert body.index(ENGLISH("verdict.accepted")) < body.index(ENGLISH("verdict.accepted_do")) < body.index("<table")
 
 
+def test_no_figure_of_the_german_page_has_a_decimal_point(contents):
+    texts = re.findall(r"<text[^>]*>([^<]*)</text>", page(contents, GERMAN))
+    assert any("," in text for text in texts)
+    assert [text for text in texts if re.search(r"\d\.\d", text)] == []
+
+
+def test_the_largest_deviation_of_a_part_of_the_machine_says_so(contents, rotary_solution):
+    found = gather(rotary_solution)
+    count = len(found.summary["volume"]["left_out"])
+    assert count == 18  # the rotary table alone: all error motions of X, Y and Z
+    for texts in (ENGLISH, GERMAN):
+        html = page(found, texts)
+        said = texts("verdict.largest_of_model", count=count).replace("'", "&#39;")
+        assert html.index(texts("verdict.largest")) < html.index(said) < html.index(texts("verdict.accuracy"))
+    assert "are left out, and the machine" not in page(contents, ENGLISH)
+
+
 @pytest.mark.parametrize(
     ("name", "texts"),
     [

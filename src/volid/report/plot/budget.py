@@ -14,7 +14,7 @@ from volid.report.language import ENGLISH, Texts
 from volid.report.plot.asked import Asked, NothingToDrawError
 from volid.report.plot.dots import all_as_written, quiet
 from volid.report.plot.palette import BLACK, FAINT, NEUTRAL, SERIES
-from volid.report.plot.panels import figure_with_panels
+from volid.report.plot.panels import figure_with_panels, in_language, shown_vector
 from volid.uncertainty.budget import Line
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ def draw(asked: Asked) -> Figure:
 
 def said_of_tool(tool: Sequence[float], texts: Texts) -> str:
     """For which tool vector the numbers of the volume hold."""
-    return texts("budget.tool", tool=", ".join(f"{t:g}".replace("-", "\u2212") for t in tool))
+    return texts("budget.tool", tool=shown_vector(tool, texts).strip("()"))
 
 
 def budget_bars(lines: Iterable[Line], texts: Texts = ENGLISH, words: Mapping[str, str] | None = None) -> Figure:
@@ -102,6 +102,7 @@ def budget_panel(panel: Any, part: Sequence[Contributions], texts: Texts) -> Non
     panel.set_yticks(rows, [output_words(o.output, texts) for o in part])
     panel.set_ylim(len(part) - 0.5, -0.5)
     panel.set_xlim(0.0, 1.05 * max(ends))
+    in_language(panel.xaxis, texts)
     panel.set_xlabel(texts("budget.axis", unit=unit), fontsize=8)
     panel.set_title(texts(f"budget.{_sort(part[0])}"), fontsize=8, loc="left")
     panel.grid(axis="x", color=FAINT, lw=0.5)

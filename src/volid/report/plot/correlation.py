@@ -13,7 +13,7 @@ from volid.report.language import ENGLISH, Texts
 from volid.report.plot.asked import Asked
 from volid.report.plot.dots import all_as_written, halo
 from volid.report.plot.palette import BLACK, FAINT, NEUTRAL, SIGNED
-from volid.report.plot.panels import figure_with_panels
+from volid.report.plot.panels import figure_in_language, figure_with_panels, signs
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -50,9 +50,14 @@ def correlation_matrix(solution: Solution, texts: Texts = ENGLISH) -> Figure:
     figure, panel = figure_with_panels(figsize=(SIDE + 2.2, SIDE + 1.0 + 0.17 * len(lines)))
     image = matrix_panel(panel, found)
     figure.colorbar(image, ax=panel, label=texts("correlation.coefficient"), shrink=0.7)
+    figure_in_language(figure, texts)
     figure.suptitle(f"{solution.machine.name}: {texts('correlation.title')}", fontsize=10)
     more = [texts("correlation.more", n=len(pairs) - LISTED)] if len(pairs) > LISTED else []
-    said = [texts("correlation.strong" if lines else "correlation.none", limit=f"{STRONG:g}"), *lines, *more]
+    said = [
+        texts("correlation.strong" if lines else "correlation.none", limit=signs(f"{STRONG:g}", texts)),
+        *lines,
+        *more,
+    ]
     said += [texts("correlation.grey")] if np.isnan(found.matrix).any() else []
     figure.supxlabel("\n".join(said), fontsize=7, x=0.01, ha="left", color=NEUTRAL)
     all_as_written(figure)
@@ -62,7 +67,7 @@ def correlation_matrix(solution: Solution, texts: Texts = ENGLISH) -> Figure:
 def words_of(pair: Pair, texts: Texts) -> str:
     """A pair in words: which two, how strongly, and what of them is known better."""
     key = "correlation.difference" if pair.correlation > 0.0 else "correlation.sum"
-    rho = f"{pair.correlation:+.3f}".replace("-", "\u2212")
+    rho = signs(f"{pair.correlation:+.3f}", texts)
     return texts(key, a=pair.parameters[0], b=pair.parameters[1], rho=rho)
 
 

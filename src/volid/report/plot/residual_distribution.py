@@ -11,6 +11,7 @@ from volid.report.contents.readings import Readings
 from volid.report.language import Texts
 from volid.report.plot.dots import PIXELS, frame_of, quiet, thinned
 from volid.report.plot.palette import ATTENTION, FAINT, NEUTRAL, SERIES
+from volid.report.plot.panels import in_language, signs
 
 BINS = 40
 LEVEL = 0.95  # of the band
@@ -30,16 +31,17 @@ def distribution_panel(panel: Any, readings: Readings, texts: Texts) -> None:
         density = np.exp(-0.5 * z**2) / np.sqrt(2.0 * np.pi)
         panel.plot(z, density, color=NEUTRAL, lw=1.2, ls="--", label=texts("residuals.expected"))
         panel.legend(fontsize=7, frameon=False, loc="upper right")
-        said = texts("residuals.spread", n=len(values), rms=f"{np.sqrt(np.mean(values**2)):.2f}")
+        said = texts("residuals.spread", n=len(values), rms=signs(f"{np.sqrt(np.mean(values**2)):.2f}", texts))
         panel.text(0.02, 0.97, said, transform=panel.transAxes, fontsize=7, va="top")
         if beyond:
-            text = texts("residuals.beyond", n=beyond, frame=f"{frame:.1f}")
+            text = texts("residuals.beyond", n=beyond, frame=signs(f"{frame:.1f}", texts))
             panel.text(0.02, 0.80, text, transform=panel.transAxes, fontsize=7, va="top", color=ATTENTION)
     else:
         nothing_checks(panel, texts)
     panel.set_xlim(-frame, frame)
     panel.set_xlabel(texts("residuals.normalised"), fontsize=8)
     panel.set_ylabel(texts("residuals.density"), fontsize=8)
+    in_language(panel.yaxis, texts)
     panel.set_title(texts("residuals.distribution"), fontsize=8, loc="left")
     quiet(panel)
 

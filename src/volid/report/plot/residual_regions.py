@@ -13,7 +13,7 @@ from volid.report.contents.readings import Readings, readings_of
 from volid.report.language import ENGLISH, Texts
 from volid.report.plot.dots import all_as_written, quiet
 from volid.report.plot.palette import ATTENTION, BLACK, NEUTRAL, PAPER, SIZES
-from volid.report.plot.panels import figure_with_panels
+from volid.report.plot.panels import figure_in_language, figure_with_panels, in_language, signs
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -63,6 +63,7 @@ def residuals_by_region(solution: Solution, texts: Texts = ENGLISH) -> Figure:
         why = "one_line" if readings.used.any() else "nothing_checks"
         panels[0][0].text(0.5, 0.5, texts(f"residuals.{why}"), ha="center", va="center", fontsize=9)
         panels[0][0].set_axis_off()
+    figure_in_language(figure, texts)
     figure.suptitle(f"{solution.machine.name}: {texts('residuals.by_region')}", fontsize=10)
     all_as_written(figure)
     return figure
@@ -114,7 +115,7 @@ def region_panel(panel: Any, readings: Readings, pair: tuple[int, int], texts: T
     for i, j in np.ndindex(CELLS, CELLS):
         weight, x, y = cells.weight[i, j], middles[0][i], middles[1][j]
         mark = " !" if cells.flagged[i, j] else ""
-        said = f"{weight:.2f}{mark}\nn {cells.n[i, j]:.0f}" if np.isfinite(weight) else "–"
+        said = f"{signs(f'{weight:.2f}', texts)}{mark}\nn {cells.n[i, j]:.0f}" if np.isfinite(weight) else "–"
         colour = PAPER if weight > DARK else BLACK
         panel.text(x, y, said, ha="center", va="center", fontsize=6.5, color=colour if np.isfinite(weight) else NEUTRAL)
         if cells.flagged[i, j]:
@@ -124,6 +125,8 @@ def region_panel(panel: Any, readings: Readings, pair: tuple[int, int], texts: T
             panel.add_patch(frame)
     axes = readings.campaign.machine.axes
     panel.set_xlabel(f"{axes[pair[0]].letter} / {axes[pair[0]].unit}", fontsize=8)
+    in_language(panel.xaxis, texts)
+    in_language(panel.yaxis, texts)
     panel.set_ylabel(f"{axes[pair[1]].letter} / {axes[pair[1]].unit}", fontsize=8)
     quiet(panel)
     return image

@@ -13,7 +13,7 @@ from volid.report.language import ENGLISH, Texts
 from volid.report.plot.asked import Asked
 from volid.report.plot.dots import MOST, Marked, all_as_written, draw_dots, expected_lines, frame_of, quiet, thinned
 from volid.report.plot.palette import FAINT, NEUTRAL, SERIES
-from volid.report.plot.panels import figure_with_panels
+from volid.report.plot.panels import figure_with_panels, in_language, signs
 from volid.report.plot.residual_distribution import distribution_panel, normal_panel
 from volid.report.plot.residual_regions import residuals_by_region
 
@@ -67,10 +67,10 @@ def residual_plot(solution: Solution, texts: Texts = ENGLISH) -> Figure:
 
 def footnote(readings: Readings, texts: Texts) -> str:
     """What the marks mean, and which the numbered readings are."""
-    lines = [texts("residuals.marks", critical=f"{readings.critical:.1f}")]
+    lines = [texts("residuals.marks", critical=signs(f"{readings.critical:.1f}", texts))]
     for k, number in enumerate(readings.worst, 1):
         aside = texts("residuals.aside") if readings.outlier[number] else texts("residuals.used")
-        size = f"{readings.normalised[number]:+.1f}".replace("-", "\u2212")
+        size = signs(f"{readings.normalised[number]:+.1f}", texts)
         lines.append(f"{k}: {readings.where(number)} ({readings.label(number)}): {size}, {aside}")
     return "\n".join(fill(line, LINE) for line in [*lines, *remarks(readings, texts)])
 
@@ -114,7 +114,12 @@ def strips_panel(panel: Any, readings: Readings, texts: Texts) -> None:
         if k:
             panel.axhline(k - 0.5, color=FAINT, lw=0.6, zorder=0)
         panel.text(
-            1.01, k, _weight(readings, strip.numbers), transform=panel.get_yaxis_transform(), fontsize=7, va="center"
+            1.01,
+            k,
+            _weight(readings, strip.numbers, texts),
+            transform=panel.get_yaxis_transform(),
+            fontsize=7,
+            va="center",
         )
     expected_lines(panel, readings.critical, frame, lying=True)
     draw_dots(panel, marked(readings, places), frame, lying=True)
@@ -129,9 +134,9 @@ def strips_panel(panel: Any, readings: Readings, texts: Texts) -> None:
     panel.tick_params(axis="y", length=0)
 
 
-def _weight(readings: Readings, numbers: np.ndarray) -> str:
+def _weight(readings: Readings, numbers: np.ndarray, texts: Texts) -> str:
     weight = readings.unit_weight(numbers)
-    return f"{weight:.2f}" if np.isfinite(weight) else "–"
+    return signs(f"{weight:.2f}", texts) if np.isfinite(weight) else "–"
 
 
 def _cut(name: str) -> str:
@@ -155,6 +160,7 @@ def order_panel(panel: Any, readings: Readings, texts: Texts) -> None:
     _divide(panel, readings, places)
     panel.set_xlabel(texts("residuals.time" if timed else "residuals.order"), fontsize=8)
     panel.set_ylabel(texts("residuals.normalised"), fontsize=8)
+    in_language(panel.xaxis, texts)
     panel.set_title(texts("residuals.over_time" if timed else "residuals.over_order"), fontsize=8, loc="left", pad=14)
     quiet(panel)
 
@@ -226,6 +232,7 @@ def position_panel(panel: Any, readings: Readings, i: int, texts: Texts) -> None
         for sign in (-1.0, 1.0):
             panel.plot([low, high], [sign * weight] * 2, color=SERIES[1], lw=1.6, zorder=4, gid="rms")
     panel.set_ylim(-frame, frame)
+    in_language(panel.xaxis, texts)
     panel.set_xlabel(f"{axis.letter} / {axis.unit}", fontsize=8)
     panel.set_ylabel(texts("residuals.normalised"), fontsize=8)
     quiet(panel)

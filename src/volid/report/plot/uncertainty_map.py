@@ -13,7 +13,7 @@ from volid.report.language import ENGLISH, Texts
 from volid.report.plot.asked import Asked, NothingToDrawError
 from volid.report.plot.dots import all_as_written, quiet
 from volid.report.plot.palette import ATTENTION, NEUTRAL, PAPER, SIZES
-from volid.report.plot.panels import figure_with_panels
+from volid.report.plot.panels import figure_in_language, figure_with_panels, shown_vector
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -76,7 +76,8 @@ def uncertainty_sections(solution: Solution, tool: tuple[float, float, float], t
     for panel, section in zip(panels[0], shown, strict=True):
         image = section_panel(panel, section, largest, solution.campaign.machine)
     figure.colorbar(image, ax=panels[0], label="U (k = 2) / µm", shrink=0.9)
-    said = ", ".join(f"{t:g}".replace("-", "\u2212") for t in tool)
+    figure_in_language(figure, texts)
+    said = shown_vector(tool, texts).strip("()")
     figure.suptitle(f"{solution.machine.name}: {texts('uncertainty_map.title', tool=said)}", fontsize=10)
     if not all(np.isfinite(s.expanded).all() for s in shown):
         figure.supxlabel(texts("uncertainty_map.hatched"), fontsize=8, color=ATTENTION)

@@ -17,7 +17,7 @@ from volid.report.page.templates import english, render
 from volid.report.plot.asked import NothingToDrawError
 from volid.report.plot.budget import ROW, budget_panel, output_words, parts_of
 from volid.report.plot.dots import all_as_written
-from volid.report.plot.panels import figure_with_panels
+from volid.report.plot.panels import figure_in_language, figure_with_panels
 from volid.report.plot.uncertainty_map import largest_of, said_cut, section_panel, sections_of
 from volid.uncertainty.lack_of_fit import lack_of_fit
 
@@ -40,7 +40,7 @@ def build(contents: Contents, texts: Texts) -> Section | None:
         texts,
         contents=contents,
         panels=list(panels_of(found, texts)),
-        maps=list(maps_of(contents)),
+        maps=list(maps_of(contents, texts)),
         outputs=[(o, output_words(o.output, texts), places_of(o.expanded, o.unit)) for o in known],
         sources=list(known[0].parts) if known else [],
         lack=str(lack_of_fit(contents.solution)),
@@ -51,7 +51,7 @@ def build(contents: Contents, texts: Texts) -> Section | None:
     return Section("budget", texts("page.section_budget"), body)
 
 
-def maps_of(contents: Contents) -> Iterator[Markup]:
+def maps_of(contents: Contents, texts: Texts) -> Iterator[Markup]:
     """U of the deviation field on sections of the volume, all in one scale; nothing where it is not determined."""
     try:
         sections = sections_of(contents.solution, contents.tool)
@@ -64,6 +64,7 @@ def maps_of(contents: Contents) -> Iterator[Markup]:
         bar = figure.colorbar(image, ax=panel, shrink=0.9)
         bar.set_label("U (k = 2) / µm", fontsize=8)
         bar.ax.tick_params(labelsize=7)
+        figure_in_language(figure, texts)
         yield svg(figure, f"U, {said_cut(section, machine)}")
 
 

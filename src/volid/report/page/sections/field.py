@@ -22,8 +22,7 @@ from volid.report.plot.field import (
     state_title,
     texts_number,
 )
-from volid.report.plot.panels import figure_with_panels
-from volid.report.text.basics import vector
+from volid.report.plot.panels import figure_with_panels, shown_vector
 
 PANEL = (4.1, 3.3)  # inch: one small figure
 MIDDLE = (("L-POS", "L-STR", "L-SQU"), ("R-POR",))  # what is drawn between none and all
@@ -49,8 +48,8 @@ def build(contents: Contents, texts: Texts) -> Section | None:
         found=found, reasons=contents.solution.statements,
         drawn=[_drawing(found, s, scale, texts) for s in drawn_states(found)], bar=_bar(scale, texts),
         factor=texts_number(scale.factor, texts), left_out=contents.summary["volume"]["left_out"],
-        states=_names(found, texts), tools=[vector(t).replace("-", "−") for t in found.tools.tolist()],
-        places=_places(found), notes=_notes(found, texts), tool=vector(list(contents.tool)).replace("-", "−"),
+        states=_names(found, texts), tools=[shown_vector(t, texts) for t in found.tools.tolist()],
+        places=_places(found), notes=_notes(found, texts), tool=shown_vector(contents.tool, texts),
     )  # fmt: skip
     return Section("field", title, body, _data(found, scale, texts))
 

@@ -15,9 +15,8 @@ from volid.report.language import Texts
 from volid.report.page.packing import colours, packed
 from volid.report.page.section import Section, svg
 from volid.report.page.templates import render
-from volid.report.plot.panels import figure_with_panels
+from volid.report.plot.panels import figure_with_panels, shown_vector
 from volid.report.plot.scene import draw_scene
-from volid.report.text.basics import vector
 
 WORDS = ("box", "beams", "lines", "tools", "stations", "spheres", "normalised")
 COLOURED_TO = 3.0  # |residual| / u: above, one colour
@@ -30,7 +29,7 @@ def build(contents: Contents, texts: Texts) -> Section | None:
         return None
     shown = sum(len(p.places) for p in scene.points)
     body = render(
-        "stations.html", texts, scene=scene, tool=vector(list(contents.tool)).replace("-", "−"), drawn=_drawing(scene, texts),
+        "stations.html", texts, scene=scene, tool=shown_vector(contents.tool, texts), drawn=_drawing(scene, texts),
         shown=shown, elsewhere=_elsewhere(scene, texts),
     )  # fmt: skip
     return Section("stations", texts("page.section_stations"), body, _data(scene, texts))
