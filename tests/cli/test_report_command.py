@@ -43,3 +43,17 @@ def test_existing_files_and_inputs_are_not_replaced(solution_file, limits, tmp_p
         status, _, stderr = run("report", solution_file, "-o", *arguments)
         assert status == 2 and ("exists" in stderr or "is an input" in stderr)
     assert out.read_text(encoding="utf-8") == "mine"
+
+
+def test_limits_that_cannot_be_read_are_refused_before_the_work(solution_file, tmp_path, run, monkeypatch):
+    def worked(*_):
+        raise AssertionError("the working volume is evaluated before the limits are read")
+
+    monkeypatch.setattr("volid.report.contents.contents.gather", worked)
+    for text, message in (('rule = "kind"\n', "the decision rule"), ("EXX = -1\n", "EXX"), (None, "no such file")):
+        path = tmp_path / "limits.toml"
+        path.unlink(missing_ok=True)
+        if text:
+            path.write_text(text, encoding="utf-8")
+        status, _, stderr = run("report", solution_file, "-o", tmp_path / "page.html", "--limits", path)
+        assert status == 2 and message in stderr and "limits.toml" in stderr

@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+import shlex
 import stat
 import subprocess
 import sys
@@ -256,6 +257,8 @@ def test_provenance(tmp_path):
     record = provenance([path], ["volid", "fit"], {"robust": True})
     assert record[f"sha256 {path}"] == hashlib.sha256(b"readings").hexdigest()
     assert (record["command"], record["options"]) == ("volid fit", '{"robust": true}')
+    words = ["volid", "report", "my solution.h5", "-o", "it's.html"]
+    assert shlex.split(provenance([], words)["command"]) == words  # it can be run again as it stands
     assert record["date"].endswith("+00:00")
     assert all(isinstance(value, str) for value in record.values())
     assert record["numpy"] == __import__("numpy").__version__

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 from dataclasses import replace
 
 from volid.cli.common import add_output, add_solution, attention, check_output, conclude, explain, print_json, tell
@@ -48,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
         solution = read_solution(args.solution)
         progress("changing the datum")
         moved = solution.in_datum(parse_datum(solution.machine, args.to))
-        record = {"datum command": " ".join(args.command_line), f"sha256 {args.solution}": sha256(args.solution)}
+        record = {"datum command": shlex.join(args.command_line), f"sha256 {args.solution}": sha256(args.solution)}
         moved = replace(moved, provenance=dict(solution.provenance) | record)
         write_solution(moved, args.output, args.force)
     old, new = (describe_datum(s.machine, s.datum) for s in (solution, moved))

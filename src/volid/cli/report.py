@@ -73,12 +73,15 @@ def run(args: argparse.Namespace) -> int:
     data = check_handover(args, inputs)
     with Progress() as progress:
         progress("reading the solution")
+        from volid.io.evaluations.limits import read_limits, read_rule
         from volid.io.functions_csv import text_output
         from volid.io.solutions import read_solution
         from volid.report.contents.contents import gather
         from volid.report.language import Texts
         from volid.report.page.page import page
 
+        if args.limits:  # before the work; symbols and sizes are checked with it
+            read_limits(args.limits), read_rule(args.limits)
         solution = read_solution(args.solution)
         progress("evaluating the working volume")
         contents = gather(solution, args.tool, args.solution, args.limits, args.title, args.command_line)

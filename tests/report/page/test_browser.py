@@ -148,6 +148,16 @@ def test_readable_on_a_phone(fresh):
     assert [t for t in texts if t["size"] < (9.0 if t["drawn"] else 12.0) - 1e-6] == []
 
 
+def test_verdict_deviation_and_squareness_are_on_the_first_screen(playwright, rich_solution, tmp_path):
+    volid.save_report(rich_solution, tmp_path / "report.html", tool=TOOL)
+    with opened(playwright, tmp_path / "report.html") as watched:
+        for width, height in ((390, 844), (1280, 800)):
+            watched.page.set_viewport_size({"width": width, "height": height})
+            for part in (".headline", ".card.first .big", ".card.second tbody tr:nth-child(3)"):
+                box = watched.page.locator(part).bounding_box()
+                assert box["y"] + box["height"] <= height, (part, width)
+
+
 def test_contrast_is_enough_everywhere(fresh):
     """WCAG 2.1 AA: 4.5 : 1, large texts 3 : 1."""
     texts = fresh.page.evaluate(TEXTS)

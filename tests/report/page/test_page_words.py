@@ -53,6 +53,17 @@ def test_a_location_error_against_another_axis_says_against_which():
     assert constant_words("EY(0A)C", GERMAN).endswith("gegenüber A")
 
 
+def test_the_largest_deviation_of_a_part_of_the_machine_says_so(contents, rotary_solution):
+    found = gather(rotary_solution)
+    count = len(found.summary["volume"]["left_out"])
+    assert count == 18  # the rotary table alone: all error motions of X, Y and Z
+    for texts in (ENGLISH, GERMAN):
+        html = page(found, texts)
+        said = texts("verdict.largest_of_model", count=count).replace("'", "&#39;")
+        assert html.index(texts("verdict.largest")) < html.index(said) < html.index(texts("verdict.accuracy"))
+    assert "are left out, and the machine" not in page(contents, ENGLISH)
+
+
 @pytest.mark.parametrize(
     ("name", "texts"),
     [

@@ -53,7 +53,9 @@ def atomic_folder(path: str | Path, overwrite: bool = False) -> Iterator[Path]:
     path = Path(path)
     if os.path.isdir(path):  # False for a name too long, which Path.is_dir raises for
         if any(path.iterdir()) and not overwrite:
-            raise OutputError(f"{path} exists; choose another name or pass `overwrite=True`")
+            raise OutputError(
+                f"{path} exists; choose another name or pass `overwrite=True`, which keeps its other files"
+            )
     elif os.path.lexists(path):
         raise OutputError(f"{path} is a file; name a folder")
     real = Path(os.path.realpath(path))

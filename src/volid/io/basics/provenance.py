@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import platform
+import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
@@ -19,15 +20,15 @@ PACKAGES = ("volid", "numpy", "scipy", "jax", "jaxlib", "equinox", "lineax", "op
 def provenance(
     inputs: Iterable[str | Path] = (), command: Sequence[str] = (), options: Mapping[str, Any] | None = None
 ) -> dict[str, str]:
-    """Record of a run, all text: "date" (UTC), "python", one entry per package, "command", "options" (JSON), and
-    "sha256 <path>" for each input file. A path that is no text appears as in messages.
+    """Record of a run, all text: "date" (UTC), "python", one entry per package, "command" as a shell takes it,
+    "options" (JSON), and "sha256 <path>" for each input file. A path that is no text appears as in messages.
 
     Raises `InputError` when an input file cannot be read.
     """
     record = {"date": datetime.now(UTC).isoformat(timespec="seconds"), "python": platform.python_version()}
     record |= {package: _version(package) for package in PACKAGES}
     if command:
-        record["command"] = " ".join(command)
+        record["command"] = shlex.join(command)
     if options:
         record["options"] = json.dumps(dict(options), ensure_ascii=False, default=str)
     record |= {f"sha256 {path}": sha256(path) for path in inputs}

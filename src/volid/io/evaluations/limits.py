@@ -24,7 +24,7 @@ from volid.io.basics.toml_table import Table, is_finite, read_toml
 from volid.standards.results import GUARD_BAND, RULES, Evaluation, Quantity, judged
 
 # unit of a quantity: the limit above which another unit is likely, and which
-_LARGE = {"mm": (1.0, "µm"), "°": (0.1, "arcsec"), "rad": (0.01, "µrad"), "mm/mm": (0.01, "µm/m")}
+_LARGE = {"mm": (1.0, "µm"), "°": (0.1, "arcsec"), "rad": (0.01, "µrad, or in mm/m"), "mm/mm": (0.01, "µm/m")}
 
 
 Limits = Mapping[str, Any]  # what the file above holds

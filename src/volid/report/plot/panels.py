@@ -97,6 +97,13 @@ def in_language(axis: Any, texts: Texts) -> None:
         axis.set_major_formatter(_comma_formatter()())
 
 
+def figure_in_language(figure: Figure, texts: Texts) -> None:
+    """The numbers of all axes of a figure, its colour bars too, in the signs of a language."""
+    for panel in figure.axes:
+        in_language(panel.xaxis, texts)
+        in_language(panel.yaxis, texts)
+
+
 @cache
 def _comma_formatter() -> Any:
     from matplotlib.ticker import ScalarFormatter

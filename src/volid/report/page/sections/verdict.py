@@ -128,8 +128,10 @@ def _accuracy(contents: Contents) -> list[dict[str, Any]]:
 
 
 def _after(contents: Contents) -> dict[str, Any] | None:
-    """What is expected to remain after grids over the whole volume; None where it is not predicted."""
-    return None if contents.barrier else contents.summary["volume"]["after"]
+    """What is expected to remain after grids over the whole volume; None where nothing is predicted, and of what does not hold."""
+    if contents.barrier or headline_of(contents.summary).tone == BAD:
+        return None
+    return contents.summary["volume"]["after"]
 
 
 def _after_places(contents: Contents) -> int:
