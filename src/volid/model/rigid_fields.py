@@ -54,7 +54,8 @@ class WorkpieceMotion:
     def removed_from(self, fields: np.ndarray) -> np.ndarray:
         """Fields (s, m, 6) or translations (s, m, 3) less the rigid motion that fits their translations best."""
         motion = self.motions(fields)
-        return np.asarray(fields - np.einsum("mij,sj->smi", self.rows[:, : fields.shape[2]], motion))
+        rows = self.rows[:, : fields.shape[2]].reshape(-1, motion.shape[1])
+        return np.asarray(fields - (motion @ rows.T).reshape(fields.shape))
 
 
 def column_space(columns: Float[np.ndarray, "m k"]) -> Float[np.ndarray, "m r"]:

@@ -118,9 +118,13 @@ def moved_by(machine: Machine, commanded: np.ndarray, altered: np.ndarray, tool:
 
 def sizes(fields: np.ndarray, tool_axis: np.ndarray) -> np.ndarray:
     """Place by place of fields (s, m, 6): length, |X|, |Y|, |Z| [mm], |A|, |B|, |C|, tilt of the tool's axis [rad]; (s, m, 8)."""
-    length = np.linalg.norm(fields[:, :, :3], axis=2)
-    tilt = np.linalg.norm(np.cross(tool_axis, fields[:, :, 3:]), axis=2)
-    return np.concatenate([length[..., None], np.abs(fields), tilt[..., None]], axis=2)
+    x, y, z, a, b, c = np.moveaxis(fields, 2, 0)
+    i, j, k = tool_axis.T
+    found = np.empty((*fields.shape[:2], 8))
+    found[:, :, 0] = np.sqrt(x * x + y * y + z * z)
+    np.abs(fields, out=found[:, :, 1:7])
+    found[:, :, 7] = np.sqrt((j * c - k * b) ** 2 + (k * a - i * c) ** 2 + (i * b - j * a) ** 2)
+    return found
 
 
 def quantities(fields: np.ndarray, tool_axis: np.ndarray, even: slice = EVERY) -> np.ndarray:
