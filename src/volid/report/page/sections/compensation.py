@@ -11,6 +11,7 @@ from volid.compensation.residual.forecast import Column, Forecast
 from volid.report.contents.contents import Contents
 from volid.report.language import Texts
 from volid.report.page.section import Section, svg
+from volid.report.page.sections.verdict import BAD, headline_of
 from volid.report.page.templates import render
 
 _LARGEST, _MOST, _RMS = (QUANTITIES.index(name) for name in ("largest", "95 %", "RMS"))
@@ -27,6 +28,7 @@ def build(contents: Contents, texts: Texts) -> Section | None:
         rows=[_row(column) for column in found.forecast.columns] if found.forecast else [],
         figures=_figures(found.forecast, texts) if found.forecast else [],
         contents=contents,
+        holds=headline_of(contents.summary).tone != BAD,
     )
     return Section("compensation", texts("page.section_compensation"), body)
 
