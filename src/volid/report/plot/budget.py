@@ -102,7 +102,6 @@ def budget_panel(panel: Any, part: Sequence[Contributions], texts: Texts) -> Non
     panel.set_yticks(rows, [output_words(o.output, texts) for o in part])
     panel.set_ylim(len(part) - 0.5, -0.5)
     panel.set_xlim(0.0, 1.05 * max(ends))
-    in_language(panel.xaxis, texts)
     panel.set_xlabel(texts("budget.axis", unit=unit), fontsize=8)
     panel.set_title(texts(f"budget.{_sort(part[0])}"), fontsize=8, loc="left")
     panel.grid(axis="x", color=FAINT, lw=0.5)

@@ -41,7 +41,6 @@ def distribution_panel(panel: Any, readings: Readings, texts: Texts) -> None:
     panel.set_xlim(-frame, frame)
     panel.set_xlabel(texts("residuals.normalised"), fontsize=8)
     panel.set_ylabel(texts("residuals.density"), fontsize=8)
-    in_language(panel.yaxis, texts)
     panel.set_title(texts("residuals.distribution"), fontsize=8, loc="left")
     quiet(panel)
 

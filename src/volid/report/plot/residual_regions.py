@@ -137,8 +137,6 @@ def region_panel(panel: Any, readings: Readings, pair: tuple[int, int], texts: T
             panel.add_patch(frame)
     axes = readings.campaign.machine.axes
     panel.set_xlabel(f"{axes[pair[0]].letter} / {axes[pair[0]].unit}", fontsize=8)
-    in_language(panel.xaxis, texts)
-    in_language(panel.yaxis, texts)
     panel.set_ylabel(f"{axes[pair[1]].letter} / {axes[pair[1]].unit}", fontsize=8)
     quiet(panel)
     return image

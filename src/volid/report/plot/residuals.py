@@ -161,7 +161,6 @@ def order_panel(panel: Any, readings: Readings, texts: Texts) -> None:
     _divide(panel, readings, places)
     panel.set_xlabel(texts("residuals.time" if timed else "residuals.order"), fontsize=8)
     panel.set_ylabel(texts("residuals.normalised"), fontsize=8)
-    in_language(panel.xaxis, texts)
     panel.set_title(texts("residuals.over_time" if timed else "residuals.over_order"), fontsize=8, loc="left", pad=14)
     quiet(panel)
 
@@ -233,7 +232,6 @@ def position_panel(panel: Any, readings: Readings, i: int, texts: Texts) -> None
         for sign in (-1.0, 1.0):
             panel.plot([low, high], [sign * weight] * 2, color=SERIES[1], lw=1.6, zorder=4, gid="rms")
     panel.set_ylim(-frame, frame)
-    in_language(panel.xaxis, texts)
     panel.set_xlabel(f"{axis.letter} / {axis.unit}", fontsize=8)
     panel.set_ylabel(texts("residuals.normalised"), fontsize=8)
     quiet(panel)

@@ -128,7 +128,7 @@ def _accuracy(contents: Contents) -> list[dict[str, Any]]:
 
 
 def _after(contents: Contents) -> dict[str, Any] | None:
-    """What is expected to remain after grids over the whole volume; None where nothing is predicted, and of what does not hold."""
+    """What is expected to remain after grids over the whole volume; None where nothing is predicted, or nothing holds."""
     if contents.barrier or headline_of(contents.summary).tone == BAD:
         return None
     return contents.summary["volume"]["after"]
