@@ -65,7 +65,7 @@ def test_sections_have_one_scale_and_state_cut_and_tool(solution):
     figure = uncertainty_sections(solution, TOOL)
     titles = [panel.get_title(loc="left") for panel in figure.axes[:3]]
     assert titles == ["Z = −250 mm", "Y = 300 mm", "X = 500 mm"]
-    assert "(0, 0, −150) mm" in figure._suptitle.get_text()
+    assert "(0, 0, −150) mm" in figure._suptitle.get_text().replace("\N{NO-BREAK SPACE}", " ")
     limits = {panel.collections[0].get_clim() for panel in figure.axes[:3]}
     assert len(limits) == 1
 

@@ -129,7 +129,7 @@ def region_panel(panel: Any, readings: Readings, pair: tuple[int, int], texts: T
         mark = " !" if cells.flagged[i, j] else ""
         if np.isfinite(weight):
             said = f"{signs(f'{weight:.2f}', texts)}{mark}\nn {cells.n[i, j]:.0f}"
-            panel.text(x, y, said, ha="center", va="center", fontsize=6.5, color=BLACK)
+            panel.text(x, y, said, ha="center", va="center", fontsize=7, color=BLACK)
         if cells.flagged[i, j]:
             corner = (float(cells.edges[0][i]), float(cells.edges[1][j]))
             width, height = (float(e[k + 1] - e[k]) for e, k in zip(cells.edges, (i, j), strict=True))

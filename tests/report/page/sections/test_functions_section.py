@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 from lxml import html
 
+from volid.model.iso230 import parse
 from volid.report.contents.contents import gather
 from volid.report.language import Texts
 from volid.report.page.sections.functions import build
-from volid.report.plot.curves import curves, shown_axes
+from volid.report.plot.curves import cross_effect, curves, shown_axes
+from volid.report.plot.functions import cross_names
 
 STATES = ("rich_solution", "single_tool_solution", "rotary_solution")
 
@@ -32,11 +34,14 @@ def test_every_determined_function_has_one_panel(state):
 
 def test_numbers_are_those_of_the_solution(state):
     solution, section = state
-    found = {d.get("data-key"): float(d.get("value")) for d in section.iter("data")}
+    found = {d.get("data-key"): float(d.get("value")) for d in section.iter("data") if d.get("data-key")}
     for name, c in curves(solution, shown_axes(solution)).items():
         rows = solution.motion(name, np.linspace(*c.axis.travel, 101))
         values = np.array([r.value for r in rows])
-        if np.isfinite(values).all():
+        if name in cross_names(solution):  # the range is that over both axes, here on a grid of them
+            everywhere = cross_effect(solution, name)[2] * (1e-6 if parse(name).is_rotation else 1e-3)
+            assert found[f"functions.{name}.range"] == pytest.approx(np.ptp(everywhere), rel=0.02)
+        elif np.isfinite(values).all():
             assert found[f"functions.{name}.range"] == pytest.approx(np.ptp(values), rel=1e-12)
             assert found[f"functions.{name}.largest_U"] == pytest.approx(2.0 * max(r.u for r in rows), rel=1e-12)
         else:
@@ -45,7 +50,7 @@ def test_numbers_are_those_of_the_solution(state):
 
 def test_reversal_is_that_of_the_solution(rich_solution):
     section = html.fromstring(f"<div>{build(gather(rich_solution), Texts('en')).body}</div>")
-    found = {d.get("data-key"): float(d.get("value")) for d in section.iter("data")}
+    found = {d.get("data-key"): float(d.get("value")) for d in section.iter("data") if d.get("data-key")}
     rows = rich_solution.motion("EYY", np.linspace(*rich_solution.machine.axis("Y").travel, 101))
     ways = {way: np.array([r.value for r in rows if r.direction == way]) for way in (1, -1)}
     expected = np.abs(ways[1] - ways[-1]).max()
