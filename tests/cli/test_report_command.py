@@ -17,7 +17,7 @@ def test_a_page_with_limits_and_hashes(solution_file, limits, tmp_path, run):
     out = tmp_path / "report.html"
     status, stdout, stderr = run("report", solution_file, "-o", out, "--limits", limits, "--lang", "de", "--json")
     assert status == 1  # a limit is exceeded
-    assert "largest_deviation exceeds its limit" in stderr and "EC0Y" not in stderr
+    assert "largest_deviation = " in stderr and " exceeds 0.1 µm" in stderr and "EC0Y" not in stderr
     found = json.loads(stdout)
     assert (found["EC0Y"]["verdict"], found["largest_deviation"]["verdict"]) == ("pass", "fail")
     html = out.read_text(encoding="utf-8")
