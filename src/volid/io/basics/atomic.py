@@ -57,7 +57,7 @@ def atomic_folder(path: str | Path, overwrite: bool = False) -> Iterator[Path]:
                 f"{path} exists; choose another name or pass `overwrite=True`, which keeps its other files"
             )
     elif os.path.lexists(path):
-        raise OutputError(f"{path} is a file; name a folder")
+        raise OutputError(f"{path} is no folder; name a folder")
     real = Path(os.path.realpath(path))
     with _reported(path), part_folder(real) as folder:
         temporary = folder / "filled"
