@@ -95,8 +95,7 @@ def run(args: argparse.Namespace) -> int:
         solution = read_solution(args.solution)
         progress("evaluating the working volume")
         contents = gather(solution, args.tool, args.solution, args.limits, args.title, args.command_line)
-        progress("drawing")
-        text = page(contents, Texts(args.lang))
+        text = page(contents, Texts(args.lang), progress)
         with text_output(args.output, args.force) as stream:
             stream.write(text)
         missing = hand_over(contents, data, args, progress)
@@ -109,7 +108,9 @@ def _say(contents: Contents, args: argparse.Namespace, missing: list[str]) -> in
 
     messages = [in_options(m, args) for m in (*_barrier(contents), *_others(contents))]
     if args.json:
-        print_json({**evaluations_data([contents.evaluation]), "barrier": contents.barrier or None, "attention": messages})
+        print_json(
+            {**evaluations_data([contents.evaluation]), "barrier": contents.barrier or None, "attention": messages}
+        )
     else:
         beside = () if contents.barrier else (args.workbook, args.dcc)
         print(f"written: {', '.join(f for f in (args.output, *beside) if f)}")

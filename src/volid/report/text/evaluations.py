@@ -7,7 +7,17 @@ from math import isnan
 from typing import Any
 
 from volid.report.text.basics import bullets, micro, table
-from volid.standards.results import FAIL, RULE, SIMPLE, SIMPLE_RULE, UNDECIDED, WITHHELD, Evaluation, Quantity, verdict_of
+from volid.standards.results import (
+    FAIL,
+    RULE,
+    SIMPLE,
+    SIMPLE_RULE,
+    UNDECIDED,
+    WITHHELD,
+    Evaluation,
+    Quantity,
+    verdict_of,
+)
 
 _SHOWN = {"mm": (1e3, "µm", 2), "rad": (1e6, "µrad", 1), "mm/mm": (1e6, "µm/m", 1), "°": (3600.0, "arc sec", 2)}
 _SUBJECT = "subject"
