@@ -213,6 +213,7 @@ def test_a_folder_in_which_nobody_can_write_is_named_before_the_work(verb, virtu
     status, text, err = run(verb, virtual.manifest, "-o", "/proc/s.h5")
     assert (status, text) == (2, "")
     assert err.startswith(f"volid {verb}: /proc/s.h5 cannot be written: ") and err.count("\n") == 1
+    assert "no file can be made in the folder /proc; choose another place" in err
 
 
 @pytest.mark.parametrize("name", ["file/s.h5", "a" * 300 + ".h5"])

@@ -28,7 +28,7 @@ def test_one_set_as_json_with_limits(run, tmp_path):
     arguments = ("evaluate", "iso230-4", CAMPAIGN, "--set", "circle XY", "--limits", limits, "--json")
     status, text, err = run(*arguments)
     found = json.loads(text)
-    assert status == 1 and "XY: G_b_XY exceeds its limit" in err
+    assert status == 1 and "XY: G_b_XY = " in err and " exceeds 20 µm" in err
     assert found["subject"] == "XY" and found["G_b_XY"]["verdict"] == "fail" and found["F_max"]["verdict"] == "pass"
     assert found["G_b_XY"]["U"] > 0.0 and found["squareness_XY"]["unit"] == "rad"
 

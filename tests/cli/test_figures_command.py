@@ -24,6 +24,16 @@ def test_a_figure_that_does_not_apply_says_why(run, solution_file, tmp_path):
     assert [p.name for p in (tmp_path / "f").iterdir()] == ["functions.svg"]
 
 
+def test_one_reason_for_many_figures_is_said_once(run, solution_file, tmp_path, monkeypatch):
+    from volid.fitting.diagnosis.adequacy import Adequacy
+
+    monkeypatch.setattr(Adequacy, "barrier", "the hands of the frames differ")
+    status, out, _ = run("figures", solution_file, "-o", tmp_path / "f", "--only", "functions,locations,sections")
+    assert status == 0
+    lines = [line for line in out.splitlines() if line.startswith("left out: ")]
+    assert len(lines) == 1 and lines[0].startswith("left out: functions, locations, sections: its numbers"), out
+
+
 def test_names_as_json(run, solution_file, tmp_path):
     status, out, _ = run("figures", solution_file, "-o", tmp_path / "f", "--only", "functions,rotary", "--json")
     found = json.loads(out)

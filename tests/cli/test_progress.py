@@ -136,6 +136,18 @@ def test_another_stage_has_a_speed_of_its_own():
     assert left.seconds(40.0) is None
 
 
+def test_uneven_steps_promise_no_end(capsys):
+    """Sections of a page: each takes its own time."""
+    clock = Clock()
+    with Progress(clock) as progress:
+        progress.tick()
+        for k in range(1, 14):
+            progress(Step.number(k, 13, "drawing, section"))
+            clock.now += 4.0
+    lines = [f"volid: drawing, section {k} of 13" for k in (1, 4, 7, 10, 13)]  # one in ten seconds
+    assert capsys.readouterr().err.splitlines() == lines
+
+
 def test_the_same_stage_again_starts_anew():
     """Every pass over a stream counts its rows from the beginning."""
     left = Remaining()

@@ -41,7 +41,7 @@ def test_standard_output_can_be_named(name, solution, tmp_path):
     done = shell(f"volid functions {solution} -o {name} > out.csv; volid functions {solution} -o file.csv", tmp_path)
     lines, expected = ((tmp_path / n).read_text().splitlines() for n in ("out.csv", "file.csv"))
     assert [line for line in lines if "date:" not in line] == [line for line in expected if "date:" not in line]
-    assert b"written: /dev/stdout" in done.stderr
+    assert b"written: standard output\n" in done.stderr and b"/dev/stdout" not in done.stderr
     assert sorted(p.name for p in tmp_path.iterdir()) == ["file.csv", "out.csv"]
 
 
@@ -69,6 +69,12 @@ def test_both_cannot_go_to_standard_output(solution, run):
     status, out, err = run("functions", solution, "-o", "-", "--json")
     assert (status, out) == (2, "")
     assert "-o - and --json both write to standard output" in err
+
+
+def test_standard_output_is_no_folder(solution, run):
+    status, out, err = run("figures", solution, "-o", "-")
+    assert (status, out) == (2, "")
+    assert err == "volid figures: standard output is no folder; name a folder\n"
 
 
 @pytest.mark.parametrize("verb", ["uncertainty", "plan"])

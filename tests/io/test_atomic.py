@@ -133,7 +133,7 @@ def test_folder_that_holds_something(tmp_path):
         (temporary / "a.csv").write_text("new")
     assert (tmp_path / "a.csv").read_text() == "new"
     assert (tmp_path / "other.txt").read_text() == "other"
-    with pytest.raises(OutputError, match="is a file; name a folder"), atomic_folder(tmp_path / "a.csv", True):
+    with pytest.raises(OutputError, match="is no folder; name a folder"), atomic_folder(tmp_path / "a.csv", True):
         pytest.fail("the block must not run")
     with (
         pytest.raises(OutputError, match=r"cannot be written: .*a\.csv is not a folder"),

@@ -8,7 +8,7 @@ from volid.backend.consent import accept_unusual
 from volid.exceptions import InputError
 from volid.io.evaluations.limits import judge_all
 from volid.report.text.evaluations import evaluation_lines, unproved
-from volid.standards.results import Evaluation, Quantity
+from volid.standards.results import GUARD_BAND, LEFT_OUT, SIMPLE, Evaluation, Quantity, judged, withhold
 
 
 def evaluations():
@@ -58,7 +58,33 @@ def test_what_is_not_determined_is_not_decided():
         [Evaluation("ISO 230-1", "machine", (Quantity("V_X", math.nan, "mm", U=math.nan),))], {"V_X": 0.01}
     )
     assert found[0]["V_X"].verdict == "undecided"
-    assert unproved(found) == ["machine: V_X is not determined"]
+    assert unproved(found) == ["machine: V_X is not determined, so that its limit of 10 µm is not judged"]
+
+
+@pytest.mark.parametrize(
+    ("value", "U", "unit", "limit", "rule", "said"),
+    [
+        (0.0445, 0.0005, "mm", 0.040, GUARD_BAND, "V = 44.5 µm (U 0.5 µm) exceeds 40 µm"),
+        (0.0402, 0.0005, "mm", 0.040, GUARD_BAND, "V = 40.2 µm (U 0.5 µm) is within U of its limit of 40 µm, so"),
+        (0.04002, 0.0, "mm", 0.040, GUARD_BAND, "V = 40.02 µm (U 0.00 µm) exceeds 40 µm"),  # 40.0 would not exceed 40
+        (0.04002, 0.0005, "mm", 0.040, SIMPLE, "V = 40.02 µm (U 0.50 µm) exceeds 40 µm"),
+        (-2.1e-5, 1e-6, "rad", 1.5e-5, GUARD_BAND, "V = -21.0 µrad (U 1.0 µrad) exceeds 15 µrad in size"),
+        (0.0342, None, "mm", 0.034, GUARD_BAND, "V = 34.2 µm exceeds 34 µm"),
+    ],
+)
+def test_what_is_not_proved_is_said_with_its_numbers(value, U, unit, limit, rule, said):
+    found = judged(Evaluation("ISO 230-1", "machine", (Quantity("V", value, unit, U=U),)), {"V": limit}, rule)
+    (sentence,) = unproved([found])
+    assert sentence.startswith(f"machine: {said}") and (said.endswith("so") or sentence == f"machine: {said}")
+
+
+def test_a_withheld_verdict_names_numbers_and_reason():
+    found = judged(Evaluation("ISO 230-1", "machine", (Quantity("V_X", 0.0445, "mm", U=0.0005),)), {"V_X": 0.04})
+    (sentence,) = unproved([withhold(found, {"V_X": LEFT_OUT})])
+    assert sentence == (
+        "machine: V_X = 44.5 µm (U 0.5 µm) is not judged by its limit of 40 µm: "
+        "error motions that the model leaves out are not in its value"
+    )
 
 
 def test_one_limit_does_not_stand_for_lengths_and_rotations():
@@ -96,7 +122,7 @@ def test_limits_in_a_smaller_unit_are_asked_about(tmp_path, unit, limit, smaller
     """A limit of 20 µm written as 20 would let everything pass."""
     (tmp_path / "limits.toml").write_text(f"E = {limit}\n")
     found = [Evaluation("ISO 230-2", "X", (Quantity("E", 0.0318, unit),))]
-    with pytest.raises(InputError, match=rf"limits.toml: E = {limit:g} .* Expected {unit}: is it in {smaller}\?"):
+    with pytest.raises(InputError, match=rf"limits.toml: E = {limit:g} .* Expected {unit}: is it in {smaller}[?,]"):
         judge_all(found, tmp_path / "limits.toml")
     with accept_unusual():
         assert judge_all(found, tmp_path / "limits.toml")[0]["E"].verdict == "pass"

@@ -232,7 +232,7 @@ def test_an_interrupted_run_keeps_what_it_has(solution, tmp_path):
     folder, stops = tmp_path / "trials", 0
 
     def interrupt(message: str) -> None:
-        if "trials (" in message:
+        if "trials (" in message and len(list(folder.glob("*.npz"))) > stops:
             raise KeyboardInterrupt
 
     for _ in range(12):

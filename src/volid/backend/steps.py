@@ -25,6 +25,7 @@ class Step(str):
     done: float
     total: float
     stage: str
+    even: bool  # whether the steps take equal times, so that the remaining time follows
     part: str  # what the end of these steps ends, such as "this pass"; "" for the work
 
     def __new__(cls, done: int, total: int, what: str, *, of: str = "", more: str = "") -> Step:
@@ -32,6 +33,18 @@ class Step(str):
         text = f"{done} of {total} {what} ({share} %){more}"
         step = super().__new__(cls, f"{of}: {text}" if of else text)
         step.done, step.total, step.stage, step.part = done, total, f"{of} {what}", "this pass" if of else ""
+        step.even = True
+        return step
+
+    @classmethod
+    def number(cls, k: int, total: int, what: str) -> Step:
+        """The k-th of `total` things begins, which take unequal times: no remaining time follows.
+
+        >>> print(Step.number(5, 13, "drawing, section"))
+        drawing, section 5 of 13
+        """
+        step = str.__new__(cls, f"{what} {k} of {total}")
+        step.done, step.total, step.stage, step.part, step.even = k, total, what, "", False
         return step
 
     def within(self, part: str) -> Step:

@@ -94,6 +94,6 @@ def _say(found: list[Named], args: argparse.Namespace) -> None:
     if args.json:
         print_json({"folder": args.output, "written": written, "left_out": left_out})
         return
-    for name, reason in left_out.items():
-        print(f"left out: {name}: {reason}")
+    for reason in dict.fromkeys(left_out.values()):
+        print(f"left out: {', '.join(name for name, other in left_out.items() if other == reason)}: {reason}")
     print(f"written to {args.output}: {', '.join(written) or 'no figure'}")

@@ -55,7 +55,8 @@ def hand_over(contents: Contents, data: dict[str, Any], args: argparse.Namespace
     from volid.report.language import Texts
 
     if contents.barrier:  # the page says so; no numbers are handed over
-        return [f"{name} is not written: {contents.barrier}" for name in (args.workbook, args.dcc) if name]
+        names = " and ".join(name for name in (args.workbook, args.dcc) if name)
+        return [f"not written: {names}; no numbers are handed over that the page does not show"] if names else []
     if args.workbook:
         from volid.report.workbook.workbook import workbook_of
 

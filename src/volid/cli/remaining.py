@@ -30,6 +30,7 @@ class Remaining:
     last: tuple[float, float] = (0.0, 0.0)
     chunk: float = 0.0
     total: float = 0.0
+    even: bool = True
 
     def take(self, message: str, now: float) -> None:
         """A message at time `now` [s]: another step, or, if it counts nothing or something else, another stage."""
@@ -40,12 +41,12 @@ class Remaining:
                 self.stage, self.first, self.chunk = message.stage, (message.done, now), 0.0
             else:
                 self.chunk = message.done - self.last[0]
-            self.last, self.total = (message.done, now), message.total
+            self.last, self.total, self.even = (message.done, now), message.total, message.even
 
     def seconds(self, now: float) -> float | None:
         """The remaining time of the stage [s]; None where the steps do not tell it yet."""
         (start, began), (done, latest) = self.first, self.last
-        if not self.stage or done <= start or latest - began < SHORTEST:
+        if not self.stage or not self.even or done <= start or latest - began < SHORTEST:
             return None
         each = (latest - began) / (done - start)
         return max((self.total - done) * each - min(now - latest, self.chunk * each), 0.0)

@@ -5,7 +5,17 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from volid.cli.common import add_output, add_solution, attention, check_output, conclude, explain, print_json, tell
+from volid.cli.common import (
+    add_output,
+    add_solution,
+    attention,
+    check_output,
+    conclude,
+    explain,
+    in_options,
+    print_json,
+    tell,
+)
 from volid.cli.handover import add_handover, check_handover, hand_over
 from volid.cli.numbers import add_unusual, tool_vector
 from volid.cli.progress import Progress
@@ -85,8 +95,7 @@ def run(args: argparse.Namespace) -> int:
         solution = read_solution(args.solution)
         progress("evaluating the working volume")
         contents = gather(solution, args.tool, args.solution, args.limits, args.title, args.command_line)
-        progress("drawing")
-        text = page(contents, Texts(args.lang))
+        text = page(contents, Texts(args.lang), progress)
         with text_output(args.output, args.force) as stream:
             stream.write(text)
         missing = hand_over(contents, data, args, progress)
@@ -97,10 +106,26 @@ def _say(contents: Contents, args: argparse.Namespace, missing: list[str]) -> in
     """What was written, and what needs attention."""
     from volid.report.text.evaluations import evaluations_data, unproved
 
+    messages = [in_options(m, args) for m in (*_barrier(contents), *_others(contents))]
     if args.json:
-        print_json(evaluations_data([contents.evaluation]))
+        print_json(
+            {**evaluations_data([contents.evaluation]), "barrier": contents.barrier or None, "attention": messages}
+        )
     else:
-        print(f"written: {', '.join(f for f in (args.output, args.workbook, args.dcc) if f)}")
+        beside = () if contents.barrier else (args.workbook, args.dcc)
+        print(f"written: {', '.join(f for f in (args.output, *beside) if f)}")
     tell(args, missing)
-    barrier = [f"no numbers are shown: {contents.barrier}"] if contents.barrier else []
-    return conclude(args, [*barrier, *attention(contents.solution), *unproved([contents.evaluation])])
+    return conclude(args, [*messages, *unproved([contents.evaluation])])
+
+
+def _others(contents: Contents) -> list[str]:
+    """What else needs attention; the barrier's reason is not repeated."""
+    reason = contents.barrier
+    return [message for message in attention(contents.solution) if not (reason and message.endswith(reason))]
+
+
+def _barrier(contents: Contents) -> list[str]:
+    if not contents.barrier:
+        return []
+    """Why no numbers are shown."""
+    return [f"no numbers are shown{' and no limit is judged' if contents.limits else ''}: {contents.barrier}"]

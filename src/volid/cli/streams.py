@@ -6,6 +6,7 @@ import argparse
 import errno
 import io
 import os
+import re
 import shutil
 import sys
 from collections.abc import Iterator
@@ -16,6 +17,7 @@ from volid.exceptions import InputError, cut, shown
 
 STANDARD_OUTPUT = "/dev/stdout"
 _NAMES = ("-", STANDARD_OUTPUT, "/dev/fd/1", "/proc/self/fd/1")
+_CALLED_BY_PATH = re.compile(rf"(?<![\w./]){STANDARD_OUTPUT}(?![\w/]|\.\w)")
 _NO_ROOM = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF}
 
 
@@ -61,11 +63,12 @@ class Escaped:
 
     def __init__(self, stream: TextIO, transient: TransientLine) -> None:
         self._stream, self.transient = stream, transient
+        self.names_output = False  # whether the output goes to standard output, which words then call so
 
     def write(self, text: str) -> int:
         """Write the text as it may be shown."""
         self.transient.clear()
-        self._stream.write(shown(text))
+        self._stream.write(_CALLED_BY_PATH.sub("standard output", shown(text)) if self.names_output else shown(text))
         return len(text)
 
     def __getattr__(self, name: str) -> Any:
@@ -108,7 +111,7 @@ def _without_reader() -> TextIO:
 
 @contextmanager
 def output_on_standard_output(args: argparse.Namespace) -> Iterator[None]:
-    """With `-o -` or `-o /dev/stdout` the output alone goes there, and all words to standard error.
+    """With `-o -` or `-o /dev/stdout` the output alone goes there, and all words, which call it so, to standard error.
 
     Raises `InputError` when --json wants standard output too.
     """
@@ -118,6 +121,8 @@ def output_on_standard_output(args: argparse.Namespace) -> Iterator[None]:
     if getattr(args, "json", False):
         raise InputError(f"-o {args.output} and --json both write to standard output; leave one out")
     args.output = STANDARD_OUTPUT
+    if isinstance(sys.stderr, Escaped):
+        sys.stderr.names_output = True  # for messages after this block too
     sys.stdout.flush()
     with redirect_stdout(sys.stderr):
         yield

@@ -57,7 +57,7 @@ def atomic_folder(path: str | Path, overwrite: bool = False) -> Iterator[Path]:
                 f"{path} exists; choose another name or pass `overwrite=True`, which keeps its other files"
             )
     elif os.path.lexists(path):
-        raise OutputError(f"{path} is a file; name a folder")
+        raise OutputError(f"{path} is no folder; name a folder")
     real = Path(os.path.realpath(path))
     with _reported(path), part_folder(real) as folder:
         temporary = folder / "filled"
@@ -117,6 +117,8 @@ def _cannot_write(path: Path, error: OSError) -> OutputError:
         reason = f"the folder {folder} does not exist; create it or choose another"
     elif not os.path.isdir(folder):
         reason = f"{folder} is not a folder; choose another place"
+    elif isinstance(error, FileNotFoundError):  # what systems say of a folder such as /proc, where no file can be made
+        reason = f"no file can be made in the folder {folder}; choose another place"
     else:
         reason = f"{error.strerror or error}; choose another place"
     return OutputError(f"{path} cannot be written: {reason}")

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from markupsafe import Markup
 
+from volid.backend.steps import Step
 from volid.exceptions import shown
 from volid.fitting.solution import Solution
 from volid.io.basics.targets import find_target
@@ -87,14 +88,20 @@ def save_report(
     return contents
 
 
-def page(contents: Contents, texts: Texts) -> str:
+def page(contents: Contents, texts: Texts, progress: Callable[[str], None] = lambda message: None) -> str:
     """The report as HTML: one text that needs no other file.
 
     Args:
         contents: As `gather` gives them.
         texts: The language of the page.
+        progress: Function that is called with messages about the progress.
     """
-    sections = [s for name in ORDER if (s := _section(name, contents, texts)) is not None]
+    names = [name for name in ORDER if name in BEHIND_BARRIER or not contents.barrier]
+    sections = []
+    for k, name in enumerate(names, start=1):
+        progress(Step.number(k, len(names), "drawing, section"))
+        if (section := _section(name, contents, texts)) is not None:
+            sections.append(section)
     machine, made = contents.solution.machine, contents.summary["provenance"]
     title = shown(contents.title or texts("page.title", machine=machine.name))
     return str(
@@ -117,8 +124,6 @@ def page(contents: Contents, texts: Texts) -> str:
 
 
 def _section(name: str, contents: Contents, texts: Texts) -> Section | None:
-    if contents.barrier and name not in BEHIND_BARRIER:
-        return None
     found = import_module(f"volid.report.page.sections.{name}").build(contents, texts)
     if found is None:
         return None

@@ -7,7 +7,17 @@ from math import isnan
 from typing import Any
 
 from volid.report.text.basics import bullets, micro, table
-from volid.standards.results import FAIL, RULE, SIMPLE, SIMPLE_RULE, UNDECIDED, WITHHELD, Evaluation, Quantity
+from volid.standards.results import (
+    FAIL,
+    RULE,
+    SIMPLE,
+    SIMPLE_RULE,
+    UNDECIDED,
+    WITHHELD,
+    Evaluation,
+    Quantity,
+    verdict_of,
+)
 
 _SHOWN = {"mm": (1e3, "µm", 2), "rad": (1e6, "µrad", 1), "mm/mm": (1e6, "µm/m", 1), "°": (3600.0, "arc sec", 2)}
 _SUBJECT = "subject"
@@ -53,23 +63,38 @@ def evaluations_data(evaluations: Sequence[Evaluation]) -> dict[str, Any]:
 
 
 def unproved(evaluations: Sequence[Evaluation]) -> list[str]:
-    """A sentence for every limit that is exceeded, or not proved to be kept."""
+    """A sentence for every limit that is exceeded, or not proved to be kept, with the numbers."""
     return [
-        f"{e.subject}: {q.symbol} {_unproved(q)}"
+        f"{e.subject}: {_unproved(q, e.rule)}"
         for e in evaluations
         for q in e.quantities
         if q.verdict in (FAIL, UNDECIDED)
     ]
 
 
-def _unproved(quantity: Quantity) -> str:
-    if quantity.withheld:
-        return f"is not judged by its limit: {WITHHELD[quantity.withheld]}"
+def _unproved(quantity: Quantity, rule: str) -> str:
+    """Value, U and limit, with as many digits as the verdict needs to be seen in them."""
+    scale, unit, _ = _SHOWN.get(quantity.unit, (1.0, quantity.unit, 4))
+    limit = f"{scale * (quantity.limit or 0.0):.6g} {unit}"
     if isnan(quantity.value):
-        return "is not determined"
+        return f"{quantity.symbol} is not determined, so that its limit of {limit} is not judged"
+    digits = next((d for d in range(1, 6) if _tells(quantity, rule, scale, d)), 6)
+    U = "" if quantity.U is None else f" (U {round(scale * quantity.U, digits):.{digits}f} {unit})"
+    found = f"{quantity.symbol} = {round(scale * quantity.value, digits) + 0.0:.{digits}f} {unit}{U}"
+    if quantity.withheld:
+        return f"{found} is not judged by its limit of {limit}: {WITHHELD[quantity.withheld]}"
     if quantity.verdict == FAIL:
-        return "exceeds its limit"
-    return "is within U of its limit, so that neither pass nor fail is proved"
+        return f"{found} exceeds {limit}{' in size' if quantity.value < 0 else ''}"
+    return f"{found} is within U of its limit of {limit}, so that neither pass nor fail is proved"
+
+
+def _tells(quantity: Quantity, rule: str, scale: float, digits: int) -> bool:
+    """Whether the numbers rounded to so many digits have the verdict of the numbers themselves."""
+    if quantity.withheld:
+        return True
+    margin = None if rule == SIMPLE or quantity.U is None else round(scale * quantity.U, digits)
+    limit = scale * (quantity.limit or 0.0)
+    return verdict_of(round(scale * quantity.value, digits), limit, margin) == quantity.verdict
 
 
 def evaluation_rows(evaluations: Sequence[Evaluation]) -> tuple[tuple[str, ...], list[list[Any]]]:

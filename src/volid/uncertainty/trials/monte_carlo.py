@@ -32,6 +32,7 @@ from volid.uncertainty.trials.draws import GENERATOR
 from volid.uncertainty.trials.run import BATCH, CarryOut, Progress, Run, batches_to_do, run_of, run_trials
 from volid.uncertainty.trials.samples import Samples, TrialFolder
 
+PAUSE = 1.0  # s between two messages while a batch is computed
 TRIALS = 10_000  # JCGM 101 7.2: M = 10^6 often gives one or two digits; 10^4 suits costly models
 STAGE = 10_000  # trials between two looks at the numerical tolerance, JCGM 101 7.9.4
 STAGES = 100
@@ -142,19 +143,21 @@ def _local(run: Run) -> CarryOut:
 
     def carry_out(store: TrialFolder, first: int, last: int, progress: Progress) -> None:
         waiting = batches_to_do(store, first, last)
-        done = len(range(first // BATCH, -(-last // BATCH))) - len(waiting)
+        said = before = BATCH * (len(range(first // BATCH, -(-last // BATCH))) - len(waiting))
+        done: list[int] = []  # trials, a few at a time, by both threads; only this one says so
         with ThreadPoolExecutor(max(1, min(2, os.cpu_count() or 1))) as pool:
             running: dict[Future[Any], int] = {}
             try:
                 while waiting or running:
                     while waiting and len(running) < 2:
                         batch = waiting.pop(0)
-                        running[pool.submit(run_trials, run, batch * BATCH, BATCH)] = batch
-                    ready, _ = wait(running, return_when=FIRST_COMPLETED)
+                        running[pool.submit(run_trials, run, batch * BATCH, BATCH, done.append)] = batch
+                    ready, _ = wait(running, PAUSE, FIRST_COMPLETED)
                     for future in ready:
                         store.save(running.pop(future), future.result())
-                        done += 1
-                        progress(Step(min(done * BATCH, last - first), last - first, "trials"))
+                    if ready or before + sum(done) > said:
+                        said = before + sum(done)
+                        progress(Step(min(said, last - first), last - first, "trials"))
             except BaseException:
                 pool.shutdown(wait=False, cancel_futures=True)
                 raise

@@ -41,8 +41,10 @@ def run_of(solution: Solution, seed: int) -> Run:
     return Run(refitter, seed, pseudo._replace(smooth=None if solution.smooth is None else solution.smooth.noise))
 
 
-def run_trials(run: Run, first: int, count: int) -> dict[str, np.ndarray]:
-    """Trials first … first + count - 1, as arrays by name."""
+def run_trials(
+    run: Run, first: int, count: int, tell: Callable[[int], None] = lambda number: None
+) -> dict[str, np.ndarray]:
+    """Trials first … first + count - 1, as arrays by name; `tell` is called with the number of every few trials done."""
     refitter, found = run.refitter, []
     # one room for all: fresh memory would cost as much as the numbers
     room = room_for(min(AT_ONCE, count), refitter.n_readings)
@@ -50,6 +52,7 @@ def run_trials(run: Run, first: int, count: int) -> dict[str, np.ndarray]:
         number = min(AT_ONCE, first + count - start)
         noise = trial_noise(run.seed, start, number, refitter.n_readings, refitter.n_prior, run.pseudo, room)
         found.append(refitter.refit(*noise))
+        tell(number)
     refits = joined(found)
     # what enlarges u enlarges the spread of the trials about the solution
     enlarged = refitter.centre + refitter.solution.factor * (refits.x - refitter.centre)
