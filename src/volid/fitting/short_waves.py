@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from volid.fitting.prediction.spread import linear_uncertainty
 from volid.model.error_model import MEAN, WAVES, ErrorModel
 from volid.model.iso230 import LINEAR_AXES, parse
 from volid.model.splines import design_matrix
@@ -33,6 +34,20 @@ def scatter_u(solution: Solution, model: ErrorModel) -> np.ndarray:
             k = "XYZ".index(own[0].name[1])
             u[k] = np.hypot(u[k], size)
     return solution.factor * u
+
+
+def wave_size(solution: Solution, name: str) -> tuple[float, float]:
+    """Largest size of the short waves of an error motion and their largest u [mm].
+
+    Raises `KeyError` where it has none in the model.
+    """
+    function = solution.model.by_name[name, WAVES]
+    (spline,) = function.splines
+    x = np.linspace(spline.low, spline.high, PHASES, endpoint=False)
+    rows = design_matrix(spline, x) @ solution.model.parametrisation[function.coefficients, function.parameters]
+    waves = rows @ np.asarray(solution.parameters)[function.parameters]
+    u = linear_uncertainty(rows, solution.parameter_covariance[function.parameters, function.parameters])
+    return float(np.abs(waves).max()), float(np.max(u))
 
 
 def without_waves(solution: Solution) -> Solution:

@@ -106,11 +106,15 @@ class Positioning(NamedTuple):
 
 
 class Part(NamedTuple):
-    """Part of a set whose readings share a unit: kind in words, unit, and rows (m,) or rows and columns (m, k), bool."""
+    """Part of a set whose readings share a unit: kind in words, unit, and rows (m,) or rows and columns (m, k), bool.
+
+    `readings`: names of its readings where they tell it from other parts: ("azimuth", "elevation"), or components ("X", "Y").
+    """
 
     words: str
     unit: str
     rows: np.ndarray
+    readings: tuple[str, ...] = ()
 
 
 def takes_large_errors(observations: ObservationSet) -> bool:
@@ -236,8 +240,8 @@ class Kind(ABC):
         words = self.file_kind or self.name
         for unit in dict.fromkeys(self.units):
             columns = [u == unit for u in self.units]
-            names = ", ".join(n for n, used in zip(self.readings, columns, strict=True) if used)
-            yield Part(f"{words}, {names}", unit, np.tile(columns, (len(observations), 1)))
+            names = tuple(n for n, used in zip(self.readings, columns, strict=True) if used)
+            yield Part(f"{words}, {', '.join(names)}", unit, np.tile(columns, (len(observations), 1)), names)
         if not self.units:
             yield Part(words, self.unit, np.ones(len(observations), dtype=bool))
 

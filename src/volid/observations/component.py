@@ -140,7 +140,8 @@ class Component(Kind):
         for unit, letters in (("mm", DIRECTIONS[:3]), ("rad", ROTATIONS)):
             rows = np.isin(components, letters)
             if rows.any():
-                yield Part(f"{self.name} {''.join(sorted(set(components[rows])))}", unit, rows)
+                found = tuple(sorted(set(components[rows].tolist())))
+                yield Part(f"{self.name} {''.join(found)}", unit, rows, found)
 
     def check_values(self, observations: ObservationSet, campaign: Campaign) -> None:
         """Raises `InputError` when a value lies more than 1 mm or 1 mrad from the middle of its line, or a free slope.

@@ -36,6 +36,7 @@ IN_READINGS = ("positions", "tool_length", "tool_offset")  # items that every re
 
 
 YES, NO = "yes", "no"
+SYNTHETIC = "synthetic"  # key by which data say that they were simulated
 UNITS = {
     "_mm": "mm",
     "_C": "°C",

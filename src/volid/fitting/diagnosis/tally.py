@@ -50,9 +50,10 @@ class Tally:
         self._total += sum(float(s.sum()) for s in squares)
         self._redundancy += sum(float(f.sum()) for f in redundancy)
         for s, sq, re in zip(campaign.sets, squares, redundancy, strict=True):
-            for sort, what, rows in groupings(campaign, s, self._like[s.name]):
+            for group in groupings(campaign, s, self._like[s.name]):
+                rows, key = group.rows, (group.sort, group.what)
                 found = np.array([sq[rows].sum(), re[rows].sum(), re[rows].size])
-                self._groups[sort, what] = self._groups.get((sort, what), 0.0) + found
+                self._groups[key] = self._groups.get(key, 0.0) + found
         self._suspects += _suspects(campaign, residuals, redundancy, active, self._limit)
 
     def adequacy(self, dof: int, prior_chi_square: float = 0.0) -> Adequacy:

@@ -48,7 +48,7 @@ def _parts(campaign: Campaign, number: int) -> list[Component]:
     """The parts of a set by unit: range and angles of a tracker, translations and rotations of a level and a laser."""
     observations = campaign.sets[number]
     found = []
-    for words, _, rows in KINDS[observations.kind].parts(observations):
+    for words, _, rows, _ in KINDS[observations.kind].parts(observations):
         wide = rows if rows.ndim == 2 else np.repeat(rows[:, None], observations.readings.shape[1], axis=1)
         found.append(Component(number, observations.name, words, wide))
     return found

@@ -7,6 +7,7 @@ import xml.etree.ElementTree as ET
 
 from volid.report.certificate.administration import Request
 from volid.report.certificate.element import add, add_real, add_texts, add_words
+from volid.report.contents.curves import HiddenWaves, curves, hidden_waves
 from volid.report.language import LANGUAGES, Texts
 from volid.standards.results import FAIL, PASS, SIMPLE, Evaluation, Quantity
 
@@ -24,6 +25,8 @@ def add_statements(part: ET.Element, request: Request, conformity: Evaluation) -
         _declared(statements, "not_converged")
     for text in (*solution.statements, *solution.unseen):
         _words(_declared(statements, "limitation"), text)
+    for hidden in hidden_waves(solution, curves(solution)):
+        _waves(statements, hidden)
     for quantity in conformity.quantities:
         if quantity.limit is not None:
             _conformity(statements, quantity, conformity.rule)
@@ -34,6 +37,16 @@ def _declared(statements: ET.Element, key: str) -> ET.Element:
     add_texts(statement, "name", f"{key}_name")
     add_texts(statement, "declaration", key)
     return statement
+
+
+def _waves(statements: ET.Element, hidden: HiddenWaves) -> None:
+    """That values between the listed positions miss short waves, which their U do not contain."""
+    statement = add(statements, "statement")
+    add_texts(statement, "name", "short_waves_name")
+    declaration = add(statement, "declaration")
+    for language in LANGUAGES:
+        said = Texts(language)("certificate.short_waves", **hidden.values(language == "de"))
+        add(declaration, "content", said, lang=language)
 
 
 def _words(statement: ET.Element, text: str) -> None:

@@ -6,14 +6,18 @@ The numbers are those of `Solution.functions`; files that are handed over group 
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from volid.fitting.results import FunctionValue
+from volid.fitting.short_waves import wave_size
 from volid.fitting.solution import Solution
+from volid.fitting.tabulation import points_with_waves
 from volid.model.iso230 import DIRECTIONS, ErrorName, parse
 
+K = 2.0
 _CARRIER = re.compile(r"\(0[ABC]\)")
 SIGNS = {1: " (+)", -1: " (−)", 0: ""}
 
@@ -65,6 +69,42 @@ def curves(solution: Solution) -> list[Curve]:
         places.setdefault((row.name, row.direction), []).append(i)
     order = sorted(places, key=lambda key: (DIRECTIONS.index(key[0][2]), parse(key[0]).component, -key[1]))
     return [_curve(*key, [rows[i] for i in places[key]], [e[places[key]] for e in ends]) for key in order]
+
+
+@dataclass(frozen=True)
+class HiddenWaves:
+    """Short waves of an axis that the positions of its curves are too far apart to show.
+
+    Args:
+        axis: Its letter.
+        pitch: Their period [mm].
+        sizes: Largest size of the wave and its U (k = 2), by symbol of the error motion [mm].
+    """
+
+    axis: str
+    pitch: float
+    sizes: dict[str, tuple[float, float]]
+
+    def values(self, german: bool) -> dict[str, str]:
+        """What a sentence about them says: axis, pitch [mm], and sizes [µm]."""
+        said = {
+            "axis": self.axis,
+            "pitch": f"{self.pitch:g}",
+            "sizes": "; ".join(
+                f"{name} {1e3 * size:.1f} µm (U {1e3 * U:.1f} µm)" for name, (size, U) in self.sizes.items()
+            ),
+        }
+        return {key: text.replace(".", ",") for key, text in said.items()} if german else said
+
+
+def hidden_waves(solution: Solution, found: Sequence[Curve]) -> list[HiddenWaves]:
+    """Axes of which some curve stands at fewer positions than its waves of a stated pitch need: to interpolate misses them."""
+    sizes: dict[str, dict[str, tuple[float, float]]] = {}
+    for own in (c for c in found if c.known.any()):
+        if points_with_waves(solution, own.name, len(own.positions)) > len(own.positions):
+            size, u = wave_size(solution, own.name)
+            sizes.setdefault(own.error.axis, {})[own.name] = size, K * u
+    return [HiddenWaves(axis, solution.machine.axis(axis).pitch, own) for axis, own in sizes.items()]
 
 
 def _intervals(solution: Solution, rows: list[FunctionValue]) -> list[np.ndarray]:

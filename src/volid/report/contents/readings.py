@@ -13,11 +13,12 @@ from typing import NamedTuple
 import numpy as np
 
 from volid.campaign import Campaign, ObservationSet
-from volid.fitting.diagnosis.adequacy import reading_label
 from volid.fitting.diagnosis.robust import critical_value
 from volid.fitting.solution import Solution
 from volid.fitting.streamed import STREAMED
 from volid.observations import KINDS
+from volid.report.contents.names import reading_words
+from volid.report.language import ENGLISH, Texts
 
 CHECKED = 1e-3  # 1 - h from which on others check a reading
 MOST_STRIPS = 30  # sets with their stations, beside each other
@@ -85,8 +86,13 @@ class Readings:
     @cached_property
     def worst(self) -> np.ndarray:
         """Numbers of the readings beyond the critical value or set aside, the largest first, at most `WORST`."""
-        beyond = np.flatnonzero(self.checked & (self.outlier | (np.abs(self.normalised) > self.critical)))
-        return beyond[np.argsort(-np.abs(self.normalised[beyond]), kind="stable")][:WORST]
+        return self.beyond[:WORST]
+
+    @cached_property
+    def beyond(self) -> np.ndarray:
+        """The same, all of them."""
+        found = np.flatnonzero(self.checked & (self.outlier | (np.abs(self.normalised) > self.critical)))
+        return found[np.argsort(-np.abs(self.normalised[found]), kind="stable")]
 
     @cached_property
     def strips(self) -> tuple[Strip, ...]:
@@ -117,11 +123,10 @@ class Readings:
         """File and row of a reading: "volume.csv, row 412"."""
         return self.campaign.sets[self.set_number[number]].where(int(self.row[number]))
 
-    def label(self, number: int) -> str:
+    def label(self, number: int, texts: Texts = ENGLISH) -> str:
         """What a reading belongs to, in words: "station S1"."""
-        return reading_label(
-            self.campaign.sets[self.set_number[number]], int(self.row[number]), int(self.column[number])
-        )
+        own = self.campaign.sets[self.set_number[number]]
+        return reading_words(own, int(self.row[number]), int(self.column[number]), texts)
 
 
 def _dividing(readings: ObservationSet) -> str:

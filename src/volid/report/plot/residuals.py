@@ -72,7 +72,7 @@ def footnote(readings: Readings, texts: Texts) -> str:
     for k, number in enumerate(readings.worst, 1):
         aside = texts("residuals.aside") if readings.outlier[number] else texts("residuals.used")
         size = signs(f"{readings.normalised[number]:+.1f}", texts)
-        lines.append(f"{k}: {readings.where(number)} ({readings.label(number)}): {size}, {aside}")
+        lines.append(f"{k}: {readings.where(number)} ({readings.label(number, texts)}): {size}, {aside}")
     return "\n".join(fill(line, LINE) for line in [*lines, *remarks(readings, texts)])
 
 

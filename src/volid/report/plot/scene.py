@@ -10,6 +10,7 @@ import numpy as np
 
 from volid.exceptions import cut
 from volid.fitting.solution import Solution
+from volid.report.contents.names import kind_words
 from volid.report.contents.scene import Scene, scene_of
 from volid.report.language import ENGLISH, Texts
 from volid.report.plot.isometric import draw_box, prepare, projected, range_words
@@ -59,8 +60,10 @@ def draw_scene(panel: Any, scene: Scene, texts: Texts = ENGLISH) -> None:
             panel.plot(*projected(np.array([station.place, target])).T, color=FAINT, lw=0.6, zorder=0)
     for line in scene.lines:
         panel.plot(*projected(line).T, color=NEUTRAL, lw=0.9, zorder=1)
-    names = [f"{cut(p.name, NAME_LENGTH)} ({p.kind})" for p in scene.points]
-    names = names if len(names) <= len(SERIES) else [p.kind for p in scene.points]  # too many to be told apart
+    names = [f"{cut(p.name, NAME_LENGTH)} ({kind_words(p.kind, texts)})" for p in scene.points]
+    names = (
+        names if len(names) <= len(SERIES) else [kind_words(p.kind, texts) for p in scene.points]
+    )  # too many to be told apart
     order = list(dict.fromkeys(names))
     for name, p in zip(names, scene.points, strict=True):
         i = order.index(name)

@@ -176,7 +176,7 @@ def _axes(solution: Solution) -> list[dict[str, Any]]:
 
 def _set_rows(solution: Solution, i: int) -> Iterator[dict[str, Any]]:
     readings, results, stated = solution.campaign.sets[i], solution.readings, solution.stated_u[i]
-    for kind, unit, rows in KINDS[readings.kind].parts(readings):
+    for kind, unit, rows, _ in KINDS[readings.kind].parts(readings):
         used = ~results.outliers[i][rows]
         to_rad = np.pi / 180.0 if unit == DEGREES else 1.0
         yield {

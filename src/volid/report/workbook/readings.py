@@ -11,6 +11,7 @@ from volid.campaign import ObservationSet
 from volid.fitting.solution import Solution
 from volid.observations import KINDS
 from volid.observations.base import DEGREES
+from volid.report.contents.names import label_words, reading_name
 from volid.report.language import Texts
 from volid.report.workbook.table import Column, Table
 
@@ -34,23 +35,26 @@ def readings_sheet(solution: Solution, texts: Texts) -> Table:
         Column(texts("workbook.normalised")),
         Column(texts("workbook.outlier")),
     ]
-    return Table(texts("workbook.sheet_residuals"), columns, _rows(solution))
+    return Table(texts("workbook.sheet_residuals"), columns, _rows(solution, texts))
 
 
-def _rows(solution: Solution) -> Iterator[list[Any]]:
+def _rows(solution: Solution, texts: Texts) -> Iterator[list[Any]]:
     found = solution.readings
     for number, observations in enumerate(solution.campaign.sets):
         parts = (found.residuals[number], found.normalised[number], found.outliers[number])
         for i in range(len(observations)):
-            words, place = _words(observations, i), _place(observations, i)
+            words, place = _words(observations, i, texts), _place(observations, i)
             for k in range(observations.readings.shape[1]):
-                name = KINDS[observations.kind].readings[k]
+                name = reading_name(KINDS[observations.kind].readings[k], texts)
                 yield [observations.name, *words, name, *place, *_numbers(observations, i, k, parts)]
 
 
-def _words(observations: ObservationSet, i: int) -> list[str]:
+def _words(observations: ObservationSet, i: int, texts: Texts) -> list[str]:
     """File and row, and what the row belongs to, such as its station."""
-    return [observations.where(i), ", ".join(f"{key} {values[i]}" for key, values in observations.labels.items())]
+    return [
+        observations.where(i),
+        ", ".join(label_words(key, values[i], texts) for key, values in observations.labels.items()),
+    ]
 
 
 def _place(observations: ObservationSet, i: int) -> list[Any]:

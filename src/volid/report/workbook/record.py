@@ -8,9 +8,10 @@ from typing import Any
 
 from volid.fitting.solution import Solution
 from volid.io.functions_csv import source_lines
-from volid.plausibility.record import Item
+from volid.plausibility.record import NO, YES, Item
 from volid.report.contents.contents import Contents
 from volid.report.contents.curves import plain_symbol
+from volid.report.contents.names import part_words
 from volid.report.contents.volume import volume_values
 from volid.report.language import Texts
 from volid.report.symbols import angle_words, in_words
@@ -94,7 +95,11 @@ def _item(item: Item, texts: Texts) -> Iterator[list[str]]:
     """The lines of an item of the record: what was stated, where it was measured, or that it is missing."""
     label = texts(f"workbook.recorded_{item.name or 'other'}")
     for key, text in item.stated:
-        yield [label, key, text or texts("workbook.none_stated")]
+        yield [
+            label,
+            key,
+            {"": texts("workbook.none_stated"), YES: texts("page.yes"), NO: texts("page.no")}.get(text, text),
+        ]
     for kind, name in item.measured:
         yield [label, "", texts(f"workbook.measured_{kind}", name=name)]
     if item.is_missing:
@@ -110,7 +115,7 @@ def _station(station: Any, texts: Texts) -> str:
     return texts("workbook.station_at", body=station.body, place=place)
 
 
-def sets_sheet(summary: Mapping[str, Any], texts: Texts) -> Table:
+def sets_sheet(contents: Contents, texts: Texts) -> Table:
     """Every set of readings: how many, their u, their residuals."""
     columns = [
         Column(texts("workbook.set"), width=28),
@@ -123,7 +128,8 @@ def sets_sheet(summary: Mapping[str, Any], texts: Texts) -> Table:
         Column(texts("workbook.unit")),
     ]
     keys = ("stated_u_rms", "u_rms", "residual_rms")
-    rows = [[r["set"], r["kind"], r["n_readings"], r["n_outliers"], *micro_row(r, *keys)] for r in summary["sets"]]
+    kinds = zip(contents.summary["sets"], part_words(contents.solution.campaign, texts), strict=True)
+    rows = [[r["set"], kind, r["n_readings"], r["n_outliers"], *micro_row(r, *keys)] for r, kind in kinds]
     return Table(texts("workbook.sheet_sets"), columns, rows)
 
 

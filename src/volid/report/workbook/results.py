@@ -20,7 +20,7 @@ from volid.model.axis_lines import MACHINE
 from volid.model.iso230 import DIRECTIONS
 from volid.report.certificate.statements import declaration_key
 from volid.report.contents.contents import Contents
-from volid.report.contents.curves import Curve, curves, plain_symbol
+from volid.report.contents.curves import Curve, curves, hidden_waves, plain_symbol
 from volid.report.contents.volume import volume_values
 from volid.report.language import Texts
 from volid.report.symbols import angle_words, in_words
@@ -93,10 +93,13 @@ def _carrier(relative_to: str, texts: Texts) -> str:
 def function_sheets(solution: Solution, texts: Texts) -> Iterator[Table]:
     """One sheet per axis with its error motions over its positions, each followed by its U, and two charts."""
     found = curves(solution)
+    hidden = hidden_waves(solution, found)
     for axis in sorted(solution.machine.axes, key=lambda a: DIRECTIONS.index(a.letter)):
         own = [c for c in found if c.error.axis == axis.letter]
+        values = [w.values(texts.language == "de") for w in hidden if w.axis == axis.letter]
         if own:
-            yield _function_sheet(axis.letter, axis.unit, own, texts)
+            notes = [texts("certificate.short_waves", **said) for said in values]
+            yield replace(_function_sheet(axis.letter, axis.unit, own, texts), notes=notes)
 
 
 def _function_sheet(letter: str, unit: str, own: Sequence[Curve], texts: Texts) -> Table:

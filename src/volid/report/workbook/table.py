@@ -67,12 +67,14 @@ class Table:
         columns: Its columns.
         rows: Cells, as many a row as there are columns: numbers, texts; None or NaN where there is none.
         charts: What is drawn beside the table.
+        notes: Sentences below the table.
     """
 
     name: str
     columns: Sequence[Column]
     rows: Iterable[Sequence[Any]]
     charts: Sequence[Chart] = field(default=())
+    notes: Sequence[str] = field(default=())
 
 
 def micro_of(value: float | None, unit: str) -> float | None:

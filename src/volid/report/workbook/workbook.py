@@ -75,7 +75,7 @@ def _sheets(contents: Contents, texts: Texts) -> Iterator[Table]:
     solution, summary = contents.solution, contents.summary
     yield result_sheet(contents, texts)
     yield campaign_sheet(contents, texts)
-    yield sets_sheet(summary, texts)
+    yield sets_sheet(contents, texts)
     if summary["squareness"]:
         yield squareness_sheet(summary, texts)
     if summary["location_errors"] or summary["tool_frame"]:

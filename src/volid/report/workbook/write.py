@@ -82,6 +82,8 @@ def _write_table(book: Any, table: Table, formats: Formats) -> None:
         _prepare(sheet, table.columns, len(part), formats)
         for i, row in enumerate(part, start=1):
             _write_row(sheet, i, table.columns, row, formats)
+        for i, note in enumerate(table.notes if number == 1 else (), start=len(part) + 2):
+            sheet.write_string(i, 0, cut(shown(note), LONGEST))  # goes on over the blank cells beside it
         if number == 1 and table.charts:
             _add_charts(book, sheet, table, len(part))
             sheet.fit_to_pages(1, 1 if len(part) < SHORT else 0)
@@ -137,7 +139,7 @@ def _add_charts(book: Any, sheet: Any, table: Table, n_rows: int) -> None:
         for line, (title, *columns) in enumerate(chart.lines):
             drawn.add_series(_series(table.name, title, columns, n_rows, line))
         _label(drawn, chart)
-        sheet.insert_chart(n_rows + 2, 6 * number, drawn)
+        sheet.insert_chart(n_rows + 3 + len(table.notes), 6 * number, drawn)
 
 
 def _series(sheet: str, title: str, columns: Sequence[int], n_rows: int, number: int) -> dict[str, Any]:

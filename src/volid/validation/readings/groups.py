@@ -73,7 +73,8 @@ def groups(whitened: Whitened, sets: tuple[Compared, ...]) -> tuple[Group, ...]:
     """All groups, those with the largest ratio first: sets, stations, tools, ranges of axes, regions, directions."""
     campaign, found = whitened.linear.campaign, []
     for s, one in zip(campaign.sets, sets, strict=True):
-        for sort, what, rows in groupings(campaign, s, s):
+        for group in groupings(campaign, s, s):
+            sort, what, rows = group.sort, group.what, group.rows
             inside = np.broadcast_to(_wide(rows), one.residual.shape)
             inside = inside & np.isfinite(one.u)
             if inside.any():

@@ -11,6 +11,7 @@ from markupsafe import Markup
 
 from volid.fitting.diagnosis.verdict import SIGNIFICANT
 from volid.report.contents.contents import Contents
+from volid.report.contents.names import group_facts, group_words
 from volid.report.contents.readings import Readings, readings_of
 from volid.report.language import Texts
 from volid.report.page.section import Section, svg
@@ -54,9 +55,9 @@ def build(contents: Contents, texts: Texts) -> Section | None:
         redundancy=_redundancy(contents, readings),
         panels=list(panels_of(readings, texts)),
         strips=list(_strips(readings)),
-        groups=contents.solution.adequacy.groups,
+        groups=_groups(contents, texts),
         flagged=_flagged(contents),
-        worst=_worst(contents, readings),
+        worst=_worst(contents, readings, texts),
         readings=readings,
         remarks=remarks(readings, texts),
         timed=has_times(readings),
@@ -126,15 +127,26 @@ def _flagged(contents: Contents) -> list[bool]:
     return [g.probability * len(groups) < SIGNIFICANT and g.unit_weight > 1.0 for g in groups]
 
 
-def _worst(contents: Contents, readings: Readings) -> list[dict[str, Any]]:
+def _groups(contents: Contents, texts: Texts) -> list[dict[str, Any]]:
+    """Groups with their names in the language; one of an earlier version, or of a part that is not kept, stays English."""
+    facts = group_facts(contents.solution.campaign)
+    return [
+        {"group": g, "what": group_words(facts[g.what], texts) if g.what in facts else "", "english": g.what}
+        for g in contents.solution.adequacy.groups
+    ]
+
+
+def _worst(contents: Contents, readings: Readings, texts: Texts) -> list[dict[str, Any]]:
     """Readings set aside and readings beyond the critical value, the largest first, with the key and the number of each.
 
     Of readings that were read part by part only a sample is drawn: those that are not have no number.
     """
     numbered = {(readings.where(n), readings.label(n)): k for k, n in enumerate(readings.worst, 1)}
+    labels = {(readings.where(n), readings.label(n)): readings.label(n, texts) for n in readings.beyond}
     found = [
         {
             **reading,
+            "label": labels.get((reading["where"], reading["label"]), reading["label"]),
             "key": f"{key}.{i}",
             "aside": key == "outliers",
             "number": numbered.get((reading["where"], reading["label"])),

@@ -10,6 +10,7 @@ from markupsafe import Markup
 
 from volid.exceptions import cut, shown
 from volid.report.contents.contents import Contents
+from volid.report.contents.names import kind_words
 from volid.report.contents.scene import Scene, Stand, scene_of
 from volid.report.language import Texts
 from volid.report.page.packing import colours, packed
@@ -79,7 +80,7 @@ def _data(scene: Scene, texts: Texts) -> dict[str, Any]:
         "box": packed(scene.box),
         "points": [
             {
-                "name": f"{_plain(cut(p.name, NAME_LENGTH))} ({p.kind})",
+                "name": f"{_plain(cut(p.name, NAME_LENGTH))} ({kind_words(p.kind, texts)})",
                 "places": packed(p.places),
                 "normalised": packed(p.normalised),
             }
