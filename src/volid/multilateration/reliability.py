@@ -9,8 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.special import ndtri
-from scipy.stats import chi2
+from scipy.special import gammaincinv, ndtri
 
 from volid.multilateration.determination import Determination
 from volid.multilateration.equations import Equations
@@ -57,9 +56,14 @@ class Ellipsoids:
     scale: float
 
 
+def chi2_quantile(probability: float, freedom: float) -> float:
+    """Quantile of chi-square, as in `scipy.stats`, which takes longer to import than most reports to compute."""
+    return float(2.0 * gammaincinv(0.5 * freedom, probability))
+
+
 def confidence_scale(dimension: int, probability: float = PROBABILITY) -> float:
     """Semi-axes of the confidence ellipsoid over those of the standard one."""
-    return float(np.sqrt(chi2.ppf(probability, dimension)))
+    return float(np.sqrt(chi2_quantile(probability, dimension)))
 
 
 def ellipsoids(

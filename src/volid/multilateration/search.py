@@ -6,13 +6,13 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import chi2
 
 from volid.exceptions import InputError
 from volid.multilateration.descent import descend
 from volid.multilateration.determination import RANK_TOLERANCE, determine, first_order_holds
 from volid.multilateration.equations import ABSOLUTE, Equations
 from volid.multilateration.mirrors import EQUAL, best_sides, flatness
+from volid.multilateration.reliability import chi2_quantile
 from volid.multilateration.start import distances_of, placed_from
 
 _REJECTED = 0.001  # probability of chi-square below which other starts are tried
@@ -117,12 +117,12 @@ def _doubtful(equations: Equations, found: list, small: bool) -> bool:
     cost, x = min(found, key=lambda one: one[0])
     readings = equations.u.size - equations.offsets
     least = readings - int(equations.free.sum()) * x.shape[1]
-    if least > _LITTLE and 2 * cost < chi2.ppf(1 - _DOUBTFUL, least):
+    if least > _LITTLE and 2 * cost < chi2_quantile(1 - _DOUBTFUL, least):
         return False
     sizes = np.linalg.svd(equations.jacobian(x), compute_uv=False)
     dof = readings - int((sizes > RANK_TOLERANCE * sizes[0]).sum())
     level = _REJECTED if not small else _SPARE if dof <= _LITTLE else _DOUBTFUL
-    return bool(2 * cost > (chi2.ppf(1 - level, dof) if dof > 0 else EQUAL))
+    return bool(2 * cost > (chi2_quantile(1 - level, dof) if dof > 0 else EQUAL))
 
 
 def _from_distances(equations: Equations):

@@ -154,14 +154,14 @@ def budget(solution: Solution) -> Budget:
     """The budget of a solution: one source per set, per effect, per calibrated length, the earlier solution, the smoothness."""
     check_refittable(solution, "the budget")
     centre = Centre(solution)
-    basis, covariance = np.asarray(centre.frozen.basis), np.asarray(centre.frozen.covariance)
+    basis, covariance = centre.basis, np.asarray(solution.bare_covariance)
     sources, parts, stated = [], [], []
     system_of_all = centre.problem.system
     bare = replace(system_of_all, prior_root=np.zeros((0, system_of_all.size)), prior_value=np.zeros(0))
     for i, s in enumerate(centre.campaign.sets):
         own = [number == i for number, _ in centre.problem.places]
         system = replace(bare, blocks=tuple(b for b, of_set in zip(system_of_all.blocks, own, strict=True) if of_set))
-        normal = centre.engine.equations(system).normal(np.asarray(centre.frozen.z))
+        normal = centre.engine.equations(system).normal(centre.z)
         matrix = basis.T @ normal.matrix @ basis
         sources.append(f"readings of set '{s.name}'")
         stated.append(_one_u(s.u.ravel(), [part.unit for part in KINDS[s.kind].parts(s)]))
@@ -191,7 +191,7 @@ def _prior_sources(solution: Solution, centre: Centre) -> list[tuple[str, np.nda
     """Name, pseudo-reading rows (r, p) and stated u of every source of prior knowledge."""
     entries = [solution.nuisance_table[j] for j in centre.known]
     names = [f"effect '{e.effect}'" if e.effect else e.name for e in entries]
-    rows = np.asarray(centre.frozen.prior)
+    rows = centre.prior
     result = []
     for name in dict.fromkeys(names):
         rows_of_kind = [i for i, m in enumerate(names) if m == name]

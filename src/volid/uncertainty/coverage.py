@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from volid.exceptions import InputError
 
@@ -82,10 +82,10 @@ def gum_validity(
     `trials`: M, behind the intervals. `digits`: significant digits of u that matter, one or two. An end point at probability a
     has the standard deviation sqrt(a (1 - a)/M) over the density there, taken as normal.
     """
-    k = float(norm.ppf(0.5 + 0.5 * probability))
+    k = float(ndtri(0.5 + 0.5 * probability))
     low, high = np.abs(estimate - k * u - found.low), np.abs(estimate + k * u - found.high)
     tolerance = numerical_tolerance(u, digits)
     tail = 0.5 - 0.5 * probability
-    sampling = np.sqrt(tail * (1.0 - tail) / trials) / norm.pdf(k) * u
+    sampling = np.sqrt(tail * (1.0 - tail) / trials) / (np.exp(-0.5 * k**2) / np.sqrt(2.0 * np.pi)) * u
     larger = np.maximum(low, high)
     return Validity(low, high, tolerance, larger <= tolerance, np.abs(larger - tolerance) > 2.0 * sampling)

@@ -12,7 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from volid.fitting.prediction.deviations import THREADS, gradient_matrix
 from volid.fitting.results import FunctionValue
@@ -95,7 +95,7 @@ def widened(ends: np.ndarray, centre: np.ndarray, u: np.ndarray, probability: fl
     """Intervals (4, …) around values `centre`, each side in quadrature longer by an independent normal part of u."""
     if not np.any(u > 0.0):
         return ends
-    more = norm.ppf(0.5 + 0.5 * probability) * u
+    more = ndtri(0.5 + 0.5 * probability) * u
     sides = ends - centre
     return np.asarray(centre + np.sign(sides) * np.hypot(sides, more))
 

@@ -240,7 +240,7 @@ def _columns(made: Sequence[tuple[Sequence[str], Compensation]], task: _Task) ->
     unintended = np.zeros(len(made))
     for k, plain in enumerate(task.fields):
         acting = [compensation.control(machine, **believed.of(plain.tool)) for _, compensation in made]
-        own = [with_worst_places(plain, control) if task.search else plain for control in acting]
+        own = with_worst_places(plain, acting) if task.search else [plain] * len(acting)
         for i, result in enumerate(predictions(plain, list(zip(own, acting, strict=True)), task.draws, task.repeats)):
             found[i].append(result)
             moved = np.linalg.norm(acting[i].unintended_motion(own[i].places.positions, own[i].tool), axis=1)

@@ -26,7 +26,7 @@ from volid.compensation.residual.fields import (
 )
 from volid.compensation.residual.repeats import Repeats
 from volid.fitting.prediction.deviations import deviation_values
-from volid.fitting.prediction.largest import Places, axes_with_reversal, largest_places
+from volid.fitting.prediction.largest import Places, axes_with_reversal, largest_places_of_all
 from volid.fitting.prediction.spread import covariance_root
 from volid.fitting.solution import Solution
 from volid.model.jacobian import rigid_motion_rows
@@ -82,19 +82,60 @@ def _moved(field: Field, acting: Control, places: Places) -> np.ndarray:
     return moved_by(field.machine, places.positions, altered, field.tool)
 
 
-def with_worst_places(field: Field, acting: Control) -> Field:
-    """The field over the places too where what the control leaves, rigid motion taken out, is largest by any of `sizes`."""
-    machine, solution = field.machine, field.solution
-    (motion,) = field.motion().motions(left_by(field, acting)[None])
-    theta = np.asarray(solution.parameters)
+def with_worst_places(field: Field, controls: Sequence[Control]) -> list[Field]:
+    """For each of some controls, the field over the places too where what it leaves, rigid motion taken out, is largest by any
+    of `sizes`."""
+    machine, model = field.machine, field.solution.model
+    fitted = field.motion()
+    motions = [fitted.motions(left_by(field, acting)[None])[0] for acting in controls]
+    remaining = _Remaining(field, controls, motions)
+    found, values = remaining.at_places_of_field(), remaining.at
+    worst = largest_places_of_all(machine, values, field.places, found, axes_with_reversal(model))
+    return [field.and_also(places) for places in worst]
 
-    def values(q: np.ndarray, way: np.ndarray) -> np.ndarray:
-        tool = np.broadcast_to(field.tool, (len(q), 3))
-        left = deviation_values(solution.model, theta, q, tool, way) + _moved(field, acting, Places(q, way))
-        left -= rigid_motion_rows(machine, q, tool) @ motion
-        return np.asarray(sizes(left[None], tool_axes(machine, q))[0])
 
-    return field.and_also(largest_places(machine, values, field.places, axes_with_reversal(solution.model)))
+class _Remaining(NamedTuple):
+    """What each of some controls leaves of a field, less a rigid motion of its own, by all of `sizes`."""
+
+    field: Field
+    controls: Sequence[Control]
+    motions: Sequence[np.ndarray]
+
+    def at_places_of_field(self) -> list[np.ndarray]:
+        """One control after the other, at the places of the field, (m, 8) each."""
+        places = self.field.places
+        deviations = self._deviations(places)
+        return [self._sizes(deviations, places, [(i, len(deviations))]) for i in range(len(self.controls))]
+
+    def at(self, asked: Sequence[Places | None]) -> list[np.ndarray | None]:
+        """All controls at once, each at places of its own, None where there are none."""
+        parts = [(i, places) for i, places in enumerate(asked) if places is not None]
+        q, way = (np.concatenate([places[k] for _, places in parts]) for k in (0, 1))
+        counts = [(i, len(places.positions)) for i, places in parts]
+        places = Places(q, way)
+        values = self._sizes(self._deviations(places), places, counts)
+        result: list[np.ndarray | None] = [None] * len(asked)
+        for (i, _), own in zip(counts, np.split(values, np.cumsum([n for _, n in counts])[:-1]), strict=True):
+            result[i] = own
+        return result
+
+    def _deviations(self, places: Places) -> np.ndarray:
+        solution, tool = self.field.solution, np.broadcast_to(self.field.tool, (len(places.positions), 3))
+        return deviation_values(
+            solution.model, np.asarray(solution.parameters), places.positions, tool, places.directions
+        )
+
+    def _sizes(self, deviations: np.ndarray, places: Places, counts: Sequence[tuple[int, int]]) -> np.ndarray:
+        """Sizes at places of which, one control after the other, the first so many belong to one."""
+        machine, tool, start = self.field.machine, self.field.tool, 0
+        altered, motion = np.empty_like(places.positions), np.empty((len(places.positions), 6))
+        for i, n in counts:
+            part = slice(start, start := start + n)
+            altered[part] = self.controls[i].command(places.positions[part], tool, places.directions[part])
+            motion[part] = self.motions[i]
+        left = deviations + moved_by(machine, places.positions, altered, tool)
+        left -= np.einsum("mij,mj->mi", rigid_motion_rows(machine, places.positions, tool), motion)
+        return np.asarray(sizes(left[None], tool_axes(machine, places.positions))[0])
 
 
 def prediction(field: Field, acting: Control, draws: np.ndarray, repeats: Repeats) -> Prediction:

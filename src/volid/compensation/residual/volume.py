@@ -129,7 +129,7 @@ def predict_uncompensated(
 
 
 def _predicted(solution: Solution, tool: np.ndarray, acting: Control, draws: np.ndarray) -> ResidualPrediction:
-    field = with_worst_places(field_over(solution, whole_volume(solution.model), tool), acting)
+    (field,) = with_worst_places(field_over(solution, whole_volume(solution.model), tool), [acting])
     found = prediction(field, acting, draws, repeats_of(solution))
     (largest, _, mean, *_), (low, *_), (high, *_) = found.value, found.low, found.high
     return ResidualPrediction(float(mean), float(largest), (float(low), float(high)), _interpolation(field, acting))

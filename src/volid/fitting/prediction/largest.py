@@ -7,7 +7,7 @@ sixteenth of a travel can be missed.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -48,6 +48,9 @@ class Places(NamedTuple):
         n_even = len(self.positions) if self.n_even is None else self.n_even
         positions = np.concatenate([self.positions, more.positions])
         return Places(positions, np.concatenate([self.directions, more.directions]), n_even)
+
+
+ManyValues = Callable[[Sequence[Places | None]], Sequence[np.ndarray | None]]
 
 
 def axes_with_reversal(model: ErrorModel) -> tuple[int, ...]:
@@ -103,36 +106,68 @@ def largest_places(machine: Machine, values: Values, start: Places, directed: Se
         start: where to begin; the largest of them are taken.
         directed: axes, by number, whose direction of approach matters and is chosen too.
     """
-    search = _Search(machine, values, start, tuple(directed))
+    found = values(start.positions, start.directions)
+    (worst,) = largest_places_of_all(machine, lambda asked: [values(*asked[0][:2])], start, [found], directed)
+    return worst
+
+
+def largest_places_of_all(
+    machine: Machine, values: ManyValues, start: Places, found: Sequence[np.ndarray], directed: Sequence[int] = ()
+) -> list[Places]:
+    """The same in several searches side by side, so that what their values share is evaluated for all of them at once.
+
+    Args:
+        machine: whose travels are searched.
+        values: of the places that each search asks for, None where it has ended: the values of each.
+        start: where all begin.
+        found: values of each search there, (m, k).
+        directed: axes, by number, whose direction of approach matters and is chosen too.
+    """
+    searches = [_searched(machine, _Search(start, own, tuple(directed))) for own in found]
+    result: list[Places] = [start] * len(searches)
+    asked: list[Places | None] = [next(search) for search in searches]
+    while any(places is not None for places in asked):
+        for i, own in enumerate(values(asked)):
+            if own is None:
+                continue
+            try:
+                asked[i] = searches[i].send(own)
+            except StopIteration as end:
+                asked[i], result[i] = None, end.value
+    return result
+
+
+def _searched(machine: Machine, search: _Search) -> Generator[Places, np.ndarray, Places]:
+    """Where a search arrives; it asks for values of places and is sent them."""
     moving = np.arange(len(search.own))
     for _ in range(ROUNDS):
         before = search.sizes.copy()
         for axis in range(len(machine.axes)):
-            search.along(axis, np.linspace(*machine.axes[axis].travel, NODES)[None], moving)
+            yield from search.along(axis, np.linspace(*machine.axes[axis].travel, NODES)[None], moving)
         moving = np.flatnonzero(search.sizes > before)  # what no axis has moved stays where it is
         if not len(moving):
             break
     for share in CLOSE:
         for axis, a in enumerate(machine.axes):
             near = search.positions[:, [axis]] + share * a.length * np.linspace(-1.0, 1.0, CLOSE_NODES)
-            search.along(axis, np.clip(near, *a.travel))
+            yield from search.along(axis, np.clip(near, *a.travel))
     found = np.unique(np.hstack([search.positions, search.directions]), axis=0)
-    positions, directions = np.hsplit(found, 2)
-    return Places(positions, directions)
+    return Places(*np.hsplit(found, 2))
 
 
 class _Search:
     """Places under way, STARTS for each of k values: `positions`, `directions` (c, n_axes), and what each has reached, (c,)."""
 
-    def __init__(self, machine: Machine, values: Values, start: Places, directed: tuple[int, ...]) -> None:
-        found = values(start.positions, start.directions)
+    def __init__(self, start: Places, found: np.ndarray, directed: tuple[int, ...]) -> None:
         rows = np.argsort(-found, axis=0, kind="stable")[:STARTS]
-        self.values, self.directed = values, directed
+        self.directed = directed
         self.own = np.broadcast_to(np.arange(found.shape[1]), rows.shape).ravel()
         self.positions, self.directions = start.positions[rows.ravel()], start.directions[rows.ravel()]
         self.sizes = found[rows.ravel(), self.own]
 
-    def along(self, axis: int, nodes: np.ndarray, rows: np.ndarray | None = None) -> None:
+    def along(
+        self, axis: int, nodes: np.ndarray, rows: np.ndarray | None = None
+    ) -> Generator[Places, np.ndarray, None]:
         """Each place, or those of some `rows`, to the best of `nodes` (c or 1, g) of an axis, where that is larger."""
         rows = np.arange(len(self.own)) if rows is None else rows
         c, g = len(rows), nodes.shape[1]
@@ -143,8 +178,8 @@ class _Search:
         if axis in self.directed:
             way[..., axis] = ways
         q, way = q.reshape(c, -1, shape[3]), way.reshape(c, -1, shape[3])
-        found = self.values(q.reshape(-1, shape[3]), way.reshape(-1, shape[3])).reshape(c, q.shape[1], -1)
-        own = np.take_along_axis(found, self.own[rows][:, None, None], axis=2)[:, :, 0]
+        found = yield Places(q.reshape(-1, shape[3]), way.reshape(-1, shape[3]))
+        own = np.take_along_axis(found.reshape(c, q.shape[1], -1), self.own[rows][:, None, None], axis=2)[:, :, 0]
         row, best = np.arange(c), np.argmax(own, axis=1)
         better = own[row, best] > self.sizes[rows]
         for kept, offered in ((self.positions, q), (self.directions, way)):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from volid.backend.consent import ask
 from volid.campaign import Campaign, ObservationSet
@@ -144,7 +144,7 @@ def contradiction(nine: NineFunctions) -> tuple[float, float, float, int]:
 
 def _contradiction(nine: NineFunctions) -> Iterator[str]:
     found, noise, squares, dof = contradiction(nine)
-    if dof and chi2.sf(squares, dof) < CHANCE:
+    if dof and chdtrc(dof, squares) < CHANCE:
         yield (
             f"the four diagonals contradict each other: {1e3 * found:.2f} µm RMS per step instead of {1e3 * noise:.2f} µm. "
             "The axes rotate, a mirror is not square to its beam, or u is stated too small; the nine functions hold it too, and "

@@ -33,9 +33,9 @@ class Centre:
     """A solution with what all refits share.
 
     `n_readings`: N, scalar readings. `n_prior`: r, pseudo-readings: nuisance parameters known beforehand (effects, calibrated
-    lengths), numbers `known` of the table, then those of an earlier solution, then those of the smoothness. `centre`: x₀. `u`
-    (p,): standard uncertainties. `factors`: 0 for readings set aside, else 1, (m, k) per set. `engine`: of full refits, by
-    default the one that suits them.
+    lengths), numbers `known` of the table, then those of an earlier solution, then those of the smoothness; `prior` (r, p):
+    their rows on x. `centre`: x₀. `u` (p,): standard uncertainties. `factors`: 0 for readings set aside, else 1, (m, k) per
+    set. `engine`: of full refits, by default the one that suits them.
     """
 
     def __init__(self, solution: Solution, engine: Engine | None = None) -> None:
@@ -51,8 +51,9 @@ class Centre:
         self.known = _known_nuisance(solution)
         self.nuisance_prior = self._nuisance_prior()
         self.n_readings = self.campaign.n_readings
-        self.frozen = self._frozen()
-        self.n_prior = len(self.frozen.prior)
+        earlier = np.pad(solution.prior_rows, ((0, 0), (0, len(solution.nuisance))))
+        self.prior = np.vstack([self.nuisance_prior, earlier])
+        self.n_prior = len(self.prior)
 
     def _with_scatter(self, campaign: Campaign) -> Campaign:
         """The campaign with u of every reading as in the fit, what is independent from position to position included."""
@@ -73,7 +74,8 @@ class Centre:
         system = replace(problem.system, blocks=tuple(block for block, _ in cut))
         return problem._replace(equations=self.engine.equations(system)), [number for _, number in cut]
 
-    def _basis(self) -> np.ndarray:
+    @cached_property
+    def basis(self) -> np.ndarray:
         """T with z = T x, shape (size, p)."""
         n, p = self.solution.model.n_parameters, self.solution.model.parametrisation
         basis = np.zeros((self.problem.system.size, len(self.centre)))
@@ -89,11 +91,15 @@ class Centre:
         rows[np.arange(len(rows)), places] = [1.0 / entries[j].prior_u for j in self.known]
         return rows
 
-    def _frozen(self) -> Frozen:
-        """What the programs of all trials take."""
-        basis = self._basis()
-        z, equations = basis @ self.centre, self.problem.equations
-        earlier = np.pad(self.solution.prior_rows, ((0, 0), (0, len(self.solution.nuisance))))
+    @property
+    def z(self) -> np.ndarray:
+        """z₀ = T x₀."""
+        return np.asarray(self.basis @ self.centre)
+
+    @cached_property
+    def frozen(self) -> Frozen:
+        """What the programs of all trials take: arrays of JAX, which a budget does without."""
+        basis, z, equations = self.basis, self.z, self.problem.equations
         weighted = None
         if 8 * basis.shape[1] * self.n_readings <= LARGEST_ROWS:
             weighted = jnp.asarray(self._by_reading(equations.projected(z, basis.T)))
@@ -103,7 +109,7 @@ class Centre:
             z=jnp.asarray(z),
             basis=jnp.asarray(basis),
             covariance=jnp.asarray(self.solution.bare_covariance),
-            prior=jnp.asarray(np.vstack([self.nuisance_prior, earlier])),
+            prior=jnp.asarray(self.prior),
             predictions=[jnp.asarray(p) for p in equations.predictions(z)],
             numbers=[jnp.asarray(n) for n in self.numbers],
             weighted=weighted,
@@ -145,8 +151,8 @@ class Centre:
     ) -> tuple[np.ndarray, float]:
         """One trial by the solver of the fit itself, from the solution: x and chi-square; NaN when it diverges."""
         exact = self.flat_predictions()
-        basis, z = np.asarray(self.frozen.basis), np.asarray(self.frozen.z)
-        root = np.asarray(self.frozen.prior) @ np.linalg.pinv(basis)
+        basis, z = self.basis, self.z
+        root = self.prior @ np.linalg.pinv(basis)
         system = self._with_readings(self.by_set(exact + noise * self._u), factors)
         equations = self.problem.equations.changed(replace(system, prior_root=root, prior_value=root @ z + prior_noise))
         found = solve(self.problem._replace(equations=equations), z, basis @ self.whitened_directions())
@@ -158,7 +164,7 @@ class Centre:
     def whitened_directions(self) -> np.ndarray:
         """Columns L (p, r) with C = L Lᵀ, what the data do not determine left out."""
         u = np.where(self.u > 0.0, self.u, 1.0)
-        values, vectors = np.linalg.eigh(np.asarray(self.frozen.covariance) / np.outer(u, u))
+        values, vectors = np.linalg.eigh(np.asarray(self.solution.bare_covariance) / np.outer(u, u))
         kept = values > _SINGULAR * values[-1]
         return np.asarray(u[:, None] * vectors[:, kept] * np.sqrt(values[kept]))
 
@@ -178,8 +184,8 @@ class Centre:
 
     @cached_property
     def _redundancy(self) -> np.ndarray:
-        root = np.asarray(self.frozen.basis) @ self.whitened_directions()
-        leverages = self._flat(self.problem.equations.quadratic_forms(np.asarray(self.frozen.z), root.T))
+        root = self.basis @ self.whitened_directions()
+        leverages = self._flat(self.problem.equations.quadratic_forms(self.z, root.T))
         return np.asarray(np.maximum(1.0 - leverages, 1e-6))
 
     def by_set(self, flat: np.ndarray) -> list[np.ndarray]:
@@ -190,7 +196,7 @@ class Centre:
 
     def residuals(self, x: np.ndarray, noise: np.ndarray) -> np.ndarray:
         """Whitened residuals (N,), reading - prediction, of one trial."""
-        values = self._flat(self.problem.equations.predictions(np.asarray(self.frozen.basis) @ x))
+        values = self._flat(self.problem.equations.predictions(self.basis @ x))
         return np.asarray(noise - (values - self.flat_predictions()) / self._u)
 
 
