@@ -9,7 +9,6 @@ from volid.fitting.diagnosis import adequacy
 from volid.plausibility.record import FURTHER, ITEMS
 from volid.report.certificate.statements import IN_PLACE
 from volid.report.language import table
-from volid.standards.results import FAIL, PASS, UNDECIDED
 
 ROOMS = {"workbook": r'texts\(f?"workbook\.([a-z_]\w*)"', "certificate": r'add_texts\([^"]*"\w+", "([a-z]\w*)"'}
 GRADES = [grade.replace(", ", "_").replace(" ", "_") for grade in adequacy.GRADES]
@@ -29,8 +28,7 @@ MADE = {  # keys that the code puts together
     "workbook": [f"grade_{g}" for g in GRADES]
     + [f"recorded_{name}" for name in (*ITEMS, *FURTHER, "other")]
     + [f"V_{d}" for d in "XYZABC"]
-    + ["largest", "rms", "free_max", "free_rms", "after_max", "after_rms", "measured_log", "measured_column"]
-    + [f"conformity_{verdict}" for verdict in (PASS, FAIL, UNDECIDED)],
+    + ["largest", "rms", "free_max", "free_rms", "after_max", "after_rms", "measured_log", "measured_column"],
     "certificate": [f"grade_{g}{part}" for g in GRADES for part in ("", "_name")]
     + [f"recorded_{name}" for name in (*ITEMS, "other")]
     + [f"volume_V_{d}" for d in "XYZABC"]

@@ -53,6 +53,15 @@ def plain_symbol(name: str) -> str:
     return _OTHER.sub("0", name)
 
 
+def shown_symbol(name: str) -> str:
+    """A symbol as it is printed: the volumetric accuracy V_X as V X, with a blank that does not break; others as they are.
+
+    >>> shown_symbol("V_X"), shown_symbol("EXX")
+    ('V\\xa0X', 'EXX')
+    """
+    return name.replace("V_", "V\N{NO-BREAK SPACE}") if name.startswith("V_") else name
+
+
 def _kind(error: ErrorName) -> str:
     """What sort of error it is: a key of texts/symbols.toml."""
     if error.axis == SPINDLE:

@@ -40,3 +40,9 @@ def test_every_evaluation_has_a_row_with_its_values(tmp_path):
     assert labels[1] == f"E\n{1e3 * whole['E'].value:.1f}\n≤ 0.1\nfail"
     figure.savefig(tmp_path / "figure.svg")
     assert (tmp_path / "figure.svg").stat().st_size > 10_000
+
+
+def test_every_entry_of_the_legend_stands_once():
+    figure = positioning_figure([evaluation()])
+    labels = [t.get_text() for t in figure.axes[0].get_legend().get_texts()]
+    assert len(labels) == 4 and len(set(labels)) == 4

@@ -55,7 +55,7 @@ def test_within_its_uncertainty_an_axis_stands_upright_and_without_value_it_says
     _, (panel,) = sketch_panels()
     angle_panel(panel, angle(Constant("EC0Y", np.nan, np.nan)), ENGLISH)
     assert "n.d." in [t.get_text() for t in panel.texts]
-    assert panel.get_title() == "EC(0X)Y\nnot determined"
+    assert panel.get_title() == "EC0Y, EC(0X)Y\nnot determined"
 
 
 def test_a_line_that_is_known_in_one_direction_only_is_not_drawn():

@@ -185,6 +185,9 @@ def test_limits_and_what_types_leave(tmp_path):
     found = {row[0]: row for row in table(book, "Grenzwerte")[1]}
     assert found["EXX"][1] == pytest.approx(31.8, abs=0.05) and found["EXX"][3] == 30.0  # published: E = 31.8 µm
     assert (found["EXX"][5], found["EZZ"][5]) == ("nicht erfüllt", "erfüllt")
+    rule = found["EXX"][6]
+    assert "Schutzabstand" in rule and ": erfüllt bis Grenzwert" in rule and "nicht erfüllt über" in rule
+    assert not {"pass", "fail", "conditionalPass"} & set(rule.replace(",", " ").replace(":", " ").split())
     base = volid.compensation_base(solution, (0.0, 0.0, 0.0))
     expected = volid.forecast(solution, [["L-POS"]], base, np.zeros((1, 3)), most_draws=400).columns
     rows = [row for row in table(book, "Kompensation")[1] if row[4] == "größte"]

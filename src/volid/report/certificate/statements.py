@@ -11,6 +11,8 @@ from volid.report.contents.curves import HiddenWaves, curves, hidden_waves
 from volid.report.language import LANGUAGES, Texts
 from volid.standards.results import FAIL, PASS, SIMPLE, Evaluation, Quantity
 
+CONDITIONAL = ("conditionalPass", "conditionalFail")  # of the schema
+
 
 def add_statements(part: ET.Element, request: Request, conformity: Evaluation) -> None:
     """`dcc:statements` within the administrative data."""
@@ -84,7 +86,9 @@ def _conformity(statements: ET.Element, quantity: Quantity, rule: str) -> None:
     if rule != SIMPLE:
         add(statement, "norm", "ISO 14253-1:2017")
     known = math.isfinite(quantity.value)
-    add_texts(statement, "declaration", declaration_key(quantity, rule))
+    declaration = add(statement, "declaration")
+    for language in LANGUAGES:
+        add(declaration, "content", rule_words(quantity, rule, Texts(language), coded=True), lang=language)
     if known and not quantity.withheld:
         add(statement, "conformity", _status(quantity))
     data = add(statement, "data")
@@ -95,6 +99,15 @@ def _conformity(statements: ET.Element, quantity: Quantity, rule: str) -> None:
         )
         add_texts(one, "name", f"conformity_{key}")
         add_real(one, float(value or 0.0), quantity.unit, expanded)
+
+
+def rule_words(quantity: Quantity, rule: str, texts: Texts, coded: bool = False) -> str:
+    """How conformity was decided, or why it is not stated; `coded`: with the verdicts as the schema of certificates has them."""
+    words = [(texts(f"limits.{verdict}"), verdict) for verdict in (PASS, FAIL)]
+    passed, failed = (f"{own} ({code})" if coded and own != code else own for own, code in words)
+    more = texts("certificate.conditional", passed=CONDITIONAL[0], failed=CONDITIONAL[1]) if coded else ""
+    said = {"passed": passed, "failed": failed, "conditional": more}
+    return texts(f"certificate.{declaration_key(quantity, rule)}", **said)
 
 
 def declaration_key(quantity: Quantity, rule: str) -> str:
@@ -110,4 +123,4 @@ def _status(quantity: Quantity) -> str:
     """The verdict as the schema has it; between the guard bands what the value alone would be, on condition (ILAC-G8 4.2.3)."""
     if quantity.verdict in (PASS, FAIL):
         return quantity.verdict
-    return "conditionalPass" if abs(quantity.value) <= (quantity.limit or 0.0) else "conditionalFail"
+    return CONDITIONAL[0] if abs(quantity.value) <= (quantity.limit or 0.0) else CONDITIONAL[1]

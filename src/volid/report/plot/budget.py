@@ -15,6 +15,7 @@ from volid.report.plot.asked import Asked, NothingToDrawError
 from volid.report.plot.dots import finished, quiet
 from volid.report.plot.palette import BLACK, FAINT, NEUTRAL, SERIES
 from volid.report.plot.panels import figure_with_panels, heading, shown_vector
+from volid.report.symbols import shown_symbol
 from volid.uncertainty.budget import Line
 
 if TYPE_CHECKING:
@@ -115,6 +116,6 @@ def _sort(output: Contributions) -> str:
 
 
 def output_words(name: str, texts: Texts) -> str:
-    """An output in words: the numbers of the volume; symbols stay as they are."""
+    """An output in words: the numbers of the volume, V_X as V X; other symbols stay as they are."""
     keys = {"largest deviation": "largest", "RMS deviation": "rms"}
-    return texts(f"budget.{keys[name]}") if name in keys else name
+    return texts(f"budget.{keys[name]}") if name in keys else shown_symbol(name)

@@ -157,7 +157,7 @@ def angle_panel(panel: Any, found: Angle, texts: Texts) -> None:
     panel.text(
         0.45, -0.29, texts("constants.seen", side=_SEEN_FROM[found.letters]), ha="center", fontsize=7, color=NEUTRAL
     )
-    symbol = squareness_symbol(found.constant.name)
+    symbol = f"{found.constant.name}, {squareness_symbol(found.constant.name)}"
     panel.set_title(f"{symbol}\n{with_u(found.constant, texts)}", fontsize=8, loc="center")
 
 

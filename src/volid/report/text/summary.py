@@ -1,7 +1,7 @@
 """A solution on one screen: the verdict first, then what was measured, the numbers most asked for, and what is missing.
 
 `summary_data` holds the numbers in mm and rad, ready for JSON (None: not determined); `summary_text` prints them.
-Expanded uncertainties have k = 2; ranges are largest minus smallest value over the travel.
+Expanded uncertainties have k = 2; ranges are largest minus smallest value over the measured range.
 """
 
 from __future__ import annotations

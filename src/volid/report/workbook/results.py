@@ -18,7 +18,7 @@ from volid.fitting.solution import Solution
 from volid.io.functions_csv import round_place
 from volid.model.axis_lines import MACHINE
 from volid.model.iso230 import DIRECTIONS
-from volid.report.certificate.statements import declaration_key
+from volid.report.certificate.statements import rule_words
 from volid.report.contents.contents import Contents
 from volid.report.contents.curves import Curve, curves, hidden_waves, plain_symbol
 from volid.report.contents.volume import volume_values
@@ -212,8 +212,8 @@ def limits_sheet(found: Evaluation, texts: Texts) -> Table:
     rows: list[list[Any]] = []
     for q in (q for q in found.quantities if q.limit is not None):
         numbers = [micro_of(v, q.unit) for v in (q.value, q.U, q.limit)]
-        rule = texts(f"certificate.{declaration_key(q, found.rule)}")
-        rows.append([q.symbol, *numbers, unit_of(q.unit), texts(f"workbook.conformity_{q.verdict}"), rule])
+        rule = rule_words(q, found.rule, texts)
+        rows.append([q.symbol, *numbers, unit_of(q.unit), texts(f"limits.{q.verdict}"), rule])
     return Table(texts("workbook.sheet_limits"), columns, rows)
 
 

@@ -41,6 +41,15 @@ def build(contents: Contents, texts: Texts) -> Section | None:
     return Section("constants", texts("page.section_constants"), body)
 
 
+def both_symbols(name: str, full: str | None) -> str:
+    """The symbol that other tables have, and beside it the full form of ISO 230-1, as the sketches have it.
+
+    >>> both_symbols("EC0Y", "EC(0X)Y"), both_symbols("EX(0A)C", None)
+    ('EC0Y, EC(0X)Y', 'EX(0A)C')
+    """
+    return name if full in (None, name) else f"{name}, {full}"
+
+
 def _sketches(contents: Contents, texts: Texts) -> list[dict[str, Markup]]:
     """Small drawings with their keys, those of angles first."""
     found: list[dict[str, Markup]] = []
@@ -59,7 +68,7 @@ def _row(entry: Mapping[str, Any], key: str, machine: Machine, texts: Texts) -> 
     name = plain_symbol(entry["name"])
     return {
         **entry,
-        "symbol": entry.get("symbol", entry["name"]),
+        "symbol": both_symbols(entry["name"], entry.get("symbol")),
         "meaning": constant_words(entry["name"], texts),
         "sign": _sign(name, entry, machine, texts),
         "key": f"{key}.{entry['name']}",

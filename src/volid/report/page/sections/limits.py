@@ -10,7 +10,7 @@ from volid.report.contents.quantities import LARGEST
 from volid.report.language import Texts
 from volid.report.page.section import Section
 from volid.report.page.templates import render
-from volid.report.symbols import constant_words, plain_symbol
+from volid.report.symbols import constant_words, plain_symbol, shown_symbol
 from volid.standards.results import SIMPLE, WITHHELD, Quantity
 
 
@@ -32,7 +32,7 @@ def build(contents: Contents, texts: Texts) -> Section | None:
 
 def _row(quantity: Quantity, texts: Texts) -> dict[str, Any]:
     words = texts("limits.largest") if quantity.symbol == LARGEST else _words(quantity.symbol, texts)
-    symbol = "" if quantity.symbol == LARGEST else quantity.symbol
+    symbol = "" if quantity.symbol == LARGEST else shown_symbol(quantity.symbol)
     key, withheld = f"evaluation.{quantity.symbol}", quantity.withheld
     places = places_as_stated(quantity.limit or 0.0, quantity.unit)
     return {"quantity": quantity, "symbol": symbol, "words": words, "key": key, "withheld": withheld, "places": places}

@@ -56,7 +56,9 @@ def _deviations(panel: Any, result: PositioningResult, scale: float) -> None:
         spread = seen & np.isfinite(s)
         if spread.any():
             low, high = (mean - 2.0 * s)[spread], (mean + 2.0 * s)[spread]
-            panel.fill_between(x[spread], low, high, color=colour, alpha=0.15, lw=0, label="its mean ± 2 s")
+            panel.fill_between(
+                x[spread], low, high, color=colour, alpha=0.15, lw=0, label=f"its mean ± 2 s, {_SIGNS[name]}"
+            )
         if runs.deviations.shape[2] > 1:
             each = np.repeat((x + (aside if name == "up" else -aside))[:, None], runs.deviations.shape[2], axis=1)
             points = scale * runs.deviations[:, way]
