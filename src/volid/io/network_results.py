@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import NamedTuple, TextIO
+from typing import TYPE_CHECKING, NamedTuple, TextIO
 
 import numpy as np
-from jaxtyping import Float
 
 from volid.io.basics.atomic import atomic_output
 from volid.io.basics.cells import CellWriter
 from volid.io.networks import DISTANCES, UNIT
 from volid.multilateration import NetworkSolution
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 _ROUNDING = 1e-14  # of the largest coordinate: below, a coordinate is 0
 

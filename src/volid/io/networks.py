@@ -11,14 +11,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
 
 from volid.exceptions import InputError
 from volid.io.basics.csv_table import CsvTable, read_csv
 from volid.multilateration import NetworkSolution, adjust_network, starting_coordinates
+
+if TYPE_CHECKING:
+    from jaxtyping import Float, Int
 
 DISTANCES = ("from", "to", "distance", "u")
 _OPTIONAL = ("relative", "segment")

@@ -15,6 +15,7 @@ what rigid motions of the workpiece and of the tool do to the deviation.
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,11 +23,22 @@ import numpy as np
 from volid.backend.elementary import computed_once, constant_like
 from volid.model.geometry import Vector, add, cross, rotate_small, skew, subtract
 from volid.model.iso230 import LINEAR_AXES
-from volid.model.kinematics import ROWS, error_first, error_motion, nominal_factor, nominal_point, side_rotation, turn
+from volid.model.kinematics import (
+    ROWS,
+    chain_of,
+    error_first,
+    error_motion,
+    nominal_factor,
+    nominal_point,
+    side_rotation,
+    turn,
+)
 from volid.model.machine import Axis, Machine
 
 if TYPE_CHECKING:
     from jaxtyping import Float
+
+REMEMBERED = 300  # positions, whose lever arms take half a megabyte
 
 
 def deviation_partials(machine: Machine, q: Any, tool: Vector, errors: Any) -> list[list[Any]]:
@@ -136,8 +148,26 @@ def influence(
     `positions` (m, n_axes) [mm, °], `tool` (m, 3) or (3,) [mm]. An error (e, ω) about point p, at the functional point x of its
     frame R, causes R (e + ω × (x - p)) and R ω. Products of two errors are left out: below 0.02 µm per metre at 100 µrad.
     """
-    q = np.atleast_2d(np.asarray(positions, dtype=float)).T
-    x, y, z = np.broadcast_to(np.asarray(tool, dtype=float), (q.shape[1], 3)).T
+    q = np.atleast_2d(np.asarray(positions, dtype=float))
+    tools = np.asarray(tool, dtype=float)
+    if not 0 < len(q) <= REMEMBERED:
+        return _influence(machine, q, tools)
+    return _remembered(chain_of(machine), q.shape, q.tobytes(), tools.shape, tools.tobytes())
+
+
+@lru_cache(maxsize=64)
+def _remembered(
+    machine: Machine, places: tuple[int, ...], q: bytes, tools: tuple[int, ...], tool: bytes
+) -> Float[np.ndarray, "m 6 errors"]:
+    """The same, which tables and grids of all types ask for again, to be read only."""
+    found = _influence(machine, np.frombuffer(q).reshape(places), np.frombuffer(tool).reshape(tools))
+    found.flags.writeable = False
+    return found
+
+
+def _influence(machine: Machine, q: np.ndarray, tools: np.ndarray) -> Float[np.ndarray, "m 6 errors"]:
+    q = q.T
+    x, y, z = np.broadcast_to(tools, (q.shape[1], 3)).T
     n_errors = ROWS * (len(machine.axes) + 1)
     rows = deviation_partials(machine, q, (x, y, z), [0.0] * n_errors)
     result = np.empty((q.shape[1], 6, n_errors))

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Collection, Hashable, Mapping, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 from scipy.special import ndtri
 
@@ -33,6 +33,9 @@ from volid.multilateration.mirrors import best_sides, on_the_fold
 from volid.multilateration.network_solution import NetworkSolution
 from volid.multilateration.reliability import ellipsoids, normalised, reliability
 from volid.multilateration.search import search
+
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Float, Int
 
 _LARGEST = 1e50  # of lengths, and of 1/u; squares of squares still are numbers
 _CANDIDATES = 3  # minima from which blunders are looked for

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
 
 from volid.multilateration.descent import descend
 from volid.multilateration.determination import decomposition
 from volid.multilateration.equations import Equations, part
 from volid.multilateration.reliability import normalised
+
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Float
 
 _INSEPARABLE = 0.98  # correlation of two residuals above which a blunder in one looks like a blunder in the other
 

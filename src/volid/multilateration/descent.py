@@ -7,14 +7,16 @@ maximum. The exact second derivatives tell one from the other.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
 from scipy.linalg import LinAlgError, cho_factor, cho_solve, eigh
 
 from volid.exceptions import InputError
 from volid.multilateration.equations import Equations
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 _ITERATIONS = 300
 _SADDLES = 20  # times that a saddle is left

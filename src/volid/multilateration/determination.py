@@ -9,12 +9,15 @@ still not enough: what it calls one standard uncertainty leads so far that the s
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Bool, Float
 from scipy.linalg import eigvalsh
 
 from volid.multilateration.equations import Equations, part
+
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Float
 
 RANK_TOLERANCE = 1e-9  # singular values of the Jacobian divided by u, relative to the largest; rounding leaves 1e-15
 _LINEAR = 0.5  # second order over u at one standard uncertainty; a point as high above the plane as its u has this one

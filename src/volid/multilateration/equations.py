@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
 from scipy.sparse import csr_array
 
 from volid.backend.rms import rms
+
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Float, Int
 
 ABSOLUTE = -1  # group of the readings without an offset
 

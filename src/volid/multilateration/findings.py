@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Hashable
+from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Bool, Float
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
@@ -13,6 +13,9 @@ from volid.multilateration.determination import VISIBLE, determine, movement
 from volid.multilateration.equations import Equations, part
 from volid.multilateration.mirrors import EQUAL, second_solutions
 from volid.multilateration.network_solution import Alternative, NetworkSolution, Offset
+
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Float
 
 AS_FLAT = 0.01  # of chi-square, a tenth of a standard deviation: below, a network given as flat is left so
 _CLEARLY = (

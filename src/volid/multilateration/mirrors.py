@@ -6,16 +6,18 @@ so. Descent finds the minimum on the side where it starts, so that both sides ar
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from volid.exceptions import InputError
 from volid.multilateration.descent import descend
 from volid.multilateration.equations import ABSOLUTE, Equations
+
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Float
 
 INDISTINCT = 9.0  # difference of chi-square (three standard deviations) below which a second solution is possible
 EQUAL = 1e-6  # difference of chi-square below which two solutions fit equally well

@@ -6,9 +6,12 @@ Dead paths never appear as unknowns, because all quantities are centred segment 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float, Int
+
+if TYPE_CHECKING:
+    from jaxtyping import Float, Int
 
 HUBER = 1.345  # 95 % efficiency under normal noise, Huber 1981
 BIWEIGHT = 4.685  # 95 % efficiency under normal noise, Beaton and Tukey 1974

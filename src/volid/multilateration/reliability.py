@@ -6,13 +6,16 @@ Redundancy numbers, minimal detectable errors and their influence (Baarda), norm
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Bool, Float
 from scipy.special import gammaincinv, ndtri
 
 from volid.multilateration.determination import Determination
 from volid.multilateration.equations import Equations
+
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Float
 
 SIGNIFICANCE, POWER = 0.001, 0.8  # of the test that a minimal detectable error refers to
 NON_CENTRALITY = float(ndtri(1 - SIGNIFICANCE / 2) + ndtri(POWER)) ** 2  # 17.07, Baarda 1968

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
 
 from volid.exceptions import InputError
 from volid.multilateration.descent import descend
@@ -14,6 +13,9 @@ from volid.multilateration.equations import ABSOLUTE, Equations
 from volid.multilateration.mirrors import EQUAL, best_sides, flatness
 from volid.multilateration.reliability import chi2_quantile
 from volid.multilateration.start import distances_of, placed_from
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 _REJECTED = 0.001  # probability of chi-square below which other starts are tried
 _DOUBTFUL = 0.05  # the same for small networks, where trying costs little,

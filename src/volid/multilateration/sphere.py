@@ -12,13 +12,16 @@ them only as far as they change from touch to touch."""
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Bool, Float
 from numpy.typing import ArrayLike
 from scipy.special import fdtri
 
 from volid.exceptions import InputError, NotDeterminedError
+
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Float
 
 _FLAT = 1e-9  # singular value, of the largest, below which touches lie on one circle
 _STEP = 1e-13  # of the radius: smaller steps change nothing

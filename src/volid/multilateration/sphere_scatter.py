@@ -13,13 +13,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float
 from scipy.special import stdtrit
 
 from volid.exceptions import NotDeterminedError
 from volid.multilateration.sphere import Sphere, fit_sphere
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 _CHANCE = 0.01  # of naming a good touch, in a whole file
 _TO_DEVIATION, _EFFICIENCY = 1.4826, 0.37  # of the median of absolute normal deviates

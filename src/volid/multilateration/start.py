@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterable, Mapping, Sequence
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
-from jaxtyping import Float
 from numpy.typing import ArrayLike
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components, shortest_path
@@ -17,6 +16,9 @@ from volid.multilateration.descent import descend
 from volid.multilateration.equations import ABSOLUTE, Equations
 from volid.multilateration.mirrors import best_sides
 from volid.multilateration.trilateration import trilaterate
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 _ATTEMPTS = 40  # random starts; enough for a dozen points all measured against each other
 _GOOD = 20.0  # root mean square residual / u above which a solution is not taken for a start

@@ -7,15 +7,17 @@ misleading.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
 
 from volid.exceptions import InputError
 from volid.multilateration.determination import determine
 from volid.multilateration.equations import ABSOLUTE, Equations
 from volid.multilateration.network_solution import NetworkSolution
+
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Float
 
 BATCH = 512  # trials that are adjusted together
 _ITERATIONS = 1000  # only trials at a fold, where the distances do not meet, need more than some ten

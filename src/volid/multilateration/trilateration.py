@@ -7,9 +7,9 @@ coordinates, accepts beam breaks and gross outliers, and reports when the data a
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
 from volid.backend.rms import rms
@@ -28,6 +28,9 @@ from volid.multilateration.one_station import (
     robust_weights,
     subsample,
 )
+
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Float, Int
 
 _COARSE, _MEDIUM = 250, 2000  # readings used while the right basin, then the right mirror image, is looked for
 _RADII = (0.4, 1.5, 5.0, 15.0)  # of the spread start positions, in units of the targets' extent

@@ -35,6 +35,7 @@ from volid.uncertainty.coverage import coverage_intervals
 DRAWS = 400
 MOST_SAMPLES = 2000
 AT_ONCE = 100  # draws
+PLACES_AT_ONCE = 8192  # few enough that no program is compiled for searches that happen to go side by side
 
 
 class Prediction(NamedTuple):
@@ -85,13 +86,26 @@ def _moved(field: Field, acting: Control, places: Places) -> np.ndarray:
 def with_worst_places(field: Field, controls: Sequence[Control]) -> list[Field]:
     """For each of some controls, the field over the places too where what it leaves, rigid motion taken out, is largest by any
     of `sizes`."""
-    machine, model = field.machine, field.solution.model
-    fitted = field.motion()
-    motions = [fitted.motions(left_by(field, acting)[None])[0] for acting in controls]
-    remaining = _Remaining(field, controls, motions)
-    found, values = remaining.at_places_of_field(), remaining.at
-    worst = largest_places_of_all(machine, values, field.places, found, axes_with_reversal(model))
-    return [field.and_also(places) for places in worst]
+    fitted, places = field.motion(), field.places
+    moved = [_moved(field, acting, places) for acting in controls]
+    motions = [fitted.motions((field.estimate + change)[None])[0] for change in moved]
+    deviations, axes = _deviations(field, places), tool_axes(field.machine, places.positions)
+    found = [
+        sizes((deviations + change - fitted.rows @ motion)[None], axes)[0]
+        for change, motion in zip(moved, motions, strict=True)
+    ]
+    values, directed = _Remaining(field, controls, motions).at, axes_with_reversal(field.solution.model)
+    return [field.and_also(worst) for worst in largest_places_of_all(field.machine, values, places, found, directed)]
+
+
+def _deviations(field: Field, places: Places) -> np.ndarray:
+    """The deviation that the solution itself has at some places, (m, 6) [mm, rad]."""
+    model, theta = field.solution.model, np.asarray(field.solution.parameters)
+    parts = []
+    for start in range(0, len(places.positions), PLACES_AT_ONCE):
+        q, way = (a[start : start + PLACES_AT_ONCE] for a in (places.positions, places.directions))
+        parts.append(deviation_values(model, theta, q, np.broadcast_to(field.tool, (len(q), 3)), way))
+    return np.concatenate(parts)
 
 
 class _Remaining(NamedTuple):
@@ -101,31 +115,19 @@ class _Remaining(NamedTuple):
     controls: Sequence[Control]
     motions: Sequence[np.ndarray]
 
-    def at_places_of_field(self) -> list[np.ndarray]:
-        """One control after the other, at the places of the field, (m, 8) each."""
-        places = self.field.places
-        deviations = self._deviations(places)
-        return [self._sizes(deviations, places, [(i, len(deviations))]) for i in range(len(self.controls))]
-
     def at(self, asked: Sequence[Places | None]) -> list[np.ndarray | None]:
         """All controls at once, each at places of its own, None where there are none."""
         parts = [(i, places) for i, places in enumerate(asked) if places is not None]
         q, way = (np.concatenate([places[k] for _, places in parts]) for k in (0, 1))
         counts = [(i, len(places.positions)) for i, places in parts]
         places = Places(q, way)
-        values = self._sizes(self._deviations(places), places, counts)
+        values = self._sizes(places, counts)
         result: list[np.ndarray | None] = [None] * len(asked)
         for (i, _), own in zip(counts, np.split(values, np.cumsum([n for _, n in counts])[:-1]), strict=True):
             result[i] = own
         return result
 
-    def _deviations(self, places: Places) -> np.ndarray:
-        solution, tool = self.field.solution, np.broadcast_to(self.field.tool, (len(places.positions), 3))
-        return deviation_values(
-            solution.model, np.asarray(solution.parameters), places.positions, tool, places.directions
-        )
-
-    def _sizes(self, deviations: np.ndarray, places: Places, counts: Sequence[tuple[int, int]]) -> np.ndarray:
+    def _sizes(self, places: Places, counts: Sequence[tuple[int, int]]) -> np.ndarray:
         """Sizes at places of which, one control after the other, the first so many belong to one."""
         machine, tool, start = self.field.machine, self.field.tool, 0
         altered, motion = np.empty_like(places.positions), np.empty((len(places.positions), 6))
@@ -133,7 +135,7 @@ class _Remaining(NamedTuple):
             part = slice(start, start := start + n)
             altered[part] = self.controls[i].command(places.positions[part], tool, places.directions[part])
             motion[part] = self.motions[i]
-        left = deviations + moved_by(machine, places.positions, altered, tool)
+        left = _deviations(self.field, places) + moved_by(machine, places.positions, altered, tool)
         left -= np.einsum("mij,mj->mi", rigid_motion_rows(machine, places.positions, tool), motion)
         return np.asarray(sizes(left[None], tool_axes(machine, places.positions))[0])
 

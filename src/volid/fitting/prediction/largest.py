@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Sequence
 from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -50,6 +51,7 @@ class Places(NamedTuple):
         return Places(positions, np.concatenate([self.directions, more.directions]), n_even)
 
 
+_FOUND: WeakKeyDictionary[Solution, dict[bytes, Places]] = WeakKeyDictionary()
 ManyValues = Callable[[Sequence[Places | None]], Sequence[np.ndarray | None]]
 
 
@@ -79,7 +81,15 @@ def whole_volume(model: ErrorModel, seed: int = 0, *, still: bool = False) -> Pl
 
 def with_largest(solution: Solution, tool: np.ndarray) -> Places:
     """Places of `whole_volume`, and where the deviation in the stated datum, mean of both directions, is largest in length and in
-    the range of each component; `tool` (3,) [mm]."""
+    the range of each component; `tool` (3,) [mm]. Searched for once in a solution with each tool vector."""
+    known = _FOUND.setdefault(solution, {})
+    key = np.asarray(tool, dtype=float).tobytes()
+    if key not in known:
+        known[key] = _with_largest(solution, tool)
+    return known[key]
+
+
+def _with_largest(solution: Solution, tool: np.ndarray) -> Places:
     theta, start = np.asarray(solution.parameters), whole_volume(solution.model, still=True)
 
     def values(q: np.ndarray, way: np.ndarray) -> np.ndarray:
@@ -106,8 +116,11 @@ def largest_places(machine: Machine, values: Values, start: Places, directed: Se
         start: where to begin; the largest of them are taken.
         directed: axes, by number, whose direction of approach matters and is chosen too.
     """
-    found = values(start.positions, start.directions)
-    (worst,) = largest_places_of_all(machine, lambda asked: [values(*asked[0][:2])], start, [found], directed)
+
+    def only(asked: Sequence[Places | None]) -> list[np.ndarray | None]:
+        return [values(places.positions, places.directions) for places in asked if places is not None]
+
+    (worst,) = largest_places_of_all(machine, only, start, [values(start.positions, start.directions)], directed)
     return worst
 
 
@@ -152,7 +165,8 @@ def _searched(machine: Machine, search: _Search) -> Generator[Places, np.ndarray
             near = search.positions[:, [axis]] + share * a.length * np.linspace(-1.0, 1.0, CLOSE_NODES)
             yield from search.along(axis, np.clip(near, *a.travel))
     found = np.unique(np.hstack([search.positions, search.directions]), axis=0)
-    return Places(*np.hsplit(found, 2))
+    positions, directions = np.hsplit(found, 2)
+    return Places(positions, directions)
 
 
 class _Search:
