@@ -37,7 +37,9 @@ def positioning_figure(evaluations: Sequence[Evaluation]) -> Figure:
         _deviations(left, result, scale)
         left.set_ylabel(f"deviation / {unit}")
         left.set_xlabel(f"position of {evaluation.subject} / {result.runs.unit}")
-        left.set_title(f"{evaluation.standard}, {evaluation.subject}", loc="left", fontsize=10)
+        left.set_title(
+            f"{evaluation.standard}, {evaluation.subject}", loc="left", fontsize=10, pad=18
+        )  # above the legend
         _quantities(right, evaluation, scale, unit)
     return figure
 
@@ -57,7 +59,7 @@ def _deviations(panel: Any, result: PositioningResult, scale: float) -> None:
         if spread.any():
             low, high = (mean - 2.0 * s)[spread], (mean + 2.0 * s)[spread]
             panel.fill_between(
-                x[spread], low, high, color=colour, alpha=0.15, lw=0, label=f"its mean ± 2 s, {_SIGNS[name]}"
+                x[spread], low, high, color=colour, alpha=0.15, lw=0, label=f"mean ± 2 s, {_SIGNS[name]}"
             )
         if runs.deviations.shape[2] > 1:
             each = np.repeat((x + (aside if name == "up" else -aside))[:, None], runs.deviations.shape[2], axis=1)
