@@ -226,6 +226,12 @@ def test_engines_are_chosen_in_one_place():
     assert found.keys() == {"fitting/equations/choice.py"}, found
 
 
+def test_modules_of_tests_have_names_of_their_own():
+    """pytest imports them by their bare names, and takes two of one name for a mistake."""
+    names = [p.name for p in sorted(Path(__file__).parent.rglob("test_*.py"))]
+    assert [n for n in sorted(set(names)) if names.count(n) > 1] == []
+
+
 def test_tables_are_written_in_one_place():
     """Where no text becomes a cell that a spreadsheet runs."""
     assert {line.split(":")[0] for line in lines_with(r"csv\.(writer|DictWriter)\(")} == {"io/basics/cells.py"}

@@ -107,8 +107,8 @@ class Numbers:
         """Where a machine stood, to 0.1 mm or 0.01°: finer than that no place in a machine is looked for.
 
         >>> from volid.report.language import ENGLISH
-        >>> print(Numbers(ENGLISH).position(12345.678).striptags(), Numbers(ENGLISH).position(-24.7349, "°").striptags())
-        12345.7\u202fmm −24.73°
+        >>> Numbers(ENGLISH).position(12345.678).striptags().split(), str(Numbers(ENGLISH).position(-24.7349, "°").striptags())
+        (['12345.7', 'mm'], '−24.73°')
         """
         if value is None or not math.isfinite(value):
             return self.unknown()
