@@ -3,6 +3,7 @@
 import re
 
 import pytest
+from support.dcc_schema import ASKED
 from support.places import SOURCE
 
 from volid.fitting.diagnosis import adequacy
@@ -12,18 +13,6 @@ from volid.report.language import table
 
 ROOMS = {"workbook": r'texts\(f?"workbook\.([a-z_]\w*)"', "certificate": r'add_texts\([^"]*"\w+", "([a-z]\w*)"'}
 GRADES = [grade.replace(", ", "_").replace(" ", "_") for grade in adequacy.GRADES]
-ABSENT = (
-    "country",
-    "identifier",
-    "begin",
-    "end",
-    "place",
-    "laboratory",
-    "customer",
-    "person",
-    "serial_number",
-    "instrument",
-)
 MADE = {  # keys that the code puts together
     "workbook": [f"grade_{g}" for g in GRADES]
     + [f"recorded_{name}" for name in (*ITEMS, *FURTHER, "other")]
@@ -33,7 +22,7 @@ MADE = {  # keys that the code puts together
     + [f"recorded_{name}" for name in (*ITEMS, "other")]
     + [f"volume_V_{d}" for d in "XYZABC"]
     + ["volume_largest", "volume_rms", "measured_log", "measured_column", "rule_simple", "rule_guard_band"]
-    + [f"missing_{key}" for key in ABSENT]
+    + [f"missing_{key}" for key in ASKED]
     + [f"in_place_{key}" for key in IN_PLACE],
 }
 

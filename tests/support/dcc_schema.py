@@ -9,6 +9,19 @@ import re
 import xml.etree.ElementTree as ET
 
 DCC, SI = "{https://ptb.de/dcc}", "{https://ptb.de/si}"
+# what a certificate asks for and a solution does not know, by the names that volid gives them, in their order
+ASKED = (
+    "country",
+    "identifier",
+    "begin",
+    "end",
+    "place",
+    "laboratory",
+    "customer",
+    "person",
+    "serial_number",
+    "instrument",
+)
 MIXED = " name:text? description:rich?"
 CHARGES = (
     " usedMethods:methods? usedSoftware:softwares? measuringEquipments:equipments? influenceConditions:conditions? "

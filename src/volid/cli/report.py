@@ -125,7 +125,7 @@ def _others(contents: Contents) -> list[str]:
 
 
 def _barrier(contents: Contents) -> list[str]:
+    """Why no numbers are shown; nothing where they are."""
     if not contents.barrier:
         return []
-    """Why no numbers are shown."""
     return [f"no numbers are shown{' and no limit is judged' if contents.limits else ''}: {contents.barrier}"]

@@ -30,14 +30,8 @@ _COLOURS = {
 SCRIPTS = ("scene.js", "field.js", "stations.js", "page.js")
 STYLES = ("page.css", "scene.css")
 DRAWN = ("field", "stations")  # sections whose data are drawn in 3-D
-BEHIND_BARRIER = (
-    "verdict",
-    "machine",
-    "campaign",
-    "stations",
-    "residuals",
-    "provenance",
-)  # what a mistake does not falsify
+# sections that a mistake does not falsify
+BEHIND_BARRIER = ("verdict", "machine", "campaign", "stations", "residuals", "provenance")
 _PLAIN = re.compile(r"[^0-9A-Za-z ]")
 
 
