@@ -57,6 +57,7 @@ def test_examples_run(name, monkeypatch, request):
 def documented():
     """Public classes and functions by name. Constants, whose docstring is that of their type, need no example."""
     found = {name: getattr(volid, name) for name in volid.__all__}
+    found |= {f"plot.{name}": getattr(volid.plot, name) for name in volid.plot.__all__}
     return {name: thing for name, thing in found.items() if inspect.isclass(thing) or inspect.isfunction(thing)}
 
 

@@ -37,6 +37,12 @@ def changes_figure(found: Comparison) -> Figure:
 
     Args:
         found: As `volid.compare` gives it.
+
+    >>> import volid
+    >>> solution = volid.fit(volid.load_campaign("datasets/published_positioning/campaign.toml"))
+    >>> figure = volid.plot.changes_figure(volid.compare(solution, solution))
+    >>> [panel.get_title(loc="left") for panel in figure.axes if panel.get_visible()]
+    ['EXX / µm', 'EZZ / µm']
     """
     motions = [f for f in found.functions if np.isfinite(f.positions).all()]
     constants = [f for f in found.functions if not np.isfinite(f.positions).any() and np.isfinite(f.largest_change)]
@@ -128,7 +134,20 @@ def _constants_panel(panel: Any, constants: list[FunctionChange], unit: str) -> 
 
 
 def series_figure(found: Series, times: Times) -> Figure:
-    """The change of the field since the first survey with its limit, and the functions that changed most surely, with lines."""
+    """The change of the field since the first survey with its limit, and the functions that changed most surely, with lines.
+
+    Args:
+        found: As `volid.compare_series` gives it.
+        times: Its times, for the axis.
+
+    >>> import volid
+    >>> solution = volid.fit(volid.load_campaign("datasets/published_positioning/campaign.toml"))
+    >>> found = volid.compare_series([solution] * 3, [0.0, 30.0, 75.0])
+    >>> from volid.validation.solutions.dates import stated_times
+    >>> figure = volid.plot.series_figure(found, stated_times("2026-01-10, 2026-02-09, 2026-03-26", 3))
+    >>> figure.axes[0].get_title(loc="left")
+    'largest change of the functional point / µm'
+    """
     order = sorted(found.functions, key=_sureness)
     shown = [f for f in order if np.isfinite(f.drift.largest_change)]
     changed = [f for f in shown if f.drift.significant or not f.steady]

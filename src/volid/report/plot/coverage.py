@@ -46,7 +46,14 @@ def coverage_bands(
         points: Positions over the travel.
         texts: The language.
 
-    Raises `ValueError` when the solution has no samples.
+    Raises:
+        ValueError: the solution has no samples.
+
+    >>> import volid
+    >>> solution = volid.fit(volid.load_campaign("datasets/published_positioning/campaign.toml"))
+    >>> solution = volid.monte_carlo(solution, trials=64)
+    >>> volid.plot.coverage_bands(solution, ["EXX"]).axes[0].get_title(loc="left")
+    'EXX: positioning of X'
     """
     columns = min(3, len(names))
     rows = -(-len(names) // columns)
@@ -107,7 +114,13 @@ def volume_distribution(solution: Solution, tool: Sequence[float], *, texts: Tex
         tool: Tool vector, shape (3,) [mm].
         texts: The language.
 
-    Raises `ValueError` when the solution has no samples, or the field is not determined for `tool` [mm].
+    Raises:
+        ValueError: the solution has no samples, or the field is not determined for `tool` [mm].
+
+    >>> import volid
+    >>> solution = volid.fit(volid.load_campaign("datasets/published_positioning/campaign.toml"))
+    >>> len(volid.plot.volume_distribution(volid.monte_carlo(solution, trials=64), (0.0, 0.0, 0.0)).axes)
+    5
     """
     outputs = headline_outputs(solution, np.asarray(tool, dtype=float))
     if solution.samples is None or not len(outputs.field):

@@ -50,7 +50,8 @@ def deviation_volume(
         factor: How many times the deviations are drawn; None: so that the largest spans most of a cell.
         texts: The language.
 
-    Raises `ValueError` when the data determine the deviation nowhere.
+    Raises:
+        ValueError: the data determine the deviation nowhere.
 
     >>> import volid
     >>> solution = volid.fit(volid.load_campaign("datasets/vertical_multilateration/campaign.toml"))

@@ -38,6 +38,13 @@ def forecast_figure(found: Forecast, machine_name: str, *, texts: Texts = ENGLIS
         found: As `volid.forecast` gives it.
         machine_name: For the title.
         texts: The language.
+
+    >>> import volid
+    >>> solution = volid.fit(volid.load_campaign("datasets/vertical_multilateration/campaign.toml"))
+    >>> base = volid.compensation_base(solution, (0.0, 0.0, -150.0))
+    >>> found = volid.forecast(solution, [["L-POS"]], base, [(0.0, 0.0, -150.0)], most_draws=20)
+    >>> [label.get_text() for label in volid.plot.forecast_figure(found, "my machine").axes[0].get_yticklabels()]
+    ['none', 'L-POS']
     """
     rows = len(found.columns)
     tools = min(len(found.tools), MOST_DRAWN)

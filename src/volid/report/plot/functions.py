@@ -57,7 +57,8 @@ def error_functions(
         own_scales: Whether each panel has its own scale instead.
         texts: The language.
 
-    Raises `NothingToDrawError` where none of `axes` has error motions.
+    Raises:
+        NothingToDrawError: none of `axes` has error motions.
 
     >>> import volid
     >>> solution = volid.fit(volid.load_campaign("datasets/published_positioning/campaign.toml"))
@@ -192,7 +193,18 @@ def remarks(found: Mapping[str, Curve], shown: Sequence[Axis], texts: Texts) -> 
 def cross_effects(solution: Solution, *, texts: Texts = ENGLISH) -> Figure:
     """The error motions that depend on two axes as maps over both: translations with one scale, rotations with another.
 
-    Raises `NothingToDrawError` where the model has none.
+    Args:
+        solution: The solution.
+        texts: The language.
+
+    Raises:
+        NothingToDrawError: the model has none.
+
+    >>> import volid
+    >>> solution = volid.fit(volid.load_campaign("datasets/published_positioning/campaign.toml"))
+    >>> volid.plot.cross_effects(solution)
+    Traceback (most recent call last):
+    volid.report.plot.asked.NothingToDrawError: no error motion of the model depends on two axes
     """
     names = cross_names(solution)
     if not names:

@@ -35,7 +35,14 @@ def location_errors(solution: Solution, truth: Mapping[str, float] | None = None
             identified value minus `truth`, at a scale that shows the bars.
         texts: The language.
 
-    Raises `NothingToDrawError` where the model has no location errors of rotary axes.
+    Raises:
+        NothingToDrawError: the model has no location errors of rotary axes.
+
+    >>> import volid
+    >>> solution = volid.fit(volid.load_campaign("datasets/five_axis_rtest/campaign.toml"))
+    >>> figure = volid.plot.location_errors(solution)
+    >>> [label.get_text().split()[0] for label in figure.axes[0].get_xticklabels()]
+    ['EX0C', 'EY0C', 'EY0A', 'EZ0A']
     """
     rows = [solution.location(n) for n in solution.model.names if parse(n).location and parse(n).axis in ROTARY_AXES]
     if not rows:

@@ -38,7 +38,13 @@ def angle_map(solution: Solution, number: int = 0, held_out: bool = True, *, tex
         held_out: Whether each rotary position is predicted from all others, else within the fit.
         texts: The language.
 
-    Raises `NothingToDrawError` for a machine with fewer than two rotary axes.
+    Raises:
+        NothingToDrawError: for a machine with fewer than two rotary axes.
+
+    >>> import volid
+    >>> solution = volid.fit(volid.load_campaign("datasets/five_axis_rtest/campaign.toml"))
+    >>> volid.plot.angle_map(solution).axes[0].get_xlabel()
+    'C / °'
     """
     rotary = [axis for axis in solution.machine.axes if not axis.is_linear][:2]
     if len(rotary) < 2:
@@ -78,6 +84,12 @@ def rotary_grid(grid: RotaryGrid, machine_name: str = "", *, texts: Texts = ENGL
         grid: As `volid.rotary_grids` gives it.
         machine_name: For the title.
         texts: The language.
+
+    >>> import volid
+    >>> solution = volid.fit(volid.load_campaign("datasets/five_axis_rtest/campaign.toml"))
+    >>> grids = volid.rotary_grids(solution, points=5)
+    >>> len(volid.plot.rotary_grid(grids[0]).axes)  # six maps and two colour bars
+    8
     """
     draw_grid = _maps if len(grid.axes) > 1 else _lines
     figure = draw_grid(grid, texts)

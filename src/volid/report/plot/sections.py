@@ -121,7 +121,14 @@ def volume_sections(
         at: Where the axes stand that do not move in a plane, as of `section`.
         texts: The language.
 
-    Raises `NothingToDrawError` with fewer than two linear axes over whose travels the deviation is determined.
+    Raises:
+        NothingToDrawError: with fewer than two linear axes over whose travels the deviation is determined.
+
+    >>> import volid
+    >>> solution = volid.fit(volid.load_campaign("datasets/vertical_multilateration/campaign.toml"))
+    >>> figure = volid.plot.volume_sections(solution, (0.0, 0.0, -150.0))
+    >>> [panel.get_title(loc="left") for panel in figure.axes[:3]]
+    ['XY plane, Z = −250 mm', 'XZ plane, Y = 300 mm', 'YZ plane, X = 500 mm']
     """
     found = [section(solution, pair, tool, at) for pair in _planes(solution)]
     largest = max((float(np.nanmax(s.length)) for s in found if np.isfinite(s.length).any()), default=0.0)

@@ -65,7 +65,8 @@ def squareness_figure(solution: Solution, texts: Texts = ENGLISH) -> Figure:
         solution: A solution.
         texts: The language.
 
-    Raises `NothingToDrawError` for a machine that has no such constants.
+    Raises:
+        NothingToDrawError: for a machine that has no such constants.
 
     >>> import volid
     >>> solution = volid.fit(volid.load_campaign("datasets/direct_measurement/campaign.toml"))

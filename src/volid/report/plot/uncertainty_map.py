@@ -58,7 +58,8 @@ def uncertainty_sections(solution: Solution, tool: tuple[float, float, float], t
         tool: Tool vector, shape (3,) [mm].
         texts: The language.
 
-    Raises `NothingToDrawError` for a machine with one linear axis, and where nothing is determined for this tool.
+    Raises:
+        NothingToDrawError: for a machine with one linear axis, and where nothing is determined for this tool.
 
     >>> import volid
     >>> solution = volid.fit(volid.load_campaign("datasets/vertical_multilateration/campaign.toml"))

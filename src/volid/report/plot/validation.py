@@ -22,7 +22,17 @@ EN, WORST = BLUE, ATTENTION
 
 
 def validation_figure(found: Validation) -> Figure:
-    """Residuals over U of every reading by set, the distribution of E_n beside what is to be expected, and where it is worst."""
+    """Residuals over U of every reading by set, the distribution of E_n beside what is to be expected, and where it is worst.
+
+    Args:
+        found: As `volid.validate` gives it.
+
+    >>> import volid
+    >>> solution = volid.fit(volid.load_campaign("datasets/published_positioning/campaign.toml"))
+    >>> found = volid.validate(solution, solution.campaign)
+    >>> volid.plot.validation_figure(found).axes[1].get_xlabel()
+    'E_n'
+    """
     figure, (left, middle, right) = figure_with_panels(1, 3, figsize=(13, 4.2), width_ratios=(1.6, 1.0, 1.3))
     _over_readings(left, found.sets)
     _distribution(middle, found)

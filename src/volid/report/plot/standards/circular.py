@@ -35,7 +35,17 @@ def polar_plot(evaluations: Sequence[Evaluation]) -> Figure:
     zone of both.
 
     Deviations are those about the centre that was chosen. The magnification is that of a deviation against the circle as drawn.
-    Raises `InputError` where nothing was evaluated from readings, as in a vendor's file.
+
+    Args:
+        evaluations: As `volid.evaluate` gives them for ISO 230-4.
+
+    Raises:
+        InputError: nothing was evaluated from readings, as in a vendor's file.
+
+    >>> import volid
+    >>> found = volid.evaluate("iso230-4", "datasets/ball_bar_circles/campaign.toml")
+    >>> volid.plot.polar_plot(found[:1]).axes[0].get_legend() is not None
+    True
     """
     drawn = [e for e in evaluations if isinstance(e.details, CircularDetails)]
     if not drawn:

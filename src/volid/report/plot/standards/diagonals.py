@@ -21,7 +21,16 @@ ACROSS = {1: 1, 2: 2, 4: 2}  # panels side by side; more: 3
 
 
 def diagonals_figure(evaluations: Sequence[Evaluation]) -> Figure:
-    """Deviations in µm over the distance from the start of each diagonal in mm, all panels at one scale."""
+    """Deviations in µm over the distance from the start of each diagonal in mm, all panels at one scale.
+
+    Args:
+        evaluations: As `volid.evaluate` gives them for ISO 230-6.
+
+    >>> import volid
+    >>> found = volid.evaluate("iso230-6", "datasets/step_diagonals_800/steps.csv")
+    >>> len(volid.plot.diagonals_figure(found).axes)
+    4
+    """
     found = [(evaluation, diagonal) for evaluation in evaluations for diagonal in evaluation.details]
     across = ACROSS.get(len(found), 4 if len(found) > 9 else 3)
     down = ceil(len(found) / across)

@@ -27,6 +27,14 @@ def positioning_figure(evaluations: Sequence[Evaluation]) -> Figure:
     """One row for each axis: deviations over the targets on the left, the quantities as bars at the same scale on the right.
 
     Lengths in µm, angles in arc seconds. `evaluations`: as `evaluate_positioning` gives them.
+
+    Args:
+        evaluations: As `volid.evaluate` gives them for ISO 230-2.
+
+    >>> import volid
+    >>> figure = volid.plot.positioning_figure(volid.evaluate("iso230-2", "datasets/iso230_2_synthetic/X_wide.csv", axis="X"))
+    >>> len(figure.axes)
+    2
     """
     n = len(evaluations)
     sides = (4, 1.5)

@@ -22,7 +22,16 @@ K = 2.0
 
 
 def nine_figure(evaluations: Sequence[Evaluation]) -> Figure:
-    """The nine functions of every evaluation, values in µm over positions in mm; bands are ± U (k = 2)."""
+    """The nine functions of every evaluation, values in µm over positions in mm; bands are ± U (k = 2).
+
+    Args:
+        evaluations: As `volid.evaluate` gives them for sequential step diagonals.
+
+    >>> import volid
+    >>> figure = volid.plot.nine_figure(volid.evaluate("step-diagonal", "datasets/step_diagonals_800/steps.csv"))
+    >>> len(figure.axes)
+    9
+    """
     figure, panels = figure_with_panels(3, 3, figsize=(10.5, 7.2), sharex="col", sharey=True)
     for number, evaluation in enumerate(evaluations):
         label = Path(evaluation.source).name or evaluation.subject
