@@ -35,6 +35,7 @@ SHORT, SHARE, LONGEST, PARAMETERS, BRANCHES = 20, 0.9, 45, 7, 16
 MANY_PARAMETERS = {
     "compensation/package.py:compensate": "public: its keywords become one `CompensationRequest` at once",
     "compensation/residual/forecast.py:forecast": "public: its keywords become a request, the control options and the fields",
+    "controllers/export.py:export": "public: its keywords become one `Job` at once",
     "fitting/equations/optimistix_solver.py:postprocess": "optimistix calls it, with these arguments",
     "fitting/fit.py:fit": "public: each keyword goes to one stage of the fit",
     "io/evaluations/evaluate.py:circular": "public: its keywords become one `Stated` at once",

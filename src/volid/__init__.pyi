@@ -13,9 +13,12 @@ from volid.compensation.package import Compensation, compensate
 from volid.compensation.residual.forecast import Forecast, forecast
 from volid.compensation.residual.volume import predict_residual, volumetric_summary
 from volid.compensation.rigid import best_rigid
+from volid.compensation.tables.axis_table import AxisTable
 from volid.compensation.tables.by_function import error_tables
 from volid.compensation.tables.error_table import ErrorTable
 from volid.compensation.types import TYPES as COMPENSATION_TYPES
+from volid.controllers import CONTROLS
+from volid.controllers.export import Export, export
 from volid.exceptions import InputError, NotDeterminedError, OutputError, VolidError
 from volid.fitting.datum import parse_datum
 from volid.fitting.fit import fit
@@ -30,6 +33,7 @@ from volid.io import write_campaign as save_campaign
 from volid.io.campaign.stream import CampaignStream
 from volid.io.compensations import load_control, save_compensation
 from volid.io.evaluations.evaluate import evaluate
+from volid.io.exports import save_export
 from volid.io.fields import save_field
 from volid.io.grid_reader import read_grid as load_grid
 from volid.io.grids import save_grid
@@ -110,6 +114,11 @@ __all__ = [  # noqa: RUF022
     "save_compensation",
     "load_control",
     "Control",
+    "export",
+    "Export",
+    "save_export",
+    "CONTROLS",
+    "AxisTable",
     "best_rigid",
     "volumetric_summary",
     "measured_field",

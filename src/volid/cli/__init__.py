@@ -56,6 +56,7 @@ VERBS = {
         "field",
         "a field measured point by point as a spatial grid, without kinematic model, and the model tested by it",
     ),
+    "export": ("export", "the files that a control loads, from a solution, with a commissioning sheet and the record"),
     "residual": (
         "residual",
         "what each compensation type leaves over the working volume, side by side, with intervals",

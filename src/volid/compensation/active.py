@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from volid.compensation.grids.grid import AnyGrid
 from volid.compensation.grids.sides import LINEAR
+from volid.compensation.tables.axis_table import AxisTable
 from volid.compensation.tables.error_table import ErrorTable
 from volid.compensation.types import TYPES, select
 from volid.exceptions import InputError
@@ -28,6 +29,12 @@ def grid_words(grid: AnyGrid) -> str:
     """Such as "L-VOL: grid over X, Y, Z for the tool vector 0, 0, -150 mm"."""
     at = "for the tool vector" if grid.side == LINEAR else f"of the {grid.side}, at the point"
     return f"{grid.type}: grid over {', '.join(grid.axes)} {at} {vector_words(grid.reference)}"
+
+
+def axis_table_words(table: AxisTable) -> str:
+    """Such as "table of EXY: X over Y", or "table of EAY: Y over Y, times Z"."""
+    lever = f", times {table.factor.axis}" if table.factor else ""
+    return f"table{' of ' + table.source if table.source else ''}: {table.output} over {table.argument}{lever}"
 
 
 def option_words(

@@ -14,9 +14,17 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from volid.compensation.active import corrected_twice, grid_words, option_words, table_words, vector_words
+from volid.compensation.active import (
+    axis_table_words,
+    corrected_twice,
+    grid_words,
+    option_words,
+    table_words,
+    vector_words,
+)
 from volid.compensation.grids.grid import AnyGrid
 from volid.compensation.orientation import PoleRule, rotary_turns
+from volid.compensation.tables.axis_table import AxisTable
 from volid.compensation.tables.error_table import ITSELF, MODEL, ErrorTable
 from volid.exceptions import InputError
 from volid.model.iso230 import SPINDLE, parse
@@ -54,6 +62,7 @@ class Control:
         clamped: Letters of axes that do not move for a compensation.
         poles: What it does near kinematic poles, see `PoleRule`.
         smoothing: Length by axis letter over which it averages tables and grids, see `volid.compensation.smoothing` [mm or °].
+        axis_tables: What single axes are moved by, as controls without a kinematic model hold it.
         correct_motion: Whether X, Y, Z compensate the motion of the functional point that turned rotary axes cause; None: yes,
             unless only the orientation is corrected (FOR alone).
 
@@ -79,6 +88,7 @@ class Control:
     poles: PoleRule = field(default_factory=PoleRule)
     correct_motion: bool | None = None
     smoothing: Mapping[str, float] = field(default_factory=dict)
+    axis_tables: tuple[AxisTable, ...] = ()
 
     def __post_init__(self) -> None:
         for letter in (*self.increment, *self.clamped, *self.smoothing):
@@ -92,13 +102,17 @@ class Control:
         for grid in self.grids:
             for letter in grid.axes:
                 self.machine.index(letter)
+        for moved in self.axis_tables:
+            for letter in (moved.output, moved.argument, *((moved.factor.axis,) if moved.factor else ())):
+                self.machine.index(letter)
 
     @property
     def active(self) -> tuple[str, ...]:
         """Its compensations and what limits them, in words, one text each."""
         by_axis = {"least increment": self.increment, "smoothing over": self.smoothing}
         limits = option_words(self.machine, self.tool, by_axis, self.clamped)
-        return (*table_words(self.tables), *map(grid_words, self.grids), *limits)
+        found = (*table_words(self.tables), *map(grid_words, self.grids), *map(axis_table_words, self.axis_tables))
+        return (*found, *limits)
 
     @property
     def corrected_twice(self) -> list[str]:
@@ -156,7 +170,7 @@ class Control:
         if self._turns:
             turns = rotary_turns(self.machine, q, found.orientation, self.poles, self.clamped)
         step = self._linear_motion(q, turns, found.point, self._believed(tool, len(q)))
-        step += turns + found.turn
+        step += turns + found.turn + self._by_axis(q, directions)
         step[:, [self.machine.index(a) for a in self.clamped]] = 0.0
         for letter, least in self.increment.items():
             i = self.machine.index(letter)
@@ -223,6 +237,17 @@ class Control:
                 value = table.at(q[:, i], way[:, i], self.smoothing.get(table.axis, 0.0))
                 turns[:, i] -= np.rad2deg(value) * along[parse(table.function).component - 3]
         return turns
+
+    def _by_axis(self, q: np.ndarray, directions: np.ndarray | None) -> np.ndarray:
+        """What tables of axes move each axis by, minus the deviation they expect, (m, n_axes) [mm or °]."""
+        way = np.zeros_like(q) if directions is None else np.broadcast_to(np.asarray(directions, dtype=float), q.shape)
+        at, ways = ({a: v[:, i] for i, a in enumerate(self.machine.letters)} for v in (q, way))
+        step = np.zeros_like(q)
+        for table in self.axis_tables:
+            i = self.machine.index(table.output)
+            value = table.at(at, ways)
+            step[:, i] -= value if self.machine.axes[i].is_linear else np.rad2deg(value)
+        return step
 
     def _from_grid(self, grid: AnyGrid, q: np.ndarray, tool: np.ndarray) -> np.ndarray:
         """Six components of the deviation (m, 6), with the grid's end values outside its nodes."""

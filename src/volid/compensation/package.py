@@ -11,6 +11,7 @@ from volid.compensation.control import Control
 from volid.compensation.grids.builder import build_grids
 from volid.compensation.grids.grid import AnyGrid
 from volid.compensation.grids.request import GridRequest, Rule
+from volid.compensation.tables.axis_table import AxisTable
 from volid.compensation.tables.by_function import error_tables
 from volid.compensation.tables.error_table import ErrorTable
 from volid.compensation.tables.sampling import Sampling
@@ -28,6 +29,7 @@ class Compensation:
         names: Names of the types of ISO/TR 16907 that it contains.
         tables: Tables of single error functions.
         grids: Spatial grids, each for the axes of one side.
+        axis_tables: What single axes are moved by, as controls without a kinematic model hold it.
 
     >>> import volid
     >>> machine = volid.load_machine("models/wYXbZt_vertical.toml")
@@ -39,10 +41,11 @@ class Compensation:
     names: tuple[str, ...]
     tables: tuple[ErrorTable, ...]
     grids: tuple[AnyGrid, ...]
+    axis_tables: tuple[AxisTable, ...] = ()
 
     def control(self, machine: Machine, **options: Any) -> Control:
         """A simulated control of `machine` with this compensation; `options`: those of `Control`, such as tool or increment."""
-        return Control(machine, self.tables, self.grids, **options)
+        return Control(machine, self.tables, self.grids, axis_tables=self.axis_tables, **options)
 
 
 def in_full(types: Sequence[CompensationType]) -> tuple[CompensationType, ...]:

@@ -11,8 +11,8 @@ from dataclasses import replace
 import numpy as np
 
 from volid.campaign import Campaign, Environment
-from volid.environment.matching import Matched, matched
-from volid.environment.reduction import as_read, reduced
+from volid.effects.environment.matching import Matched, matched
+from volid.effects.environment.reduction import as_read, reduced
 from volid.exceptions import InputError
 from volid.fitting.nominal import ROWS, few, nominal_misfit
 from volid.observations.base import LIGHT, takes_large_errors

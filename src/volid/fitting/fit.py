@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from volid.backend.threads import one_blas_thread
 from volid.campaign import Campaign
-from volid.environment.reduction import reduced
+from volid.effects.environment.reduction import reduced
 from volid.exceptions import InputError
 from volid.fitting.broken_beams import MOST, with_new_segments
 from volid.fitting.diagnosis.robust import down_weight, name_outliers, set_aside

@@ -18,8 +18,8 @@ from volid.backend.steps import Step
 from volid.backend.threads import one_blas_thread
 from volid.campaign import Campaign
 from volid.effects import TYPES
-from volid.environment.reduction import reduced, starts_of
-from volid.environment.stream import ReducedStream
+from volid.effects.environment.reduction import reduced, starts_of
+from volid.effects.environment.stream import ReducedStream
 from volid.exceptions import InputError
 from volid.fitting.assembly import Every
 from volid.fitting.change_of_datum import EXTRAPOLATED

@@ -11,9 +11,9 @@ import numpy as np
 
 from volid.campaign import Campaign, Effect, ObservationSet, Station, standard_uncertainty
 from volid.effects.distributions import standardised
+from volid.effects.environment.reduction import in_air, with_shared_effects
 from volid.effects.prediction import Extended, effect_samples, groups_of
 from volid.effects.random import random_parts, split_normal
-from volid.environment.reduction import in_air, with_shared_effects
 from volid.exceptions import InputError
 from volid.fitting.equations.choice import engine_for_readings
 from volid.fitting.equations.engine import Engine

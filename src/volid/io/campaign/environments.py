@@ -12,10 +12,10 @@ import h5py
 import numpy as np
 
 from volid.campaign import AIR, CO2, HENE, HOUR, TIME, Campaign, Environment, Expansion
-from volid.environment.checks import check_column
-from volid.environment.factors import INDEX
-from volid.environment.matching import DEGREES_C, OWN, named_in
-from volid.environment.remarks import remarks_on
+from volid.effects.environment.checks import check_column
+from volid.effects.environment.factors import INDEX
+from volid.effects.environment.matching import DEGREES_C, OWN, named_in
+from volid.effects.environment.remarks import remarks_on
 from volid.exceptions import InputError
 from volid.io.basics.cells import CellWriter
 from volid.io.basics.csv_form import CsvForm

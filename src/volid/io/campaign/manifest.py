@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from volid.campaign import TIME, Alignment, Campaign, End, ObservationSet, Station, standard_uncertainty
-from volid.environment.reduction import as_read
+from volid.effects.environment.reduction import as_read
 from volid.exceptions import InputError, OutputError
 from volid.io.basics.atomic import atomic_folder, atomic_with_companions
 from volid.io.basics.cells import CellWriter

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from volid.campaign import Alignment, Campaign, ObservationSet, Station
+from volid.effects.environment.checks import check_environments
 from volid.effects.prediction import check_effects
-from volid.environment.checks import check_environments
 from volid.exceptions import InputError
 from volid.io.basics.toml_table import nearest
 from volid.model.machine import BED, TOOL, WORKPIECE, Machine

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from volid.campaign import ROW_ARRAYS, Campaign, End, ObservationSet
-from volid.environment.matching import narrowed
+from volid.effects.environment.matching import narrowed
 from volid.exceptions import InputError
 from volid.io.basics.hdf5_values import is_hdf5, reading
 from volid.io.campaign.hdf5 import read_outline, read_set

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from volid.campaign import Campaign
-from volid.environment.reduction import reduced
+from volid.effects.environment.reduction import reduced
 from volid.exceptions import InputError
 from volid.io.basics.toml_table import nearest
 from volid.io.campaign.files import is_campaign, load_campaign

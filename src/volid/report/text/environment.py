@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from volid.environment.factors import TYPICAL_U
+from volid.effects.environment.factors import TYPICAL_U
 
 _BODIES = {
     "machine": "scales of the machine at {} °C, reduced to 20 °C by",

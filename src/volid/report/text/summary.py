@@ -26,7 +26,7 @@ from volid.compensation.residual.volume import (
     predict_uncompensated,
     volumetric_summary,
 )
-from volid.environment.remarks import accounts
+from volid.effects.environment.remarks import accounts
 from volid.exceptions import InputError, NotDeterminedError
 from volid.fitting.diagnosis.adequacy import ACCEPTED, ENLARGED, SuspectReading
 from volid.fitting.diagnosis.hold_out import by_angle, total

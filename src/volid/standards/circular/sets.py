@@ -16,8 +16,8 @@ import numpy as np
 
 from volid.campaign import Campaign, ObservationSet
 from volid.effects import TYPES
+from volid.effects.environment.reduction import reduced
 from volid.effects.prediction import is_random
-from volid.environment.reduction import reduced
 from volid.exceptions import InputError
 from volid.model.iso230 import LINEAR_AXES
 from volid.model.kinematics import nominal_point

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from volid.campaign import Campaign, ObservationSet
-from volid.environment.reduction import reduced
+from volid.effects.environment.reduction import reduced
 from volid.exceptions import InputError
 from volid.model.iso230 import LINEAR_AXES
 from volid.observations.base import Positioning

@@ -12,8 +12,8 @@ from volid.campaign import Campaign, Effect, ObservationSet
 from volid.effects import TYPES
 from volid.effects.base import Sensitivity
 from volid.effects.distributions import NORMAL, standardised
+from volid.effects.environment.reduction import reduced
 from volid.effects.prediction import is_random
-from volid.environment.reduction import reduced
 from volid.exceptions import InputError
 from volid.observations import KINDS
 from volid.observations.base import NuisanceTable, Positioning

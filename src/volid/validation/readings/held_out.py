@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from volid.campaign import Campaign, ObservationSet
-from volid.environment.reduction import reduced
+from volid.effects.environment.reduction import reduced
 from volid.exceptions import InputError
 from volid.fitting.nominal import check_nominal
 from volid.fitting.solution import Solution

@@ -8,8 +8,8 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from volid.campaign import AIR, TIME, Campaign, Environment
-from volid.environment.factors import INDEX, factors_of
-from volid.environment.matching import DEGREES_C, OWN, column_of, matched
+from volid.effects.environment.factors import INDEX, factors_of
+from volid.effects.environment.matching import DEGREES_C, OWN, column_of, matched
 from volid.exceptions import InputError
 from volid.observations import KINDS
 

@@ -10,7 +10,7 @@ from support.judging import judge
 from support.kinds import exact_truth
 
 import volid
-from volid.environment.reduction import as_read, reduced
+from volid.effects.environment.reduction import as_read, reduced
 from volid.exceptions import InputError
 from volid.fitting.air import check_air
 from volid.io import load_campaign, write_campaign, write_manifest

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from volid.campaign import Campaign
-from volid.environment.reduction import reduced
+from volid.effects.environment.reduction import reduced
 
 
 class ReducedStream:

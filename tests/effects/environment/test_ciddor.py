@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from support.days import edlen
 
-from volid.environment.ciddor import refractivity
+from volid.effects.environment.ciddor import refractivity
 
 # Dry air, 450 ppm CO2, 633 nm: (n - 1)·1e8 by temperature [°C] and pressure [kPa]. From the tables that compare equations in
 # Ciddor, Applied Optics 35 (1996) 1566; quoted from memory of them.

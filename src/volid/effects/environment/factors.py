@@ -16,8 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from volid.campaign import AIR, Environment
-from volid.environment.ciddor import U_FORMULA, refractivity
-from volid.environment.matching import OWN, Matched, at_readings, column_of
+from volid.effects.environment.ciddor import U_FORMULA, refractivity
+from volid.effects.environment.matching import OWN, Matched, at_readings, column_of
 from volid.observations.base import LIGHT
 
 REFERENCE_TEMPERATURE = 20.0  # °C, ISO 1

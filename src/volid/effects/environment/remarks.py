@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from volid.campaign import AIR, Campaign
-from volid.environment.factors import REFERENCE_TEMPERATURE, TYPICAL_U, Factors, factors_of, u_of_index
-from volid.environment.matching import Matched, matched
+from volid.effects.environment.factors import REFERENCE_TEMPERATURE, TYPICAL_U, Factors, factors_of, u_of_index
+from volid.effects.environment.matching import Matched, matched
 from volid.observations import KINDS
 from volid.observations.base import EITHER, LIGHT
 

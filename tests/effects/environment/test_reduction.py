@@ -8,8 +8,8 @@ from support.campaign_files import MACHINE
 from support.days import DAY, air, edlen
 
 from volid.campaign import Campaign, End, Environment, Expansion, ObservationSet, Station
-from volid.environment.reduction import as_read, in_air, reduced
-from volid.environment.remarks import accounts, remarks_on
+from volid.effects.environment.reduction import as_read, in_air, reduced
+from volid.effects.environment.remarks import accounts, remarks_on
 from volid.exceptions import InputError
 from volid.io.machines import parse_machine
 from volid.observations import KINDS

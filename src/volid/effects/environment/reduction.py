@@ -24,10 +24,10 @@ from typing import Any
 import numpy as np
 
 from volid.campaign import AIR, Campaign, Effect, ObservationSet
-from volid.environment.checks import check_environments
-from volid.environment.factors import REFERENCE_TEMPERATURE, Factors, factors_of, u_of_index
-from volid.environment.matching import Matched, column_of, matched
-from volid.environment.remarks import remarks_on
+from volid.effects.environment.checks import check_environments
+from volid.effects.environment.factors import REFERENCE_TEMPERATURE, Factors, factors_of, u_of_index
+from volid.effects.environment.matching import Matched, column_of, matched
+from volid.effects.environment.remarks import remarks_on
 from volid.observations import KINDS
 from volid.observations.base import LIGHT
 

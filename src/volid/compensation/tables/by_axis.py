@@ -1,0 +1,118 @@
+"""Tables of error functions as tables of axes, for controls without a kinematic model (ISO/TR 16907 8.2, 10.5).
+
+The deviation of the functional point that the tables of error functions E_ic (axis i, component c) give is
+
+    e(q) = Σ_ic  E_ic(q_i) · [ a_ic(q_i) + Σ_j b_icj(q_i) · (q_j - at_j) ],     j: the other linear axes,
+
+because the influence of an error is affine in the positions of the linear axes. Seen along the direction of each linear axis, the
+first term is a pitch or cross table over q_i, the second a product with a lever arm that grows with q_j. The positions `at` are
+those of the lines; without products the tables are right there. Positions of other rotary axes are held at `at`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from volid.compensation.tables.axis_table import AxisTable, Factor
+from volid.compensation.tables.error_table import ITSELF, MODEL, ErrorTable
+from volid.exceptions import InputError
+from volid.model.iso230 import SPINDLE, parse
+from volid.model.jacobian import axis_directions, influence
+from volid.model.kinematics import ROWS
+from volid.model.machine import Axis, Machine
+
+NEGLIGIBLE = 1e-9  # mm over the travel: a table that is nowhere larger is left out
+
+
+def axis_tables(
+    machine: Machine, tables: Sequence[ErrorTable], at: np.ndarray, tool: np.ndarray, *, products: bool = True
+) -> tuple[AxisTable, ...]:
+    """What the linear axes (and, for R-POS, the rotary axes themselves) must be moved by, one table per pair of axes.
+
+    Args:
+        machine: The machine whose axes move.
+        tables: Tables of error functions, as `volid.error_tables` makes them.
+        at: Positions of the specific lines, machine axis order, shape (n_axes,) [mm or °].
+        tool: Tool vector of the lever arms, shape (3,) [mm].
+        products: Whether products with lever arms of other linear axes are made; without them they are left out.
+
+    Raises:
+        InputError: the machine's linear axes cannot move the functional point in the direction that a table needs.
+    """
+    found: list[AxisTable] = []
+    for i, axis in enumerate(machine.axes):
+        own = [t for t in tables if t.axis == axis.letter]
+        found += [_of_itself(axis, t) for t in own if t.applied == ITSELF]
+        acting = [t for t in own if t.applied == MODEL]
+        if acting:
+            found += _of_axis(machine, i, acting, np.asarray(at, dtype=float), np.asarray(tool, dtype=float), products)
+    spindle = [t.function for t in tables if t.axis == SPINDLE]
+    if spindle:
+        raise InputError(
+            f"{', '.join(spindle)}: constants of the tool frame have no table; put them into the tool data of the control"
+        )
+    return tuple(found)
+
+
+def _of_itself(axis: Axis, table: ErrorTable) -> AxisTable:
+    along = float((axis.frame.T @ np.asarray(axis.unit_vector))[parse(table.function).component - 3])
+    return AxisTable(
+        axis.letter,
+        axis.letter,
+        table.positions,
+        along * table.forward,
+        along * table.reverse,
+        source=table.function,
+        period=table.period,
+        notes=table.notes,
+    )
+
+
+def _of_axis(
+    machine: Machine, i: int, tables: Sequence[ErrorTable], at: np.ndarray, tool: np.ndarray, products: bool
+) -> list[AxisTable]:
+    """Pitch, cross and product tables over the positions of axis i."""
+    axis = machine.axes[i]
+    nodes = tables[0].positions
+    for t in tables[1:]:
+        nodes = np.union1d(nodes, t.positions)
+    q = np.tile(at, (len(nodes), 1))
+    q[:, i] = nodes
+    ways = np.ones(len(nodes))
+    period = max(t.period for t in tables)
+    parts = {"": _pull(machine, q, tool, i)}  # each (n, outputs, 6)
+    linear = [k for k, a in enumerate(machine.axes) if a.is_linear]
+    for j in (j for j in linear if j != i and products):
+        moved = q.copy()
+        moved[:, j] += 1.0
+        parts[machine.axes[j].letter] = _pull(machine, moved, tool, i) - parts[""]
+    found = []
+    for lever, pull in parts.items():
+        for row, output in enumerate(linear):
+            acting = [t for t in tables if np.abs(pull[:, row, parse(t.function).component]).max() > 1e-12]
+            up, down = (
+                sum((pull[:, row, parse(t.function).component] * t.at(nodes, w) for t in acting), np.zeros(len(nodes)))
+                for w in (ways, -ways)
+            )
+            factor = _ramp(machine.axis(lever), float(at[machine.index(lever)])) if lever else None
+            reach = 1.0 if factor is None else float(np.abs(factor.values).max())
+            if max(np.abs(up).max(), np.abs(down).max()) * reach > NEGLIGIBLE:
+                source = " + ".join(t.function for t in acting)
+                letter = machine.axes[output].letter
+                found.append(AxisTable(letter, axis.letter, nodes, up, down, factor, source, period))
+    return found
+
+
+def _pull(machine: Machine, q: np.ndarray, tool: np.ndarray, i: int) -> np.ndarray:
+    """Deviation along each linear axis that unit errors of axis i cause, (n, linear axes, 6)."""
+    linear = [k for k, a in enumerate(machine.axes) if a.is_linear]
+    point = influence(machine, q, tool)[:, :3, ROWS * i : ROWS * i + ROWS]
+    inverse = np.linalg.pinv(axis_directions(machine, q)[:, :, linear])
+    return np.asarray(inverse @ point)
+
+
+def _ramp(axis: Axis, zero: float) -> Factor:
+    ends = np.array([axis.travel[0], axis.travel[1]])
+    return Factor(axis.letter, ends, ends - zero)

@@ -1,0 +1,8 @@
+"""Controls: one file each; this table is the only place that knows them all."""
+
+from volid.controllers.base import Controller
+from volid.controllers.linuxcnc import LINUXCNC
+
+CONTROLS: dict[str, Controller] = {c.declaration.name: c for c in (LINUXCNC,)}
+
+__all__ = ["CONTROLS", "Controller"]
