@@ -90,7 +90,7 @@ def raised(thing):
 
 def test_examples_are_found():
     things = documented()
-    assert {name for name in volid.__all__ if name not in things} == {"COMPENSATION_TYPES", "plot"}
+    assert {name for name in volid.__all__ if name not in things} == {"COMPENSATION_TYPES", "CONTROLS", "plot"}
     examples_of = doctest.DocTestParser().get_examples
     assert [name for name, thing in things.items() if not examples_of(thing.__doc__)] == []
 

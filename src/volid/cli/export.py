@@ -12,6 +12,9 @@ HELP = "the files that a control loads, from a solution, with a commissioning sh
 _EPILOG = """\
 example:
   volid export solution.h5 --cnc linuxcnc --type L-POS -o control
+
+exit status: 0 good; 1 written, but the model is rejected or the result needs attention; 2 bad input, also a type
+that the control cannot carry
 """
 
 
