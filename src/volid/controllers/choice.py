@@ -1,4 +1,4 @@
-"""Which types of ISO/TR 16907 a control is given: those asked for, or the most complete that it carries and the data determine."""
+"""Which types of ISO/TR 16907 a control is given: those asked for, or the most that it carries and the data determine."""
 
 from __future__ import annotations
 
@@ -89,4 +89,3 @@ def _obstacle(name: str, make: Callable[[str], Compensation]) -> str:
     if not (made.tables or made.grids):
         return NOTHING
     return BLANK if any(np.isnan(g.values[:, :3]).any() for g in made.grids) else ""
-

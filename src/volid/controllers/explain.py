@@ -8,7 +8,7 @@ import numpy as np
 
 from volid.compensation.types import TYPES
 from volid.controllers.base import COMPENSATION, ERROR, INCREMENTAL, OPEN, POSITION, Controller, Declaration, Fact
-from volid.controllers.markdown import bullets, heading, steps, table
+from volid.controllers.markdown import bullets, heading, steps, table, text_of
 
 SIGNS = {
     ERROR: "error values, actual - nominal: the control takes them off",
@@ -31,7 +31,7 @@ def explained(control: Controller) -> str:
     lines += [*heading("What is known, and on what it rests"), *fact_table(d.facts)]
     for title, texts in commissioning(d):
         lines += [*heading(title), *steps(texts)]
-    return "\n".join(lines) + "\n"
+    return text_of(lines)
 
 
 def commissioning(d: Declaration) -> list[tuple[str, Sequence[str]]]:
@@ -79,4 +79,6 @@ def _quantum(d: Declaration) -> str:
 
 
 def _carried(d: Declaration) -> list[str]:
-    return bullets(f"{n} as {form}: {', '.join(TYPES[n].effects)}; leaves {TYPES[n].leaves}" for n, form in d.carries.items())
+    return bullets(
+        f"{n} as {form}: {', '.join(TYPES[n].effects)}; leaves {TYPES[n].leaves}" for n, form in d.carries.items()
+    )

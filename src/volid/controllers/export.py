@@ -8,6 +8,7 @@ from typing import Any
 
 from volid.compensation.base import Base, base_of
 from volid.compensation.control import Control
+from volid.compensation.grids.request import Rule
 from volid.compensation.helping_axes import HelpingMotion, helping_words, model_reversal
 from volid.compensation.package import Compensation, compensate
 from volid.compensation.ranges import Ranges, chosen_ranges, cut_notes, refuse_extrapolation
@@ -75,6 +76,7 @@ class ExportRequest:
     ranges: Ranges | None = None
     extrapolate: bool = False
     axes: Axes = field(default_factory=Axes)
+    rule: Rule | None = None
 
 
 def controller(name: str) -> Controller:
@@ -100,6 +102,7 @@ def export(
     ranges: Ranges | None = None,
     extrapolate: bool = False,
     axes: Axes | None = None,
+    rule: Rule | None = None,
 ) -> Export:
     """Files that a control loads, from a solution.
 
@@ -115,6 +118,7 @@ def export(
         ranges: Lowest and highest position by axis letter [mm or °]; what was measured by default.
         extrapolate: Whether values beyond what was measured are intended.
         axes: What the axes can do and may be asked for; by default everything.
+        rule: Function that computes what L-SPEC and R-SPEC correct, as of `volid.compensate`.
 
     Raises:
         InputError: the control cannot carry a type, or hold what was made, or its sign must be stated; or positions lie outside
@@ -128,7 +132,7 @@ def export(
     ['x.comp', 'z.comp']
     """
     asked = Axes() if axes is None else axes
-    request = ExportRequest(tuple(types), base, sampling, sign, options or {}, zero, ranges, extrapolate, asked)
+    request = ExportRequest(tuple(types), base, sampling, sign, options or {}, zero, ranges, extrapolate, asked, rule)
     return export_of(solution, controller(cnc), request)
 
 
@@ -179,9 +183,7 @@ class _Work:
         machine = self.solution.machine
         if self.request.types:
             return asked_types(self.declared, self.request.types, machine)
-        return most_types(
-            self.declared, machine, self.base.functions, lambda name: self.compensation((name,), PROBE)
-        )
+        return most_types(self.declared, machine, self.base.functions, lambda name: self.compensation((name,), PROBE))
 
     def compensation(self, names: Sequence[str], sampling: Sampling) -> Compensation:
         """Tables and grids of the types, each in the form in which the control carries it. Raises as `export` does."""
@@ -203,6 +205,7 @@ class _Work:
             tables=sampling,
             grids=replace(sampling, together=False, even=False),
             form=form,
+            rule=self.request.rule,
             zero=self.request.zero,
             ranges=self.ranges,
             uncertainty=False,

@@ -6,7 +6,7 @@ says what these files do and not what was wanted. One sheet for each export; it 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import numpy as np
 
 from volid.compensation.active import axis_table_words, grid_words
 from volid.compensation.helping_axes import helping_words
@@ -14,7 +14,7 @@ from volid.compensation.package import Compensation
 from volid.controllers.base import HELD, NO_REVERSAL, ONE_VALUE, OPEN
 from volid.controllers.explain import commissioning, fact_table, properties_of_files
 from volid.controllers.export import Export
-from volid.controllers.markdown import bullets, heading, steps, table
+from volid.controllers.markdown import bullets, heading, steps, table, text_of
 from volid.controllers.sign_check import SignCheck, sign_checks, with_unit
 from volid.model.machine import Machine
 
@@ -41,7 +41,7 @@ def commissioning_sheet(made: Export) -> str:
     lines += [*heading("9. What is known of this control, and on what it rests"), *fact_table(d.facts)]
     if made.notes:
         lines += [*heading("Notes"), *bullets(made.notes)]
-    return "\n".join(lines) + "\n"
+    return text_of(lines)
 
 
 def _files(made: Export) -> list[str]:
@@ -59,27 +59,41 @@ def _signs(made: Export) -> list[str]:
     """What to command and what must be seen, one row for each table."""
     checks = sign_checks(made.held, made.job)
     lines = [
-        "For each row: with the compensation off, go to the position, all axes coming from the stated side (from below: in +), and",
-        "read the position of the drive in the service display, or set an indicator at the axis to zero. Switch the compensation",
-        "on, leave the position and come back from the same side. The axis must now stand off by what the row says, as a command",
-        "of this size would move it. 'Alone' holds where the other tables are off or zero, 'all loaded' for all of them together.",
+        "For each row: with the compensation off, go to the position, all axes coming from the stated side (from below: in +),",
+        "and read the position of the drive in the service display, or set an indicator at the axis to zero. Switch the",
+        "compensation on, leave the position and come back from the same side. The axis must now stand off by what the row says,",
+        "as a command of this size would move it. 'Alone' holds where the other tables are off or zero, 'all loaded' for all of",
+        "them together.",
         "",
     ]
     if made.declaration.sign == OPEN:
         lines += [
-            f"**Public sources do not say which sign this control wants. These files hold {made.job.sign} values. Do not cut before",
-            "this is proved.** Where the axis moves the other way, remove the files and export again with the other `sign`.",
+            f"**Public sources do not say which sign this control wants. These files hold {made.job.sign} values. Do not cut",
+            "before this is proved.** Where an axis moves the other way, remove the files and export again with the other sign.",
             "",
         ]
+    else:
+        lines += ["Where an axis moves the other way, remove the files (section 8) and do not use them.", ""]
     if not checks:
         return [*lines, "All values are zero: there is nothing to see."]
     lines += table(_HEADER, [_row(made.job.machine, c) for c in checks])
     if any(c.is_small for c in checks):
-        lines += ["", "Motions below 0.001 are too small for a dial: take the service display, or a laser interferometer."]
+        lines += [
+            "",
+            "Motions below 0.001 are too small for a dial: take the service display, or a laser interferometer.",
+        ]
     return [*lines, "", f"Tool vector of these numbers: {', '.join(f'{v:g}' for v in made.job.tool)} mm."]
 
 
-_HEADER = ["[ ] table", "command", "coming from", "axis", "must move by (alone)", "stands at (alone)", "moves by (all loaded)"]
+_HEADER = [
+    "[ ] table",
+    "command",
+    "coming from",
+    "axis",
+    "must move by (alone)",
+    "stands at (alone)",
+    "moves by (all loaded)",
+]
 
 
 def _row(machine: Machine, check: SignCheck) -> list[str]:
@@ -99,10 +113,13 @@ def parts_of(held: Compensation) -> list[str]:
     """Each table and grid in words, with the range of its positions."""
     found = [f"{axis_table_words(t)}, {_span(t.positions)}" for t in held.axis_tables]
     found += [f"table of {t.function} over {t.axis}, {_span(t.positions)}" for t in held.tables]
-    return found + [f"{grid_words(g)}, {', '.join(f'{a} {_span(n)}' for a, n in zip(g.axes, g.nodes, strict=True))}" for g in held.grids]
+    return found + [
+        f"{grid_words(g)}, {', '.join(f'{a} {_span(n)}' for a, n in zip(g.axes, g.nodes, strict=True))}"
+        for g in held.grids
+    ]
 
 
-def _span(positions: Sequence[float]) -> str:
+def _span(positions: np.ndarray) -> str:
     return f"{positions[0]:g} … {positions[-1]:g} ({len(positions)} positions)"
 
 
