@@ -311,13 +311,13 @@ def test_the_sheet_has_one_sign_check_for_each_table_that_takes_the_deviation_of
     """What the sheet says an axis must move by is minus what the exact chain finds there along that axis."""
     job = case.job()
     made = write(CONTROLS[case.control], job, case.make().names)
-    checks = sign_checks(made.held, job)
+    checks = sign_checks(made.held, job, made.declaration.reversal == COLUMNS)
     moving = [t for t in made.held.axis_tables if np.any(t.forward) or np.any(t.reverse)]
     assert len(checks) >= len(moving) + bool(made.held.grids) + bool(made.held.tables)
     exact, machine = exact_of(case.machine), case.machine
     for check in checks:
         q = machine.order(**check.at)[None]
-        way = np.full_like(q, check.way if made.declaration.reversal == COLUMNS else 0.0)
+        way = np.full_like(q, check.way)
         i = machine.index(check.axis)
         if machine.axes[i].is_linear:
             error = deviation(case, exact, q, way)[0]

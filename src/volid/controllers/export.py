@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
+
 from volid.compensation.base import Base, base_of
 from volid.compensation.control import Control
 from volid.compensation.grids.request import Rule
@@ -20,6 +22,7 @@ from volid.controllers.choice import Choice, asked_types, most_types
 from volid.controllers.unsupported import reason
 from volid.exceptions import InputError
 from volid.fitting.solution import Solution
+from volid.model.iso230 import DIRECTIONS, SPINDLE
 from volid.model.machine import Machine
 
 PROBE = Sampling(max_points=3)  # coarse: to see whether a type can be made at all
@@ -140,15 +143,17 @@ def export_of(solution: Solution, chosen: Controller, request: ExportRequest) ->
     """`export` with everything that is asked for in one object."""
     declared = chosen.declaration
     stated, sign = options_of(declared, request.options), sign_of(declared, request.sign)
+    declared = chosen.declared_for(solution.machine, stated)
     work = _Work(solution, declared, request)
     found = work.choice()
     made = work.compensation(found.types, work.sampling)
-    job = Job(solution.machine, made, work.base.at, work.base.tool, sign, stated)
+    plain, without = (made, []) if declared.model else _without_tool_frame(made, declared, work.base)
+    job = Job(solution.machine, plain, work.base.at, work.base.tool, sign, stated)
     job, kept = kept_to(request.axes, job, declared)
     written = write(chosen, job, found.types)
     helping = helping_motions(written.held, job, request.axes, model_reversal(solution))
     refuse_unsteady(helping, request.axes, job.machine)
-    notes = (*found.notes, *work.notes(made), *kept, *_helping_notes(helping, job.machine), *written.notes)
+    notes = (*found.notes, *work.notes(made), *without, *kept, *_helping_notes(helping, job.machine), *written.notes)
     return replace(written, axes=request.axes, solution=solution, helping=helping, notes=notes)
 
 
@@ -158,6 +163,21 @@ def write(chosen: Controller, job: Job, types: Sequence[str]) -> Export:
     files = {f.name: f.content for f in written.files}
     held = chosen.read(files, job.machine, {**job.options, "sign": job.sign})
     return Export(chosen, job, written, replace(held, names=tuple(types)), tuple(types), notes=tuple(written.notes))
+
+
+def _without_tool_frame(made: Compensation, declared: Declaration, base: Base) -> tuple[Compensation, list[str]]:
+    """The tables without constants of the tool frame, and what they do at the base tool, for a control without a model."""
+    constants = {t.function: float(t.forward[0]) for t in made.tables if t.axis == SPINDLE}
+    if not constants:
+        return made, []
+    values = np.array([constants.get(f"E{d}0{SPINDLE}", 0.0) for d in DIRECTIONS])
+    moved = 1e3 * (values[:3] + np.cross(values[3:], base.tool))
+    note = (
+        f"{', '.join(constants)}: constants of the tool frame are left out, because {declared.name} has no kinematic model. With "
+        f"the base tool they move the functional point by {', '.join(f'{v:.2f}' for v in moved)} µm everywhere, in the tool frame; "
+        "a work offset or the tool data take that"
+    )
+    return replace(made, tables=tuple(t for t in made.tables if t.axis != SPINDLE)), [note]
 
 
 def _helping_notes(found: Sequence[HelpingMotion], machine: Machine) -> list[str]:
@@ -183,7 +203,16 @@ class _Work:
         machine = self.solution.machine
         if self.request.types:
             return asked_types(self.declared, self.request.types, machine)
-        return most_types(self.declared, machine, self.base.functions, lambda name: self.compensation((name,), PROBE))
+        return most_types(self.declared, machine, self.base.functions, self._probe)
+
+    def _probe(self, name: str) -> Compensation:
+        """One type, coarsely, in the form in which the control holds it. Raises as `export` does."""
+        made = self.compensation((name,), PROBE)
+        if not self.declared.model:
+            plain = _without_tool_frame(made, self.declared, self.base)[0]
+            job = Job(self.solution.machine, plain, self.base.at, self.base.tool, self.declared.sign)
+            job.axis_tables(products=self.declared.products)
+        return made
 
     def compensation(self, names: Sequence[str], sampling: Sampling) -> Compensation:
         """Tables and grids of the types, each in the form in which the control carries it. Raises as `export` does."""
