@@ -174,8 +174,8 @@ def _without_tool_frame(made: Compensation, declared: Declaration, base: Base) -
     moved = 1e3 * (values[:3] + np.cross(values[3:], base.tool))
     note = (
         f"{', '.join(constants)}: constants of the tool frame are left out, because {declared.name} has no kinematic model. With "
-        f"the base tool they move the functional point by {', '.join(f'{v:.2f}' for v in moved)} µm everywhere, in the tool frame; "
-        "a work offset or the tool data take that"
+        f"the base tool they move the functional point by {', '.join(f'{v:.2f}' for v in moved)} µm everywhere (tool frame); a work "
+        "offset or the tool data take that"
     )
     return replace(made, tables=tuple(t for t in made.tables if t.axis != SPINDLE)), [note]
 
