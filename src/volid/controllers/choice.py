@@ -97,7 +97,8 @@ def _obstacle(names: Sequence[str], make: Callable[[Sequence[str]], Compensation
         made = make(names)
     except (NotDeterminedError, InputError) as error:
         return _Obstacle(str(error).rstrip(".").removeprefix("tables: "), isinstance(error, NotDeterminedError))
-    if not (made.tables or made.grids):
+    held = [n for t in made.tables for n in t.type.split(" + ")] + [g.type for g in made.grids]
+    if names[-1].rstrip("+") not in (n.rstrip("+") for n in held):  # beside FOR, L-VOL becomes L-VOL+
         return _Obstacle(NOTHING)
     blank = any(np.isnan(g.values[:, :3]).any() for g in made.grids)
     return _Obstacle(BLANK) if blank else None
