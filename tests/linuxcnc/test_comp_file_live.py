@@ -12,7 +12,7 @@ from volid.compensation.package import Compensation
 from volid.controllers import CONTROLS
 from volid.controllers.export import write
 
-pytestmark = needs_linuxcnc
+pytestmark = [needs_linuxcnc, pytest.mark.slow]
 ALIKE = 1e-6  # mm
 BEYOND = 12.0  # mm that the joints may travel beyond the tables
 

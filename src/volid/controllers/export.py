@@ -84,7 +84,7 @@ def export(
     >>> solution = volid.fit(volid.load_campaign("datasets/published_positioning/campaign.toml"))
     >>> made = volid.export(solution, "linuxcnc", ["L-POS"])
     >>> [file.name for file in made.written.files]
-    ['x.comp', 'z.comp']
+    ['x.comp', 'z.comp', 'linuxcnc.ini']
     """
     chosen = controller(cnc)
     declared = chosen.declaration

@@ -24,7 +24,7 @@ def save_export(made: Export, folder: str | Path, *, overwrite: bool = False) ->
     >>> folder = getfixture("tmp_path") / "control"
     >>> volid.save_export(volid.export(solution, "linuxcnc", ["L-POS"]), folder)
     >>> sorted(path.name for path in folder.iterdir())
-    ['x.comp', 'z.comp']
+    ['linuxcnc.ini', 'x.comp', 'z.comp']
     """
     with atomic_folder(folder, overwrite) as place:
         for file in made.written.files:

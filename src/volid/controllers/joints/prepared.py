@@ -10,7 +10,7 @@ import numpy as np
 from volid.compensation.tables.axis_table import AxisTable
 from volid.controllers.base import Declaration, Job, outputs
 from volid.controllers.joints.comp_file import DIGITS
-from volid.controllers.joints.ini import unit_of
+from volid.controllers.joints.ini import LETTERS, unit_of
 from volid.exceptions import InputError
 from volid.model.machine import Machine
 
@@ -26,7 +26,10 @@ def one_per_axis(declared: Declaration, job: Job) -> list[AxisTable]:
                 f"{declared.name}: {table.source or 'a table'} moves {table.output} by the position of {table.argument}; "
                 f"{declared.nearest}. Export L-POS and R-POS alone"
             )
-    return [_summed([_unrolled(t, job.machine) for t in made if t.output == a]) for a in outputs(made)]
+    return [
+        _summed([_unrolled(t, job.machine) for t in made if t.output == a])
+        for a in sorted(outputs(made), key=LETTERS.index)
+    ]
 
 
 def _summed(tables: Sequence[AxisTable]) -> AxisTable:
@@ -73,7 +76,7 @@ def step_at_home(table: AxisTable, machine: Machine, home: Mapping[str, float] |
     """The step that the axis makes at its first motion after homing, where it is worth a note."""
     at = (home or {}).get(table.output, 0.0)
     size, unit = _shown(table, machine)
-    up, down = (size * float(-np.interp(at, table.positions, v)) for v in (table.forward, table.reverse))
+    up, down = (0.0 - size * float(np.interp(at, table.positions, v)) for v in (table.forward, table.reverse))
     if max(abs(up), abs(down)) < SHOWN:
         return []
     return [
