@@ -10,7 +10,6 @@ A step may also have {"set": {"matrixkins.C_xy": 1e-3}} (halcmd setp; "after": t
 """
 
 import json
-import subprocess
 import sys
 import time
 
@@ -106,7 +105,7 @@ class Screen:
     def setp(values):
         """Sets pins and parameters."""
         for name, value in values.items():
-            subprocess.run(["halcmd", "setp", name, repr(value)], check=True, timeout=10)
+            hal.set_p(name, repr(value))
 
 
 def main():
