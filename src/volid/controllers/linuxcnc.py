@@ -140,9 +140,10 @@ DECLARATION = Declaration(
         Fact("rows that do not rise and those beyond 256 are left out with a message", RUN, f"{_SIMULATOR}; {_SOURCE}"),
         Fact("a line is read up to 254 characters", DOCUMENTED, _SOURCE),
         Fact(
-            "rotary joints count in degrees and do not roll over: the file covers all turns of the travel",
-            DOCUMENTED,
-            _CONTROL,
+            "rotary joints count in degrees, and beyond the rows the end value is held there too: a file covers all turns of the "
+            "travel",
+            RUN,
+            _SIMULATOR,
         ),
     ),
 )
