@@ -2,7 +2,8 @@
 
 from volid.controllers.base import Controller
 from volid.controllers.linuxcnc import LINUXCNC
+from volid.controllers.linuxcnc_hal import LINUXCNC_HAL
 
-CONTROLS: dict[str, Controller] = {c.declaration.name: c for c in (LINUXCNC,)}
+CONTROLS: dict[str, Controller] = {c.declaration.name: c for c in (LINUXCNC, LINUXCNC_HAL)}
 
 __all__ = ["CONTROLS", "Controller"]

@@ -10,6 +10,7 @@ from volid.compensation.base import Base, base_of
 from volid.compensation.control import Control
 from volid.compensation.package import Compensation, compensate
 from volid.compensation.tables.sampling import POINTS, Sampling
+from volid.compensation.types import most_together
 from volid.controllers import CONTROLS, Controller
 from volid.controllers.base import EQUAL, Declaration, Job, Written, options_of, sign_of
 from volid.exceptions import InputError
@@ -123,9 +124,7 @@ def _types(declared: Declaration, types: Sequence[str], solution: Solution) -> t
             )
     if types:
         return tuple(types)
-    linear = any(a.is_linear for a in solution.machine.axes)
-    rotary = any(not a.is_linear for a in solution.machine.axes)
-    return tuple(n for n in declared.carries if (linear if n.startswith("L") else rotary))
+    return most_together(tuple(declared.carries), solution.machine)
 
 
 def _sampling(declared: Declaration, asked: Sampling | None) -> Sampling:
