@@ -1,8 +1,9 @@
 """LinuxCNC in simulation: a machine is set up in a folder, started without a screen, moved, and stopped, whatever happens.
 
-`Setup` says which joints there are and what is added to the INI and HAL files; `run` moves the machine and returns the values of HAL
-pins after each step. LinuxCNC and its modules are GPL and stay outside the library: they run as programs of their own
+`Setup` says which joints there are and what is added to the INI and HAL files; `run` moves the machine and returns the values of
+HAL pins after each step. LinuxCNC and its modules are GPL and stay outside the library: they run as programs of their own
 (`support/linuxcnc_ui.py` is the screen), and only files go between. One instance can run on a computer, so a lock is held.
+Not LinuxCNC's own, /tmp/linuxcnc.lock: where that file exists, a new start takes it for a dead instance and ends what runs.
 """
 
 import fcntl
@@ -14,13 +15,15 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
 
 PYTHON = "/usr/bin/python3"  # the interpreter of Debian's package
+MODULES = "/usr/lib/linuxcnc/modules"  # the only place from which modules are loaded
+PRIVATE = ("unshare", "--mount", "--propagation", "private")
 NOBODY = 65534  # rtapi_app refuses to run as root without another user
 LOCK = Path(tempfile.gettempdir()) / "volid-linuxcnc.lock"
 SECONDS = 60  # a run that takes longer is stopped
@@ -37,12 +40,21 @@ def why_not() -> str | None:
     return None if known.returncode == 0 else f"{PYTHON} does not have LinuxCNC's modules hal and linuxcnc"
 
 
+def why_no_components() -> str | None:
+    """Why components of HAL cannot be compiled and loaded here without installing them, or None."""
+    if shutil.which("halcompile") is None or shutil.which("gcc") is None:
+        return "no halcompile or gcc (Debian: apt-get install linuxcnc-uspace-dev gcc make)"
+    tried = subprocess.run([*PRIVATE, "true"], capture_output=True, check=False)
+    return None if tried.returncode == 0 else "a private view of LinuxCNC's modules needs root and `unshare --mount`"
+
+
+needs_compiler = pytest.mark.skipif(why_no_components() is not None, reason=why_no_components() or "")
 needs_linuxcnc = pytest.mark.skipif(shutil.which("linuxcnc") is None, reason=why_not() or "")
 
 
 @dataclass(frozen=True)
 class Joint:
-    """One joint: axis letter, travel [mm or °], position after homing, further lines of its [JOINT_n] section, limits of motion."""
+    """One joint: axis letter, travel [mm or °], position after homing, further lines of its [JOINT_n] section, its limits."""
 
     letter: str
     low: float
@@ -70,6 +82,7 @@ class Setup:
         drives: Whether the feedback of each joint is its motor command; False where `hal` closes the loops.
         units: "mm" or "inch".
         ini: Further sections of the INI file.
+        components: Components to be compiled by `halcompile` for this run alone, `needs_compiler`.
     """
 
     joints: Sequence[Joint]
@@ -79,6 +92,7 @@ class Setup:
     drives: bool = True
     units: str = "mm"
     ini: str = ""
+    components: Sequence[Path] = ()
 
 
 @dataclass(frozen=True)
@@ -109,7 +123,8 @@ def run(
         write(setup, folder)
         task = {"steps": list(steps), "pins": list(pins), "seconds": seconds}
         (folder / "task.json").write_text(json.dumps(task), encoding="utf-8")
-        printed = start(folder, seconds + 30)
+        compile_components(setup.components, folder)
+        printed = start(folder, seconds + 30, bool(setup.components))
         return answered(folder, printed, keep)
 
 
@@ -156,11 +171,29 @@ def running() -> list[str]:
     return found
 
 
-def start(folder: Path, seconds: float) -> str:
-    """Runs LinuxCNC until its screen ends; what it printed. Stops everything after `seconds`."""
+def compile_components(components: Sequence[Path], folder: Path) -> None:
+    """The modules of LinuxCNC and the compiled components, together in a folder of their own."""
+    if components:
+        shutil.copytree(MODULES, folder / "modules")
+    for source in components:
+        shutil.copy(source, folder)
+        done = subprocess.run(["halcompile", "--compile", source.name], cwd=folder, capture_output=True, text=True)
+        if done.returncode:
+            raise LinuxCNCError(f"{source.name} does not compile:\n{done.stdout}{done.stderr}")
+        shutil.copy(folder / f"{source.stem}.so", folder / "modules")
+
+
+def start(folder: Path, seconds: float, own_modules: bool = False) -> str:
+    """Runs LinuxCNC until its screen ends; what it printed. Stops everything after `seconds`.
+
+    LinuxCNC loads modules from one folder alone; with `own_modules` it sees another one there, which nobody else sees.
+    """
+    command = ["linuxcnc", "-r", "machine.ini"]
+    if own_modules:
+        command = [*PRIVATE, "sh", "-c", f'mount --bind modules {MODULES} && exec "$@"', "sh", *command]
     with open(folder / "printed.txt", "wb") as out:
         process = subprocess.Popen(
-            ["linuxcnc", "-r", "machine.ini"],
+            command,
             cwd=folder,
             env=environment(folder),
             stdin=subprocess.DEVNULL,
@@ -169,9 +202,8 @@ def start(folder: Path, seconds: float) -> str:
             start_new_session=True,
         )
         try:
-            process.wait(seconds)
-        except subprocess.TimeoutExpired:
-            pass
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(seconds)
         finally:
             stop(process, folder)
     return (folder / "printed.txt").read_text(encoding="utf-8", errors="replace")
@@ -193,10 +225,8 @@ def stop(process: subprocess.Popen, folder: Path) -> None:
     """Ends what this start of LinuxCNC left: its session's processes, and what has its folder as the working directory."""
     if process.poll() is None:
         process.send_signal(signal.SIGTERM)
-        try:
+        with suppress(subprocess.TimeoutExpired):
             process.wait(20)
-        except subprocess.TimeoutExpired:
-            pass
     for number in [n for n in left_over(process.pid, folder) if n != os.getpid()]:
         try:
             os.kill(number, signal.SIGKILL)
@@ -272,7 +302,8 @@ TOOL_TABLE = tool.tbl
 
 
 def _joint(number: int, joint: Joint) -> str:
-    limits = f"MIN_LIMIT = {joint.low}\nMAX_LIMIT = {joint.high}\nMAX_VELOCITY = {joint.velocity}\nMAX_ACCELERATION = {joint.acceleration}"
+    limits = f"MIN_LIMIT = {joint.low}\nMAX_LIMIT = {joint.high}\n"
+    limits += f"MAX_VELOCITY = {joint.velocity}\nMAX_ACCELERATION = {joint.acceleration}"
     return f"""[AXIS_{joint.letter}]
 {limits}
 [JOINT_{number}]

@@ -1,10 +1,11 @@
-"""What LinuxCNC starts in place of a screen: it moves the simulated machine through the positions of task.json and writes down pins.
+"""What LinuxCNC starts in place of a screen: it moves the simulated machine as task.json says and writes down values of pins.
 
 This file runs under the interpreter that LinuxCNC's own modules belong to, outside the tests and outside volid. task.json holds
 
     {"steps": [{"mdi": "G53 G1 X10.0 F6000"}, {"home": true}, …], "pins": ["joint.0.motor-pos-cmd", …], "seconds": 40}
 
-and answer.json, written when all is done, {"rows": [[value of each pin after each step] …], "messages": [what LinuxCNC said], "error": …}.
+and answer.json, written when all is done, {"rows": [[value of each pin after each step] …], "messages": [what LinuxCNC said],
+"error": …}.
 A step may also have {"set": {"matrixkins.C_xy": 1e-3}} (halcmd setp), or {"wait": seconds}.
 """
 
