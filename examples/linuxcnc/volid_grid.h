@@ -29,6 +29,7 @@
 #include <string.h>
 
 #define VOLID_MOST_NODES 2000000L /* of a grid; 24 bytes each */
+#define VOLID_LARGEST 1e6          /* of positions and corrections */
 #define VOLID_WORD 64
 
 typedef struct {
@@ -54,7 +55,7 @@ static int volid_next(volid_reader *r) {
         if (c == '\n') r->line++;
         if (c != EOF) c = fgetc(r->file);
     }
-    for (; c != EOF && !isspace(c) && c != '#' && n < VOLID_WORD - 1; c = fgetc(r->file)) r->word[n++] = (char)c;
+    for (; c != EOF && !isspace(c) && c != '#' && n < VOLID_WORD - 1; c = fgetc(r->file)) r->word[n++] = (char)(c ? c : '?');
     r->word[n] = '\0';
     if (c != EOF) ungetc(c, r->file);
     return n > 0;
@@ -75,7 +76,7 @@ static int volid_number(volid_reader *r, double *value) {
     if (!volid_next(r)) return volid_wrong(r, "a number");
     *value = strtod(r->word, &end);
     if (r->word[strspn(r->word, "+-.0123456789eE")] != '\0') return volid_wrong(r, "a number"); /* no nan, no hexadecimal */
-    return (*end == '\0' && isfinite(*value)) || volid_wrong(r, "a number");
+    return (*end == '\0' && fabs(*value) <= VOLID_LARGEST) || volid_wrong(r, "a number of at most 1e6");
 }
 
 static int volid_count(volid_reader *r, long *value) {
@@ -85,16 +86,22 @@ static int volid_count(volid_reader *r, long *value) {
     return (*end == '\0' && *value >= 1 && *value <= VOLID_MOST_NODES) || volid_wrong(r, "a number of nodes, 1 to 2000000");
 }
 
+/* The next word, one of several in `allowed`, "one of: " and each with a blank before and after it. */
+static int volid_one_of(volid_reader *r, const char *allowed) {
+    char enclosed[VOLID_WORD + 2];
+    volid_next(r);
+    snprintf(enclosed, sizeof enclosed, " %s ", r->word);
+    return (r->word[0] && strstr(strchr(allowed, ':'), enclosed)) || volid_wrong(r, allowed);
+}
+
 static int volid_header(volid_reader *r) {
     double tool;
-    if (!volid_expect(r, "volid-hal-grid") || !volid_expect(r, "1") || !volid_expect(r, "type") || !volid_next(r))
-        return r->problem[0] ? 0 : volid_wrong(r, "a type");
-    if (!volid_expect(r, "tool")) return 0;
+    if (!volid_expect(r, "volid-hal-grid") || !volid_expect(r, "1") || !volid_expect(r, "type")) return 0;
+    if (!volid_one_of(r, "one of: L-POS L-STR L-SQU L-ANG L-VOL L-SPEC ") || !volid_expect(r, "tool")) return 0;
     for (int k = 0; k < 3; k++)
         if (!volid_number(r, &tool)) return 0;
-    if (!volid_expect(r, "unit") || !volid_next(r)) return r->problem[0] ? 0 : volid_wrong(r, "mm or inch");
-    if (strcmp(r->word, "mm") != 0 && strcmp(r->word, "inch") != 0) return volid_wrong(r, "mm or inch");
-    return volid_expect(r, "sign") && volid_expect(r, "compensation");
+    return volid_expect(r, "unit") && volid_one_of(r, "one of: mm inch ") && volid_expect(r, "sign") &&
+           volid_expect(r, "compensation");
 }
 
 static int volid_nodes(volid_reader *r, volid_grid *g, int k) {

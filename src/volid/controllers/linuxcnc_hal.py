@@ -36,7 +36,7 @@ from volid.controllers.base import (
     Written,
     text_of,
 )
-from volid.controllers.hal.text import FORMAT, MOST, UNITS, HalGrid, read_grid, write_grid
+from volid.controllers.hal.text import FORMAT, MOST, TYPES, UNITS, HalGrid, read_grid, write_grid
 from volid.controllers.hal.values import corrections_of, for_tool, grid_of, nodes_of, steepest
 from volid.controllers.hal.wiring import wiring
 from volid.exceptions import InputError
@@ -67,7 +67,7 @@ def _coordinates(text: str) -> str:
 DECLARATION = Declaration(
     name=NAME,
     title="LinuxCNC, grid of corrections in HAL",
-    carries=dict.fromkeys(("L-VOL", "L-SQU", "L-POS", "L-STR", "L-ANG", "L-SPEC"), GRID),
+    carries=dict.fromkeys(TYPES, GRID),
     nearest="a grid in HAL moves X, Y, Z by their own positions at one tool vector, and turns no rotary axis; for the angle of a "
     "rotary axis itself take linuxcnc with R-POS, else L-VOL here at one position of the rotary axes",
     sign=COMPENSATION,

@@ -26,14 +26,14 @@ from typing import NoReturn
 
 import numpy as np
 
-from volid.compensation.types import TYPES
 from volid.exceptions import InputError, shown
 from volid.model.iso230 import LINEAR_AXES
 
 FORMAT, VERSION = "volid-hal-grid", "1"
 UNITS = {"mm": 1.0, "inch": 25.4}  # mm
 MOST = 2_000_000  # nodes, as the component
-LARGEST = 1e6  # mm: no position of a machine and no correction lies beyond
+LARGEST = 1e6  # no position of a machine and no correction lies beyond
+TYPES = ("L-VOL", "L-SQU", "L-POS", "L-STR", "L-ANG", "L-SPEC")  # that move X, Y, Z by their own positions alone
 _WORD = re.compile(r"[^ \t\r\v\f]+")  # blanks as in C, no others
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
@@ -125,7 +125,7 @@ def read_grid(name: str, text: str) -> HalGrid:
     words.expect(FORMAT)
     words.expect(VERSION)
     words.expect("type")
-    kind = words.expect(*(t for t in TYPES if t.startswith("L")))
+    kind = words.expect(*TYPES)
     words.expect("tool")
     tool = [words.number("a coordinate of the tool vector") for _ in range(3)]
     words.expect("unit")
