@@ -13,12 +13,14 @@ from support.control_contract import (
     Case,
     allowance,
     asked,
+    deviation,
     held,
     left,
     places,
     signs_of,
     ways,
 )
+from support.machines import exact_of
 from support.made_up import made_up
 from support.mutated_text import mutated
 
@@ -45,7 +47,10 @@ from volid.controllers.base import (
     options_of,
     sign_of,
 )
-from volid.controllers.export import export
+from volid.controllers.explain import explained
+from volid.controllers.export import export, write
+from volid.controllers.sheet import commissioning_sheet
+from volid.controllers.sign_check import sign_checks
 from volid.exceptions import InputError, VolidError
 
 NAMES = list(CONTROLS)
@@ -299,6 +304,47 @@ def test_files_written_out_by_hand_from_its_documentation_move_the_axes_so(name)
             wanted = asked(case, case.job()).command(q, case.job().tool, way)
             off = np.abs(found.command(q, case.job().tool, way) - wanted).max(axis=0)
             assert (off <= allowance(case, case.job())).all()
+
+
+@EACH
+def test_the_sheet_has_one_sign_check_for_each_table_that_takes_the_deviation_off(case):
+    """What the sheet says an axis must move by is minus what the exact chain finds there along that axis."""
+    job = case.job()
+    made = write(CONTROLS[case.control], job, case.make().names)
+    checks = sign_checks(made.held, job)
+    moving = [t for t in made.held.axis_tables if np.any(t.forward) or np.any(t.reverse)]
+    assert len(checks) >= len(moving) + bool(made.held.grids) + bool(made.held.tables)
+    exact, machine = exact_of(case.machine), case.machine
+    for check in checks:
+        q = machine.order(**check.at)[None]
+        way = np.full_like(q, check.way if made.declaration.reversal == COLUMNS else 0.0)
+        i = machine.index(check.axis)
+        if machine.axes[i].is_linear:
+            error = deviation(case, exact, q, way)[0]
+            along = (
+                exact.functional_point(q + np.eye(len(q[0]))[i], job.tool)[0] - exact.functional_point(q, job.tool)[0]
+            )
+            assert check.together == pytest.approx(-error @ along, abs=5e-7 + 3 * allowance(case, job)[i])
+        assert f"{check.alone:+.4f}" in commissioning_sheet(made) or not machine.axes[i].is_linear
+
+
+@EACH
+def test_the_sheet_says_everything_that_one_person_needs(case):
+    made = write(CONTROLS[case.control], case.job(), case.make().names)
+    text, d = commissioning_sheet(made), made.declaration
+    for part in (*d.commissioning.backup, *d.commissioning.load, *d.commissioning.activate, *d.commissioning.remove):
+        assert part in text
+    assert all(f.name in text for f in made.written.files)
+    assert all(name in text and value in text for name, value, _ in made.written.parameters)
+    assert all(f.basis in text for f in d.facts) and d.switching[1:] in text
+    assert all(len(line) < 1200 for line in text.splitlines())
+
+
+@CONTROL
+def test_it_is_explained(name):
+    d, text = CONTROLS[name].declaration, explained(CONTROLS[name])
+    assert text.startswith(f"# {name}: ") and all(kind in text for kind in d.carries) and d.nearest in text
+    assert all(o.name in text for o in d.options) and all(f.basis in text for f in d.facts)
 
 
 @CONTROL

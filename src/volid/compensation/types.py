@@ -155,21 +155,6 @@ def select(names: Sequence[str], machine: Machine) -> tuple[CompensationType, ..
     return chosen
 
 
-def most_together(names: Sequence[str], machine: Machine) -> tuple[str, ...]:
-    """Those of `names`, one after the other, that this machine can have and that go together with the ones before.
-
-    Types whose functions the user chooses are left out.
-    """
-    found: tuple[str, ...] = ()
-    for name in (n for n in names if not compensation_type(n).is_chosen):
-        try:
-            select((*found, name), machine)
-        except InputError:
-            continue
-        found = (*found, name)
-    return found
-
-
 def _require_disjoint(one: CompensationType, other: CompensationType) -> None:
     twice = [e for e in one.effects if e in other.effects and e != ORIENTATION]
     if twice:
