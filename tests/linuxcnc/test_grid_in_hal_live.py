@@ -11,7 +11,11 @@ pytestmark = [needs_linuxcnc, needs_compiler, pytest.mark.slow]
 FOLDER = ROOT / "examples" / "linuxcnc"
 COMPONENT = FOLDER / "volid_grid.comp"
 HOME = 10.0  # of X, where its motor stands at 0: the grid is looked up by the position of the joint
-JOINTS = [Joint("X", -100.0, 1100.0, home=HOME), Joint("Y", -10.0, 610.0), Joint("Z", -510.0, 10.0)]
+JOINTS = [
+    Joint("X", -100.0, 1100.0, home=HOME),
+    Joint("Y", -10.0, 610.0, lines="COMP_FILE_TYPE = 1\nCOMP_FILE = y.comp"),
+    Joint("Z", -510.0, 10.0),
+]
 # by hand: X is 1 µm too far per 100 mm of X; and, in the other file, 2 µm everywhere
 POSITIONING = """volid-hal-grid 1  type L-POS  tool 0 0 -150  unit mm  sign compensation
 nodes X 2 0 1000  nodes Y 1 0  nodes Z 1 0
@@ -19,6 +23,10 @@ values 2  0 0 0  -0.010 0 0  end"""
 SQUARENESS = """volid-hal-grid 1  type L-SQU  tool 0 0 -150  unit mm  sign compensation
 nodes X 1 0  nodes Y 2 0 600  nodes Z 1 0
 values 2  0 0 0  0.006 0 0  end"""
+
+
+TRIM = 5.0  # of Y by COMP_FILE, once Y has moved: the grid is looked up without it
+COMP_FILE = f"-10 {TRIM} {TRIM}\n610 {TRIM} {TRIM}\n"
 
 
 def loops(instance: str) -> str:
@@ -35,7 +43,7 @@ def loops(instance: str) -> str:
 
 
 def setup(files, instance: str) -> Setup:
-    shared = {"volid_grid.h": COMPONENT.with_suffix(".h").read_text()}
+    shared = {"y.comp": COMP_FILE, "volid_grid.h": COMPONENT.with_suffix(".h").read_text()}
     return Setup(JOINTS, files={**files, **shared}, hal=loops(instance), drives=False, components=[COMPONENT])
 
 
@@ -75,8 +83,8 @@ def test_two_grids_in_a_chain_each_switched_by_itself():
         (500.0, 300.0, 0.0),
     ]
     wanted += [(1100.0, -10.0, -0.010), (-100.0, 610.0, 0.006)]
-    for row, (x, y, added) in zip(rows[1:], wanted[1:], strict=True):
-        np.testing.assert_allclose(row[[0, 1, 2, 4]], [x - HOME + added, y, x, 0.0], rtol=0, atol=1e-9)
+    for i, (row, (x, y, added)) in enumerate(zip(rows[1:], wanted[1:], strict=True)):
+        np.testing.assert_allclose(row[[0, 1, 2, 4]], [x - HOME + added, y + TRIM * (i > 0), x, 0.0], rtol=0, atol=1e-9)
     assert rows[0, 3] == 0.0 and rows[1, 3] == 1.0 and rows[3, 3] == 0.0 and rows[5, 3] == 1.0
     assert rows[2, 5] == 0 and rows[5, 5] == 1
 

@@ -9,6 +9,7 @@ from support.places import ROOT
 from support.volumetric import STEP, TRAVEL, VirtualMachine, corrections, measured, places, predicted, rms
 
 import volid
+from volid.cli import main
 from volid.compensation.tables.sampling import Sampling
 from volid.fitting.prediction.largest import Places
 
@@ -33,7 +34,7 @@ net volid-z-motor => drive.z.in0
 net volid-x-drive <= drive.x.out
 net volid-y-drive <= drive.y.out
 net volid-z-drive <= drive.z.out
-loadrt sampler depth=4000 cfg=ffffff
+loadrt sampler depth=4000 cfg=fffffff
 addf sampler.0 servo-thread
 setp sampler.0.enable 0
 net volid-x-position => sampler.0.pin.0
@@ -42,13 +43,14 @@ net volid-z-position => sampler.0.pin.2
 net volid-x-drive => sampler.0.pin.3
 net volid-y-drive => sampler.0.pin.4
 net volid-z-drive => sampler.0.pin.5
+net following joint.0.f-error => sampler.0.pin.6
 loadusr halsampler -n 3000 path.txt
 """
 
 
 class Live(NamedTuple):
     """The machine, the grid file, and what LinuxCNC did: positions X, Y, Z asked for, of the drives without and with the grid,
-    corrections, positions shown with it, each (m, 3); the path (n, 6); what was printed."""
+    corrections, positions shown with it, each (m, 3); in each period of a path what is asked for, drives, following error of X."""
 
     machine: VirtualMachine
     grid: str
@@ -64,9 +66,10 @@ class Live(NamedTuple):
 def live(tmp_path_factory) -> Live:
     folder = tmp_path_factory.mktemp("volumetric")
     machine = measured(folder / "campaign", SEED)
-    made = volid.export(machine.solution, "linuxcnc-hal", ["L-VOL"], sampling=Sampling(step=STEP))
-    files = {f.name: f.content for f in made.written.files}
-    return driven(machine, files)
+    machine.solution.save(folder / "solution.h5")
+    asked = ["--cnc", "linuxcnc-hal", "--type", "L-VOL", "--step", f"{STEP:g}", "--tool", "0,0,-150"]
+    assert main(["export", str(folder / "solution.h5"), *asked, "-o", str(folder / "control")]) == 0
+    return driven(machine, {n: (folder / "control" / n).read_text() for n in ("l_vol.grid", "volid_grid.hal")})
 
 
 def driven(machine: VirtualMachine, files) -> Live:
@@ -100,6 +103,7 @@ def test_drives_go_where_the_grid_says(live):
 
 def test_linuxcnc_does_not_see_the_corrections(live):
     np.testing.assert_allclose(live.shown, live.asked, rtol=0, atol=1e-6)
+    assert np.abs(live.path[:, 6]).max() == 0.0  # following error of X while moving, to 1e-6 mm
 
 
 def test_what_remains_is_what_was_predicted(live):
@@ -125,7 +129,7 @@ def test_volid_forecasts_it_too(live):
 
 def test_path_is_compensated_in_every_period(live):
     """Positions on a path at up to 200 mm/s, one per period; halsampler prints 1e-6 mm."""
-    asked, drives = live.path[:, :3], live.path[:, 3:]
+    asked, drives = live.path[:, :3], live.path[:, 3:6]
     added, way = drives - asked, np.linalg.norm(np.diff(asked, axis=0), axis=1)
     assert (way > 0.19).sum() > 2000
     np.testing.assert_allclose(added, corrections(live.grid)(asked), rtol=0, atol=1.5e-6)
