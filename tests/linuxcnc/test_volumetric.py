@@ -50,7 +50,7 @@ loadusr halsampler -n 3000 path.txt
 
 class Live(NamedTuple):
     """The machine, the grid file, and what LinuxCNC did: positions X, Y, Z asked for, of the drives without and with the grid,
-    corrections, positions shown with it, each (m, 3); in each period of a path what is asked for, drives, following error of X."""
+    corrections, positions shown with it, each (m, 3); each period of a path: asked for, drives, following error of X."""
 
     machine: VirtualMachine
     grid: str
