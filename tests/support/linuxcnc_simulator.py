@@ -61,8 +61,8 @@ class Joint:
     high: float
     home: float = 0.0
     lines: str = ""
-    velocity: float = 1000.0
-    acceleration: float = 20000.0
+    velocity: float = 5000.0
+    acceleration: float = 100000.0
 
     @property
     def kind(self) -> str:
@@ -77,7 +77,7 @@ class Setup:
     Args:
         joints: In the order of their numbers; by default `drives` close the loop, motor position = motor command.
         files: Content by name of further files beside the INI file, such as compensation files.
-        kinematics: What `loadrt` loads, with its arguments.
+        kinematics: What `loadrt` loads, with its arguments; by default trivkins with the letters of the joints.
         hal: HAL commands after the loops, such as a component between command and drive.
         drives: Whether the feedback of each joint is its motor command; False where `hal` closes the loops.
         units: "mm" or "inch".
@@ -87,12 +87,22 @@ class Setup:
 
     joints: Sequence[Joint]
     files: Mapping[str, str | bytes] = field(default_factory=dict)
-    kinematics: str = "trivkins"
+    kinematics: str = ""
     hal: str = ""
     drives: bool = True
     units: str = "mm"
     ini: str = ""
     components: Sequence[Path] = ()
+
+    @property
+    def letters(self) -> str:
+        """Axis letters of the joints, in their order."""
+        return "".join(j.letter for j in self.joints)
+
+    @property
+    def loaded(self) -> str:
+        """The kinematics, with its arguments."""
+        return self.kinematics or f"trivkins coordinates={self.letters}"
 
 
 @dataclass(frozen=True)
@@ -263,7 +273,6 @@ def write(setup: Setup, folder: Path) -> None:
 
 def ini(setup: Setup) -> str:
     """The INI file."""
-    letters = "".join(j.letter for j in setup.joints)
     joints = "\n".join(_joint(n, j) for n, j in enumerate(setup.joints))
     return f"""[EMC]
 VERSION = 1.1
@@ -283,15 +292,15 @@ SERVO_PERIOD = 1000000
 [HAL]
 HALFILE = machine.hal
 [TRAJ]
-COORDINATES = {" ".join(letters)}
+COORDINATES = {" ".join(setup.letters)}
 LINEAR_UNITS = {setup.units}
 ANGULAR_UNITS = degree
-MAX_LINEAR_VELOCITY = 2000
-MAX_ANGULAR_VELOCITY = 2000
-DEFAULT_LINEAR_VELOCITY = 200
+MAX_LINEAR_VELOCITY = 5000
+MAX_ANGULAR_VELOCITY = 5000
+DEFAULT_LINEAR_VELOCITY = 2000
 [KINS]
-KINEMATICS = {setup.kinematics}
-JOINTS = {len(letters)}
+KINEMATICS = {setup.loaded}
+JOINTS = {len(setup.joints)}
 [EMCIO]
 EMCIO = io
 CYCLE_TIME = 0.100
@@ -323,7 +332,7 @@ def hal(setup: Setup) -> str:
     """The HAL file."""
     loops = [f"net loop{n} joint.{n}.motor-pos-cmd => joint.{n}.motor-pos-fb" for n in range(len(setup.joints))]
     closed = "\n".join(loops) if setup.drives else ""
-    return f"""loadrt {setup.kinematics}
+    return f"""loadrt {setup.loaded}
 loadrt motmod servo_period_nsec=1000000 num_joints={len(setup.joints)}
 addf motion-command-handler servo-thread
 addf motion-controller servo-thread

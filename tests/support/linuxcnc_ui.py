@@ -6,11 +6,10 @@ This file runs under the interpreter that LinuxCNC's own modules belong to, outs
 
 and answer.json, written when all is done, {"rows": [[value of each pin after each step] …], "messages": [what LinuxCNC said],
 "error": …}.
-A step may also have {"set": {"matrixkins.C_xy": 1e-3}} (halcmd setp), or {"wait": seconds}.
+A step may also have {"set": {"matrixkins.C_xy": 1e-3}} (halcmd setp; "after": the same once it has moved), {"wait": seconds}.
 """
 
 import json
-import subprocess
 import sys
 import time
 
@@ -91,16 +90,22 @@ class Screen:
 
     def step(self, step):
         """One step, and the pins after it."""
-        for name, value in step.get("set", {}).items():
-            subprocess.run(["halcmd", "setp", name, repr(value)], check=True, timeout=10)
+        self.setp(step.get("set", {}))
         if step.get("home"):
             self.home()
         if "wait" in step:
             time.sleep(step["wait"])
         if "mdi" in step:
             self.mdi(step["mdi"])
+        self.setp(step.get("after", {}))
         self.listen()
         return self.read()
+
+    @staticmethod
+    def setp(values):
+        """Sets pins and parameters."""
+        for name, value in values.items():
+            hal.set_p(name, repr(value))
 
 
 def main():
