@@ -25,7 +25,7 @@ def test_its_wiring_is_that_of_today():
 @simulator.needs_linuxcnc
 @simulator.needs_compiler
 def test_it_starts_and_applies_its_grid():
-    asked = np.array([[333.0, 111.0, -77.0], [950.0, 590.0, -420.0]])
+    asked = np.array([[150.0, 60.0, -77.0], [420.0, 330.0, -210.0]])
     steps = [{"home": True, "wait": 1.2}, *({"mdi": f"G53 G0 X{x} Y{y} Z{z}"} for x, y, z in asked)]
     pins = [f"drive.{a}.out" for a in "xyz"]
     nothing = simulator.Setup((), files={"volid_grid.h": (EXAMPLE / "volid_grid.h").read_text(encoding="utf-8")})

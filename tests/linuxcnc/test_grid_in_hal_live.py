@@ -6,17 +6,19 @@ from support.control_cases import spatial, written
 from support.linuxcnc_simulator import Joint, LinuxCNCError, Setup, needs_compiler, needs_linuxcnc, run
 from support.places import ROOT
 
+from volid.controllers.hal.wiring import wiring
+
 pytestmark = [needs_linuxcnc, needs_compiler, pytest.mark.slow]
 
 FOLDER = ROOT / "examples" / "linuxcnc"
 COMPONENT = FOLDER / "volid_grid.comp"
 HOME = 10.0  # of X, where its motor stands at 0: the grid is looked up by the position of the joint
-JOINTS = [
+JOINTS = [  # not in the order X, Y, Z
+    Joint("Z", -510.0, 10.0),
     Joint("X", -100.0, 1100.0, home=HOME),
     Joint("Y", -10.0, 610.0, lines="COMP_FILE_TYPE = 1\nCOMP_FILE = y.comp"),
-    Joint("Z", -510.0, 10.0),
 ]
-# by hand: X is 1 µm too far per 100 mm of X; and, in the other file, 2 µm everywhere
+# by hand: X is 1 µm too far per 100 mm of X; and, in the other file, 1 µm too short per 100 mm of Y
 POSITIONING = """volid-hal-grid 1  type L-POS  tool 0 0 -150  unit mm  sign compensation
 nodes X 2 0 1000  nodes Y 1 0  nodes Z 1 0
 values 2  0 0 0  -0.010 0 0  end"""
@@ -44,14 +46,19 @@ def loops(instance: str) -> str:
 
 def setup(files, instance: str) -> Setup:
     shared = {"y.comp": COMP_FILE, "volid_grid.h": COMPONENT.with_suffix(".h").read_text()}
-    return Setup(JOINTS, files={**files, **shared}, hal=loops(instance), drives=False, components=[COMPONENT])
+    return Setup(
+        JOINTS,
+        files={**files, **shared},
+        kinematics="trivkins coordinates=ZXY",
+        hal=loops(instance),
+        drives=False,
+        components=[COMPONENT],
+    )
 
 
 def two_grids() -> dict[str, str]:
-    from volid.controllers.hal.wiring import wiring
-
     names = {"L-POS": "l_pos.grid", "L-SQU": "l_squ.grid"}
-    hal = wiring(names, {"X": 0, "Y": 1, "Z": 2})
+    hal = wiring(names, {"X": 1, "Y": 2, "Z": 0})
     return {"l_pos.grid": POSITIONING, "l_squ.grid": SQUARENESS, "volid_grid.hal": hal}
 
 
@@ -59,9 +66,9 @@ def test_two_grids_in_a_chain_each_switched_by_itself():
     pins = [
         "drive.x.out",
         "drive.y.out",
-        "joint.0.pos-fb",
+        "joint.1.pos-fb",
         "volid-l-pos.weight",
-        "joint.0.f-error",
+        "joint.1.f-error",
         "volid-l-pos.beyond",
     ]
     steps = [

@@ -80,7 +80,7 @@ def driven(machine: VirtualMachine, files) -> Live:
         steps.append({"set": {"volid-l-vol.enable": 1}, "mdi": f"G53 G0 X{x} Y{y} Z{z}"})
         steps.append({"set": {"volid-l-vol.enable": 0}, "wait": 0.1})
     steps += [{"set": {"volid-l-vol.enable": 1}, "mdi": "G53 G0 X10 Y10 Z-240"}, {"set": {"sampler.0.enable": 1}}]
-    steps += [{"mdi": "G53 G1 X390 Y280 Z-10 F12000"}, {"mdi": "G53 G1 X200 Y20 Z-200"}, {"wait": 1.0}]
+    steps += [{"mdi": "G53 G1 X390 Y280 Z-10 F12000"}, {"mdi": "G53 G1 X200 Y20 Z-200"}, {"wait": 1.5}]
     setup = Setup(
         joints,
         files={**files, "volid_grid.h": COMPONENT.with_suffix(".h").read_text()},
