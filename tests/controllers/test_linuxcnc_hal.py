@@ -229,7 +229,7 @@ def test_what_it_cannot_hold_is_refused():
 def test_more_nodes_than_the_component_holds_are_refused(monkeypatch):
     monkeypatch.setattr("volid.controllers.linuxcnc_hal.MOST", 11)
     with pytest.raises(
-        InputError, match="linuxcnc-hal: L-VOL has 12 nodes; the component holds 11. Take a larger `step`"
+        InputError, match=r"linuxcnc-hal: L-VOL has 12 nodes; the component holds 11\. Take a larger `step`"
     ):
         HAL.write(job(NAME, spatial()))
 

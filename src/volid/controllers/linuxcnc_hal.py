@@ -78,7 +78,12 @@ DECLARATION = Declaration(
     zero="nowhere: corrections are put on within the fade time once all joints are homed, and taken off so too",
     switching="one instance of the component per type, each with a pin: setp volid-l-vol.enable 0 switches L-VOL off, 1 on",
     options=(
-        Option("coordinates", "axis letter of each joint by number, as for trivkins; else those of the machine in the order XYZABC", None, _coordinates),
+        Option(
+            "coordinates",
+            "axis letter of each joint by number, as for trivkins; else those of the machine in the order XYZABC",
+            None,
+            _coordinates,
+        ),
         Option("unit", "mm or inch: LINEAR_UNITS of the INI file", "mm", _unit),
     ),
     commissioning=Commissioning(
