@@ -127,3 +127,24 @@ def test_the_control_moves_as_it_was_read_back(joints):
     order = [LETTERS.index(a) for a in MACHINE.letters]
     predicted = control.command(PLACES[:, order], TOOL)[:, [MACHINE.letters.index(a) for a in LETTERS]]
     assert predicted == pytest.approx(joints["as written"], abs=1e-6)
+
+
+def test_comp_file_acts_on_the_joints_behind_the_matrix():
+    """A table of 1 mm/m for joint 0 is looked up at the joint's position, not at the axis's, which would be 2 µm off.
+
+    So steep a table also shows that LinuxCNC does not look it up again for the last step of a motion, some micrometres long.
+    """
+    written, matrix = files(measured(np.eye(3)))
+    lines = "COMP_FILE_TYPE = 1\nCOMP_FILE = x.comp"
+    joints = [
+        Joint(a, low - 5, high + 5, lines=lines if a == "X" else "")
+        for a in LETTERS
+        for low, high in [MACHINE.axis(a).travel]
+    ]
+    setup = Setup(
+        joints, {"x.comp": "0 0 0\n2000 2 2\n"}, "matrixkins", written["matrixkins.hal"], components=component()
+    )
+    rows = run(setup, [{"home": True}, {"mdi": "G53 G0 X1000 Y600 Z-500"}], ["joint.0.motor-pos-cmd"]).rows
+    joint = float((matrix @ np.array([1000.0, 600.0, -500.0]))[0])
+    assert abs(joint - 1000.0) > 1.0
+    assert rows[1][0] == pytest.approx(joint + 1e-3 * joint, abs=1e-5)

@@ -67,10 +67,15 @@ class Screen:
 
     def mdi(self, line):
         """One line of G-code, done and at rest."""
+        self.listen()
+        before = len(self.messages)
         self.command.mdi(line)
         self.command.wait_complete(30)
         self.until(lambda s: s.inpos and s.interp_state == linuxcnc.INTERP_IDLE and not s.queue, f"{line} does not end")
         self.rest()
+        self.listen()
+        if self.messages[before:]:
+            raise RuntimeError(f"{line}: {self.messages[before:]}")
 
     def rest(self):
         """Waits until no pin changes."""

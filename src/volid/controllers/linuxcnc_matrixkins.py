@@ -29,7 +29,6 @@ from volid.controllers.base import (
     CONTINUES,
     DOCUMENTED,
     FREE,
-    INFERRED,
     NO_REVERSAL,
     RUN,
     Commissioning,
@@ -129,9 +128,9 @@ DECLARATION = Declaration(
             "linuxcnc-uspace 2.9.0~pre1+git20230208",
         ),
         Fact(
-            "COMP_FILE acts on the joints after the matrix, so that both go together",
-            INFERRED,
-            "order of kinematics and motor command",
+            "COMP_FILE acts on the joints behind the matrix, at their positions, so that both go together",
+            RUN,
+            _SIMULATOR,
         ),
     ),
 )

@@ -89,3 +89,9 @@ def stated(name: str, text: str) -> Stated:
         elif pair:
             section.setdefault(pair[1], pair[2])
     return Stated(name, found)
+
+
+def states_compensation(text: str) -> bool:
+    """Whether an INI file names a COMP_FILE or a BACKLASH of a joint."""
+    ini = stated("", text)
+    return any(ini.get(f"JOINT_{n}", key) for n in ini.joints for key in ("COMP_FILE", "BACKLASH"))
