@@ -160,6 +160,20 @@ def test_each_type_leaves_what_was_forecast(known, types, left):
     assert after == pytest.approx(forecast.columns[1].predictions[0].value[2], rel=0.15)
 
 
+def test_two_grids_of_one_type_have_names_of_their_own():
+    files = written(NAME, Compensation(("L-VOL",), (), (*spatial().grids, *spatial().grids)))
+    assert set(files) == {"l_vol.grid", "l_vol_2.grid", "volid_grid.hal"}
+    assert "loadrt volid_grid names=volid-l-vol,volid-l-vol-2 files=l_vol.grid,l_vol_2.grid" in files["volid_grid.hal"]
+    q = MACHINE.order(X=500.0, Y=0.0, Z=0.0)[None]
+    assert (read(files).control(MACHINE).command(q, TOOL) - q)[0, MACHINE.index("X")] == pytest.approx(-0.010, abs=1e-9)
+
+
+def test_no_name_of_a_machine_becomes_a_number_of_the_grid():
+    odd = replace(MACHINE, name="mill\nend\r# 7 \x1b[2J")
+    text = HAL.write(job(NAME, spatial(), machine=odd)).files[0].content
+    assert numbers(text) == numbers(written(NAME, spatial())["l_vol.grid"]) and "\x1b" not in text
+
+
 def test_joints_are_those_of_the_coordinates():
     hal = written(NAME, spatial(), coordinates="ZXY")["volid_grid.hal"]
     assert "net volid-z-asked joint.0.motor-pos-cmd => volid-l-vol.motor-in-z" in hal

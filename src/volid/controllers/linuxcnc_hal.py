@@ -8,7 +8,7 @@ adds a lever arm for another one.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -129,13 +129,13 @@ class LinuxCNCHal(Controller):
         """One .grid file per type, and volid_grid.hal. Raises `InputError` for what is no grid over X, Y, Z."""
         grids = _grids(job)
         unit, files = job.options["unit"], []
-        for grid in grids:
+        names = {label: f"{label.lower().replace('-', '_')}.grid" for label in _labels(grids)}
+        for grid, name in zip(grids, names.values(), strict=True):
             held = HalGrid(grid.type, grid.tool, unit, nodes_of(grid), corrections_of(grid))
             text = write_grid(held, _comments(job, grid))
-            files.append(ControlFile(_file(grid.type), text, f"corrections of {grid.type} at {len(grid.values)} nodes"))
+            files.append(ControlFile(name, text, f"corrections of {grid.type} at {len(grid.values)} nodes"))
         letters = job.options["coordinates"] or "".join(a for a in "XYZABC" if a in job.machine.letters)
         _ask_joints(letters, grids[0])
-        names = {g.type: _file(g.type) for g in grids}
         hal = wiring(names, {a: letters.index(a) for a in grids[0].axes})
         files.append(ControlFile("volid_grid.hal", hal, "wiring of the component"))
         return Written(tuple(files), _parameters(grids, letters), _notes(job, grids), 0.5e-9 * UNITS[unit])
@@ -155,8 +155,11 @@ class LinuxCNCHal(Controller):
         return text_of(name, content[:200]).lstrip().startswith(f"{FORMAT} ")
 
 
-def _file(kind: str) -> str:
-    return f"{kind.lower().replace('-', '_')}.grid"
+def _labels(grids: Sequence[Grid]) -> list[str]:
+    """The types, each once: L-VOL, and L-VOL-2 for a second grid of it."""
+    kinds = [g.type for g in grids]
+    before = [kinds[:i].count(k) for i, k in enumerate(kinds)]
+    return [k if not n else f"{k}-{n + 1}" for k, n in zip(kinds, before, strict=True)]
 
 
 def _grids(job: Job) -> tuple[Grid, ...]:

@@ -50,9 +50,9 @@ class HalGrid:
 
 
 def write_grid(grid: HalGrid, comments: tuple[str, ...] = ()) -> str:
-    """The text of a file, with comments before the numbers."""
+    """The text of a file, with comments before the numbers, each in one line whatever a name in it holds."""
     scale = UNITS[grid.unit]
-    lines = [f"{FORMAT} {VERSION}", *(f"# {c}" for c in comments), f"type {grid.type}"]
+    lines = [f"{FORMAT} {VERSION}", *(f"# {' '.join(shown(c).split())}" for c in comments), f"type {grid.type}"]
     lines += ["tool " + " ".join(_plain(v / scale) for v in grid.tool), f"unit {grid.unit}", "sign compensation"]
     for letter, nodes in zip(LINEAR_AXES, grid.nodes, strict=True):
         lines.append(f"nodes {letter} {len(nodes)} " + " ".join(_plain(v / scale) for v in nodes))

@@ -15,7 +15,7 @@ def instance(kind: str) -> str:
 
 
 def wiring(files: Mapping[str, str], joints: Mapping[str, int]) -> str:
-    """Lines for HAL: `files` by type, numbers of the `joints` by axis letter.
+    """Lines for HAL: `files` by type (or a label such as L-VOL-2), numbers of the `joints` by axis letter.
 
     Instances form a chain: the corrections of one are added to those of the next, and the last one moves the joints.
     """
