@@ -2,8 +2,9 @@
 
 from volid.controllers.base import Controller
 from volid.controllers.linuxcnc import LINUXCNC
+from volid.controllers.linuxcnc_hal import LINUXCNC_HAL
 from volid.controllers.linuxcnc_matrixkins import MATRIXKINS
 
-CONTROLS: dict[str, Controller] = {c.declaration.name: c for c in (LINUXCNC, MATRIXKINS)}
+CONTROLS: dict[str, Controller] = {c.declaration.name: c for c in (LINUXCNC, LINUXCNC_HAL, MATRIXKINS)}
 
 __all__ = ["CONTROLS", "Controller"]
