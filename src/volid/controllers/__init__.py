@@ -2,7 +2,8 @@
 
 from volid.controllers.base import Controller
 from volid.controllers.linuxcnc import LINUXCNC
+from volid.controllers.sinumerik_enc_comp import SINUMERIK_ENC_COMP
 
-CONTROLS: dict[str, Controller] = {c.declaration.name: c for c in (LINUXCNC,)}
+CONTROLS: dict[str, Controller] = {c.declaration.name: c for c in (LINUXCNC, SINUMERIK_ENC_COMP)}
 
 __all__ = ["CONTROLS", "Controller"]
