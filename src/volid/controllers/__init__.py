@@ -2,8 +2,9 @@
 
 from volid.controllers.base import Controller
 from volid.controllers.linuxcnc import LINUXCNC
+from volid.controllers.sinumerik_cec import SINUMERIK_CEC
 from volid.controllers.sinumerik_enc_comp import SINUMERIK_ENC_COMP
 
-CONTROLS: dict[str, Controller] = {c.declaration.name: c for c in (LINUXCNC, SINUMERIK_ENC_COMP)}
+CONTROLS: dict[str, Controller] = {c.declaration.name: c for c in (LINUXCNC, SINUMERIK_ENC_COMP, SINUMERIK_CEC)}
 
 __all__ = ["CONTROLS", "Controller"]
