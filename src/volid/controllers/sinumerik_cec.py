@@ -31,7 +31,7 @@ from volid.controllers.base import (
     Option,
     Written,
 )
-from volid.controllers.equal_steps import Lattice
+from volid.controllers.equal_steps import Lattice, loss
 from volid.controllers.sinumerik_ini import AXES, MANUAL, Parts, Setting, axis_of, covers, name_of, number, settings
 from volid.controllers.sinumerik_products import Entry, Meaning, entries_of, tables_of
 from volid.exceptions import InputError
@@ -262,6 +262,10 @@ def _notes(entries: list[Entry], job: Job) -> list[str]:
         for e in entries
         if e.times is None and not e.source.startswith("lever arm")
     ]
+    lattices = {e.argument: e.lattice for e in entries}
+    moved = [loss(t, lattices[t.argument]) for t in job.axis_tables(products=True) if t.argument in lattices]
+    if max(moved, default=0.0) > 1e-7:
+        found.append(f"equal steps change values by up to {max(moved):.7f} mm or rad at the positions given")
     products = [e for e in entries if e.times is not None]
     if products:
         tool = ", ".join(f"{v:g}" for v in job.tool)
