@@ -1,10 +1,13 @@
 """Controls: one file each; this table is the only place that knows them all."""
 
 from volid.controllers.base import Controller
+from volid.controllers.heidenhain_com import HEIDENHAIN_COM
 from volid.controllers.linuxcnc import LINUXCNC
 from volid.controllers.sinumerik_cec import SINUMERIK_CEC
 from volid.controllers.sinumerik_enc_comp import SINUMERIK_ENC_COMP
 
-CONTROLS: dict[str, Controller] = {c.declaration.name: c for c in (LINUXCNC, SINUMERIK_ENC_COMP, SINUMERIK_CEC)}
+CONTROLS: dict[str, Controller] = {
+    c.declaration.name: c for c in (LINUXCNC, SINUMERIK_ENC_COMP, SINUMERIK_CEC, HEIDENHAIN_COM)
+}
 
 __all__ = ["CONTROLS", "Controller"]

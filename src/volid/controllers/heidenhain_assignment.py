@@ -1,0 +1,156 @@
+"""Which axis causes what a .COM table of a HEIDENHAIN control holds: the active line of the .CMA table, and the tables by cause.
+
+[axis of a column of the .COM] = F(axis of the column of the .CMA in which the .COM is entered).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+
+from volid.controllers.base import Option, text_of
+from volid.controllers.heidenhain_table import NcTable, parse, written
+from volid.exceptions import InputError
+from volid.model.machine import Axis, Machine
+
+CMA = "CONFIG.CMA"
+FIXED = ("NR", "AXISPOS", "BACKLASH")
+MANUALPLUS = "HEIDENHAIN, MANUALplus 620 Technical Manual (01/2012)"
+ITNC = "HEIDENHAIN, iTNC 530 HSCI Technical Manual (07/2013)"
+TNC407 = "HEIDENHAIN, TNC 407/415/425 Technical Manual (01/1998)"
+
+
+def _names(text: str) -> dict[str, str]:
+    pairs = [part.partition("=") for part in text.replace(" ", "").upper().split(",") if part]
+    if not all(re.fullmatch("[XYZABCUVW]", letter) and re.fullmatch(r"\w{1,8}", n) for letter, _, n in pairs):
+        raise ValueError("expected letters and names of axes at the control, such as X=X,Y=Y1,Z=Z")
+    return {letter: name for letter, _, name in pairs}
+
+
+def _letter(text: str) -> str:
+    if not re.fullmatch("[XYZABC]?", text.upper()):
+        raise ValueError("expected the letter of an axis")
+    return text.upper()
+
+
+def _rows(text: str) -> int:
+    if not text.isdecimal() or not 2 <= int(text) <= 5000:
+        raise ValueError("expected a number of rows, 2 … 5000")
+    return int(text)
+
+
+def decimals(text: str) -> int:
+    """A number of decimals."""
+    if text not in ("3", "4", "5", "6", "7"):
+        raise ValueError("expected 3 … 7 decimals")
+    return int(text)
+
+
+AXES = Option(
+    "axes", "keys of the axes at the control, such as X=X,Y=Y1 (CfgAxes/axisList); by default the letters", {}, _names
+)
+CAUSE = Option("cause", "the axis whose positions a single .COM file holds, to read it without its .CMA", "", _letter)
+ROWS = Option(
+    "max_rows", "rows that a .COM table may have: 256 on a TNC 407; not stated for later controls", 256, _rows
+)
+
+
+def axis_of(name: str, where: str, names: Mapping[str, str], machine: Machine) -> Axis:
+    """The axis that the control calls so. Raises `InputError` where none is."""
+    for axis in machine.axes:
+        if name == names.get(axis.letter, axis.letter):
+            return axis
+    known = ", ".join(f"{a.letter}={names.get(a.letter, a.letter)}" for a in machine.axes)
+    raise InputError(f"{where}: column '{name}' is no axis of the machine ({known}); state the option axes")
+
+
+def tables_by_cause(
+    files: Mapping[str, str | bytes], machine: Machine, names: Mapping[str, str], cause: str
+) -> list[tuple[Axis, str, NcTable]]:
+    """Each active .COM with the axis that causes what it holds, and the name of its file.
+
+    Raises `InputError` where the assignment is missing or does not name one line.
+    """
+    parsed = {n: parse(n, text_of(n, c)) for n, c in files.items() if n.upper().endswith((".COM", ".CMA"))}
+    by_name = {n.replace("\\", "/").rsplit("/", 1)[-1].upper(): n for n, t in parsed.items() if t.kind == "COM"}
+    assignments = {n: t for n, t in parsed.items() if t.kind == "CMA"}
+    if not by_name:
+        raise InputError(
+            f"{', '.join(files)}: no table of the kind .COM; expected a file that begins with BEGIN XAXIS.COM MM"
+        )
+    if not assignments and cause and len(by_name) == 1:
+        (name,) = by_name.values()
+        return [(axis_of(names.get(cause, cause), name, names, machine), name, parsed[name])]
+    if len(assignments) != 1:
+        raise InputError(
+            f"{', '.join(files)}: {len(assignments)} tables of the kind .CMA; expected one, which says whose positions the .COM "
+            "hold, or one .COM and the option cause"
+        )
+    ((name, table),) = assignments.items()
+    return [
+        (axis_of(column, where, names, machine), by_name[com], parsed[by_name[com]])
+        for column, com, where in _active(name, table, by_name)
+    ]
+
+
+def _active(name: str, table: NcTable, known: Mapping[str, str]) -> Iterable[tuple[str, str, str]]:
+    """Column, .COM and place of every entry of the active line."""
+    active = [row for row in table.rows if row.cells.get("ACTIVE") == "*"]
+    if len(active) != 1:
+        raise InputError(f"{name}: {len(active)} lines are active, with * in the column ACTIVE; expected one")
+    found = []
+    for column in table.columns:
+        entry = active[0].cells[column].replace("\\", "/").rsplit("/", 1)[-1].upper()
+        if column not in ("NR", "ACTIVE", "DOC") and entry:
+            com = entry if entry.endswith(".COM") else f"{entry}.COM"
+            if com not in known:
+                raise InputError(f"{active[0].where}: {column} has '{entry}', which is not among the files")
+            found.append((column, com, active[0].where))
+    if not found:
+        raise InputError(f"{active[0].where}: the active line assigns no table")
+    return found
+
+
+def assignment(causes: Sequence[str], names: Mapping[str, str]) -> str:
+    """The .CMA table whose line 0 is active and assigns XAXIS.COM to X, and so on."""
+    columns = [names.get(a, a) for a in causes]
+    return written(CMA, "", ("NR", "ACTIVE", *columns), [("0", "*", *(com_name(a) for a in causes))])
+
+
+def com_name(letter: str) -> str:
+    """Name of the .COM of an axis."""
+    return f"{letter}AXIS.COM"
+
+
+def positions_of(table: NcTable, axis: Axis, where: str) -> np.ndarray:
+    """AXISPOS of the rows, rising [mm or °]. Raises `InputError` for fewer than two rows, and rows that do not rise."""
+    if "AXISPOS" not in table.columns or len(table.rows) < 2:
+        raise InputError(f"{where}: expected a column AXISPOS and two rows at least; {len(table.rows)} rows found")
+    x = np.array([row.number("AXISPOS") for row in table.rows]) * (table.length if axis.is_linear else 1.0)
+    wrong = np.flatnonzero(np.diff(x) <= 0.0)
+    if len(wrong):
+        raise InputError(
+            f"{table.rows[wrong[0] + 1].where}: AXISPOS {x[wrong[0] + 1]:g} does not rise above {x[wrong[0]]:g}"
+        )
+    return x
+
+
+def values_of(table: NcTable, column: str, factor: float) -> np.ndarray:
+    """The values of a column times a factor. Raises `InputError` for an empty cell."""
+    return factor * np.array([row.number(column) for row in table.rows])
+
+
+def ask_rows(what: str, x: np.ndarray, axis: Axis, most: int) -> None:
+    """Raises `InputError` for more rows than allowed, and for positions of a rotary axis beyond 0 … 360°."""
+    if len(x) > most:
+        raise InputError(
+            f"{what} has {len(x)} positions; the control holds {most} (option max_rows). Take a larger `step`, or "
+            f"`max_points={most}`"
+        )
+    if not axis.is_linear and (x[0] < -1e-9 or x[-1] > 360.0 + 1e-9):
+        raise InputError(
+            f"{what} goes from {x[0]:g} to {x[-1]:g}°; the control recognises positions of a rotary axis from 0 to 360° only. "
+            f"Leave {axis.letter} out with `ranges`, or correct it in another control's table"
+        )
