@@ -2,12 +2,14 @@
 
 from volid.controllers.base import Controller
 from volid.controllers.heidenhain_com import HEIDENHAIN_COM
+from volid.controllers.heidenhain_kinematicscomp import HEIDENHAIN_KINEMATICSCOMP
 from volid.controllers.linuxcnc import LINUXCNC
 from volid.controllers.sinumerik_cec import SINUMERIK_CEC
 from volid.controllers.sinumerik_enc_comp import SINUMERIK_ENC_COMP
 
 CONTROLS: dict[str, Controller] = {
-    c.declaration.name: c for c in (LINUXCNC, SINUMERIK_ENC_COMP, SINUMERIK_CEC, HEIDENHAIN_COM)
+    c.declaration.name: c
+    for c in (LINUXCNC, SINUMERIK_ENC_COMP, SINUMERIK_CEC, HEIDENHAIN_COM, HEIDENHAIN_KINEMATICSCOMP)
 }
 
 __all__ = ["CONTROLS", "Controller"]

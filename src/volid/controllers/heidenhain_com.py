@@ -53,7 +53,7 @@ from volid.controllers.heidenhain_assignment import (
     tables_by_cause,
     values_of,
 )
-from volid.controllers.heidenhain_table import FRAME, NcTable, written
+from volid.controllers.heidenhain_table import FRAME, NcTable, fixed, written
 from volid.exceptions import InputError
 from volid.model.machine import Axis, Machine
 
@@ -268,11 +268,6 @@ def _of_com(cause: Axis, name: str, table: NcTable, machine: Machine, names: Map
             f"{name}: no column of an axis has values; expected columns such as X beside {', '.join(FIXED)}"
         )
     return found
-
-
-def fixed(value: float, digits: int) -> str:
-    """A number with fixed decimals; no minus before zero."""
-    return f"{round(float(value), digits) + 0.0:.{digits}f}"
 
 
 HEIDENHAIN_COM = HeidenhainCom()

@@ -78,7 +78,7 @@ def parse(name: str, text: str) -> NcTable:
     if at >= len(lines) or not lines[at].strip() or lines[at].startswith("[END]"):
         raise InputError(f"{name}, line {at + 1}: no names of columns; expected a line such as NR AXISPOS BACKLASH X")
     starts = {m.group().upper(): m.start() for m in re.finditer(r"\S+", lines[at])}
-    rows = []
+    rows: list[Row] = []
     for number, line in enumerate(lines[at + 1 :], at + 2):
         if line.strip().upper() == "[END]":
             return NcTable(begin[1].strip(), begin[2].upper(), (begin[3] or "").upper(), tuple(starts), tuple(rows))
@@ -115,3 +115,8 @@ def written(name: str, unit: str, columns: Sequence[str], rows: Sequence[Sequenc
     lines = ["".join(cell.ljust(w) for cell, w in zip(line, widths, strict=True)).rstrip() for line in (columns, *rows)]
     begin = f"BEGIN {name.upper()} {unit}".strip()
     return "\n".join([begin, *lines, "[END]", ""])
+
+
+def fixed(value: float, digits: int) -> str:
+    """A number with fixed decimals; no minus before zero."""
+    return f"{round(float(value), digits) + 0.0:.{digits}f}"

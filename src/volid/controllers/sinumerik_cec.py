@@ -283,7 +283,8 @@ def _take(s: Setting, found: dict[int, Parts]) -> None:
         return
     if suffix not in ("", *SUFFIXES) or len(s.index) != (1 if suffix else 2):
         raise InputError(
-            f"{s.where}: ${s.name}[{','.join(s.index)}] is unknown; expected $AN_CEC[table,point], or _{', _'.join(SUFFIXES)}[table]"
+            f"{s.where}: ${s.name}[{','.join(s.index)}] is unknown; expected $AN_CEC[table,point], or one of "
+            f"_{', _'.join(SUFFIXES)} [table]"
         )
     parts = found.setdefault(s.whole(0), Parts({}, {}))
     if suffix:

@@ -5,9 +5,10 @@ with that of the table number n (index n - 1):
 
     correction = sum over tables of value_t(x_t)  +  sum over products of value_k(x_k) · value_(n-1)(x_(n-1)).
 
-The product comes *in addition*: the two tables of a product act by themselves too. What they would add is taken out again in the plain
-table of the same pair of axes, so that the product alone remains. A lever arm becomes a ramp, in units of UNIT, which all products
-with this lever arm share; the angle is multiplied by UNIT, so that values of both stay below a few tenths of a millimetre.
+The product comes *in addition*: the two tables of a product act by themselves too. What they would add is taken out again in the
+plain table of the same pair of axes, so that the product alone remains. A lever arm becomes a ramp, in units of UNIT, which all
+products with this lever arm share; the angle is multiplied by UNIT, so that values of both stay below a few tenths of a
+millimetre.
 """
 
 from __future__ import annotations
