@@ -74,8 +74,20 @@ def test_a_rotary_table_is_in_degrees_and_only_within_a_turn():
         (replace(error_table("EAA", [-90, 0, 30], [0, 1e-5, 0], kind="R-POS"), applied="the axis itself"),),
         (),
     )
-    with pytest.raises(InputError, match=r"heidenhain-com: AAXIS.COM goes from -90 to 30°; .* from 0 to 360° only"):
+    with pytest.raises(
+        InputError, match=r"heidenhain-com: AAXIS.COM goes from -90 to 30°; .*360° only.*below_zero=wrap"
+    ):
         CONTROLS[NAME].write(case.job(tilted))
+    files = {f.name: f.content for f in CONTROLS[NAME].write(case.job(tilted, below_zero="wrap")).files}
+    rows = [line[1:] for line in cells(files["AAXIS.COM"])[2:-1]]
+    # 10 µrad at 0 are 0.0006°; -90° stands at 270°, and 0 closes the turn
+    assert rows == [["0.0000", "0.0006"], ["30.0000", "0.0000"], ["270.0000", "0.0000"], ["360.0000", "0.0006"]]
+    (table,) = read(files, TRUNNION).axis_tables
+    np.testing.assert_allclose(
+        table.of_argument(np.array([-90.0, -45.0, 0.0, 15.0]), np.ones(4)),
+        np.deg2rad([0.0, 0.0003, 0.0006, 0.0003]),
+        atol=1e-12,
+    )
     assert (
         read({f.name: f.content for f in CONTROLS[NAME].write(case.job()).files}, TRUNNION).axis_tables[0].period
         == 360.0

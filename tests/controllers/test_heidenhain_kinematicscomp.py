@@ -109,7 +109,7 @@ def test_location_errors_are_constants_without_a_table():
     assert [f.name for f in done.files] == ["VOLID.TAB"]
     rows = [line.split()[1:] for line in done.files[0].content.splitlines()[2:-1]]
     # C carries the workpiece: its stator is towards the tool, and so are its errors
-    assert rows[-3:] == [["EX0C", "Trans", "X", "0.0120"], ["EB0C", "Trans", "B", "-0.001719"], ["MachAxis", "C"]]
+    assert rows[-3:] == [["EXC", "Trans", "X", "0.0120"], ["EBC", "Trans", "B", "-0.001719"], ["MachAxis", "C"]]
     assert any("the lines of C stand where the chain's origin is at 10, 0, 0 mm" in n for n in done.notes)
     back = CONTROLS[NAME].read({f.name: f.content for f in done.files}, machine, {**what.options, "sign": "error"})
     assert {t.function: round(float(t.forward[0]), 8) for t in back.tables} == {
@@ -172,7 +172,8 @@ def test_a_constant_that_names_no_error_is_refused():
     nameless = changed("Y..C4", "0.001")
     nameless["VOLID.TAB"] = nameless["VOLID.TAB"].replace("EAY", "   ")
     with pytest.raises(
-        InputError, match=r"line 7: the constant 0\.001 names no error in DOC; expected its symbol, such as EA0C"
+        InputError,
+        match=r"line 7: the constant 0\.001 names no error in DOC; expected the function .* such as EAC, and not EA0C",
     ):
         read(nameless)
 

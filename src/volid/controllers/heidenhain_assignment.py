@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from volid.exceptions import InputError
 from volid.model.machine import Axis, Machine
 
 CMA = "CONFIG.CMA"
+REFUSE, WRAP = "refuse", "wrap"
 FIXED = ("NR", "AXISPOS", "BACKLASH")
 MANUALPLUS = "HEIDENHAIN, MANUALplus 620 Technical Manual (01/2012)"
 ITNC = "HEIDENHAIN, iTNC 530 HSCI Technical Manual (07/2013)"
@@ -41,6 +43,12 @@ def _rows(text: str) -> int:
     return int(text)
 
 
+def _below(text: str) -> str:
+    if text.lower() not in (REFUSE, WRAP):
+        raise ValueError(f"expected {REFUSE} or {WRAP}")
+    return text.lower()
+
+
 def decimals(text: str) -> int:
     """A number of decimals."""
     if text not in ("3", "4", "5", "6", "7"):
@@ -52,6 +60,12 @@ AXES = Option(
     "axes", "keys of the axes at the control, such as X=X,Y=Y1 (CfgAxes/axisList); by default the letters", {}, _names
 )
 CAUSE = Option("cause", "the axis whose positions a single .COM file holds, to read it without its .CMA", "", _letter)
+TURN = Option(
+    "below_zero",
+    "rotary positions below 0: refuse, or wrap: written one turn up, for a control that looks up -30° at 330°",
+    REFUSE,
+    _below,
+)
 ROWS = Option(
     "max_rows", "rows that a .COM table may have: 256 on a TNC 407; not stated for later controls", 256, _rows
 )
@@ -142,15 +156,26 @@ def values_of(table: NcTable, column: str, factor: float) -> np.ndarray:
     return factor * np.array([row.number(column) for row in table.rows])
 
 
-def ask_rows(what: str, x: np.ndarray, axis: Axis, most: int) -> None:
-    """Raises `InputError` for more rows than allowed, and for positions of a rotary axis beyond 0 … 360°."""
-    if len(x) > most:
-        raise InputError(
-            f"{what} has {len(x)} positions; the control holds {most} (option max_rows). Take a larger `step`, or "
-            f"`max_points={most}`"
-        )
-    if not axis.is_linear and (x[0] < -1e-9 or x[-1] > 360.0 + 1e-9):
+def rows_of(
+    what: str, positions: Sequence[np.ndarray], axis: Axis, options: Mapping[str, Any]
+) -> tuple[np.ndarray, np.ndarray]:
+    """AXISPOS of the rows, and the positions of the axis whose values they hold, (n,) each [mm or °].
+
+    They differ for a rotary axis below 0 with `below_zero` "wrap": rows from 0 to 360, -30° in the row of 330°. Raises
+    `InputError` for more rows than allowed, and for positions of a rotary axis beyond 0 … 360°.
+    """
+    x = np.unique(np.round(np.concatenate(positions), options["decimals"]))
+    beyond = not axis.is_linear and (x[0] < -1e-9 or x[-1] > 360.0 + 1e-9)
+    if beyond and (options["below_zero"] != WRAP or x[-1] - x[0] > 360.0 or x[-1] > 360.0):
         raise InputError(
             f"{what} goes from {x[0]:g} to {x[-1]:g}°; the control recognises positions of a rotary axis from 0 to 360° only. "
-            f"Leave {axis.letter} out with `ranges`, or correct it in another control's table"
+            "Where it looks up -30° at 330°, state the option below_zero=wrap; else take types without error motions of this axis"
         )
+    rows = np.unique(np.concatenate([[0.0, 360.0], np.mod(x, 360.0)])) if beyond else x
+    if len(rows) > options["max_rows"]:
+        most = options["max_rows"]
+        raise InputError(
+            f"{what} has {len(rows)} positions; the control holds {most} (option max_rows). Take a larger `step`, or "
+            f"`max_points={most}`"
+        )
+    return rows, np.where(rows > x[-1], rows - 360.0, rows) if beyond else rows

@@ -27,7 +27,10 @@ _REFERENCE = re.compile(r"(\w+)\.\.C([1-6])")
 
 @dataclass(frozen=True)
 class Constant:
-    """An error that is the same everywhere: `function` of ISO 230-1 without its 0, such as EXC or EAS; value [mm or °]."""
+    """An error that is the same everywhere: the function that has this value, tool relative to workpiece, such as EXC; [mm or °].
+
+    Not EX0C, which is the place of the axis line: for an axis that carries the workpiece it has the other sign.
+    """
 
     function: str
     value: float
@@ -85,7 +88,7 @@ def _of_axis(axis: Axis, errors: Iterable[Constant | Reference], names: Mapping[
 def _error(e: Constant | Reference, axis: str, names: Mapping[str, str], digits: int) -> _Line:
     if isinstance(e, Constant):
         turned = e.function[1] in "ABC"
-        return (f"{e.function[:2]}0{axis}", "Trans", e.function[1], "", fixed(e.value, 6 if turned else digits))
+        return (e.function, "Trans", e.function[1], "", fixed(e.value, 6 if turned else digits))
     return (e.function, "Trans", e.function[1], "", f"{names.get(axis, axis)}..C{e.column}")
 
 
@@ -124,12 +127,12 @@ def _read(row: Row, component: str, letters: Mapping[str, str]) -> tuple[str, Co
             raise InputError(f"{row.where}: '{reference[0]}' names no axis of the machine; state the option axes")
         letter = letters[reference[1]]
         return letter, Reference(f"E{component}{letter}", int(reference[2]))
-    doc = re.match(rf"E{component}0?([XYZABC{SPINDLE}])(?!\w)", row.cells.get("DOC", ""))
+    doc = re.match(rf"E{component}([XYZABC{SPINDLE}])(?!\w)", row.cells.get("DOC", ""))
     value = row.number("COMPTAB")
     if doc is None:
         raise InputError(
-            f"{row.where}: the constant {value:g} names no error in DOC; expected its symbol, such as E{component}0C, to know "
-            "which axis it belongs to"
+            f"{row.where}: the constant {value:g} names no error in DOC; expected the function that has this value everywhere, "
+            f"tool relative to workpiece, such as E{component}C, and not E{component}0C, which ISO 230-1 counts at the axis line"
         )
     return doc[1], Constant(f"E{component}{doc[1]}", value)
 

@@ -44,12 +44,13 @@ from volid.controllers.heidenhain_assignment import (
     MANUALPLUS,
     ROWS,
     TNC407,
-    ask_rows,
+    TURN,
     assignment,
     axis_of,
     com_name,
     decimals,
     positions_of,
+    rows_of,
     tables_by_cause,
     values_of,
 )
@@ -89,6 +90,7 @@ DECLARATION = Declaration(
         AXES,
         ROWS,
         CAUSE,
+        TURN,
         Option("decimals", "decimals of positions and values", 4, decimals),
         Option(
             "backlash",
@@ -188,8 +190,8 @@ class _Cause:
     def __init__(self, axis: Axis, tables: Sequence[AxisTable], job: Job) -> None:
         self.axis, self.machine, self.options = axis, job.machine, job.options
         self.tables = {t.output: t for t in tables}
-        self.x = np.unique(np.round(np.concatenate([t.positions for t in tables]), self.options["decimals"]))
-        ask_rows(f"{DECLARATION.name}: {com_name(axis.letter)}", self.x, axis, self.options["max_rows"])
+        places = [t.positions for t in tables]
+        self.rows, self.x = rows_of(f"{DECLARATION.name}: {com_name(axis.letter)}", places, axis, self.options)
 
     @property
     def _own(self) -> AxisTable | None:
@@ -218,7 +220,7 @@ class _Cause:
             back = [fixed(self._scale(self.axis.letter) * v, digits) for v in down]
         rows = [
             (str(i), fixed(x, digits), back[i], *(fixed(v[i], digits) for v in columns.values()))
-            for i, x in enumerate(self.x)
+            for i, x in enumerate(self.rows)
         ]
         return written(com_name(self.axis.letter), "MM", (*FIXED, *columns), rows)
 
@@ -244,10 +246,10 @@ class _Cause:
                 found.append(
                     f"{com_name(self.axis.letter)}, {o}: one value for both directions; they differ by up to {lost:.5f}"
                 )
-        if self.x[0] > low + 1e-6 or self.x[-1] < high - 1e-6:
+        if self.x.min() > low + 1e-6 or self.x.max() < high - 1e-6:
             found.append(
-                f"{com_name(self.axis.letter)} covers {self.x[0]:g} … {self.x[-1]:g} {self.axis.unit} of the travel {low:g} … "
-                f"{high:g}; what the control does beyond is not stated"
+                f"{com_name(self.axis.letter)} covers {self.x.min():g} … {self.x.max():g} {self.axis.unit} of the travel "
+                f"{low:g} … {high:g}; what the control does beyond is not stated"
             )
         return found
 

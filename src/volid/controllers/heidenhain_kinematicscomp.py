@@ -44,11 +44,12 @@ from volid.controllers.heidenhain_assignment import (
     ITNC,
     MANUALPLUS,
     ROWS,
-    ask_rows,
+    TURN,
     assignment,
     com_name,
     decimals,
     positions_of,
+    rows_of,
     tables_by_cause,
     values_of,
 )
@@ -87,7 +88,7 @@ DECLARATION = Declaration(
     zero="make the values 0 at the home position of the axis (`zero`), else the chain is not nominal there",
     switching="positioning by the line with * in ACTIVE of the .CMA; the other errors by choosing a kinematics table with or "
     "without the error lines",
-    options=(AXES, ROWS, CAUSE, Option("decimals", "decimals of positions and lengths", 4, decimals)),
+    options=(AXES, ROWS, CAUSE, TURN, Option("decimals", "decimals of positions and lengths", 4, decimals)),
     commissioning=Commissioning(
         backup=("Copy the kinematics tables, all .COM and .CMA files and the machine parameters.",),
         load=(
@@ -230,8 +231,8 @@ class _Com:
         self.axis, self.options, self.sense = axis, job.options, job.factor
         self.own = next((t for t in tables if _column(t) is None), None)
         self.others = {column_of(t.function): t for t in tables if t is not self.own}
-        self.x = np.unique(np.round(np.concatenate([t.positions for t in tables]), self.options["decimals"]))
-        ask_rows(f"{DECLARATION.name}: {com_name(axis.letter)}", self.x, axis, self.options["max_rows"])
+        places = [t.positions for t in tables]
+        self.rows, self.x = rows_of(f"{DECLARATION.name}: {com_name(axis.letter)}", places, axis, self.options)
 
     def _cells(self, t: ErrorTable, way: float) -> list[str]:
         digits = self.options["decimals"] if t.function[1] in "XYZ" else ANGLE_DIGITS
@@ -242,7 +243,7 @@ class _Com:
     def text(self) -> str:
         """The file."""
         name = self.options["axes"].get(self.axis.letter, self.axis.letter)
-        columns = {"AXISPOS": [fixed(x, self.options["decimals"]) for x in self.x], "BACKLASH": [""] * len(self.x)}
+        columns = {"AXISPOS": [fixed(x, self.options["decimals"]) for x in self.rows], "BACKLASH": [""] * len(self.x)}
         if self.own is not None:
             columns[name] = self._cells(self.own, 1.0)
             if self.own.has_reversal:
@@ -256,9 +257,9 @@ class _Com:
         lost = [t.function for t in self.others.values() if t.has_reversal]
         found = [f"{', '.join(lost)}: one value for both directions, their mean"] if lost else []
         low, high = self.axis.travel
-        if self.x[0] > low + 1e-6 or self.x[-1] < high - 1e-6:
+        if self.x.min() > low + 1e-6 or self.x.max() < high - 1e-6:
             found.append(
-                f"{com_name(self.axis.letter)} covers {self.x[0]:g} … {self.x[-1]:g} of the travel {low:g} … {high:g} "
+                f"{com_name(self.axis.letter)} covers {self.x.min():g} … {self.x.max():g} of the travel {low:g} … {high:g} "
                 f"{self.axis.unit}; what the control does beyond is not stated"
             )
         return found
