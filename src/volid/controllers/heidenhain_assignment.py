@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -13,6 +12,7 @@ import numpy as np
 
 from volid.controllers.base import Option, text_of
 from volid.controllers.heidenhain_table import NcTable, parse, written
+from volid.controllers.options import axis_names, one_of, whole
 from volid.exceptions import InputError
 from volid.model.machine import Axis, Machine
 
@@ -24,50 +24,27 @@ ITNC = "HEIDENHAIN, iTNC 530 HSCI Technical Manual (07/2013)"
 TNC407 = "HEIDENHAIN, TNC 407/415/425 Technical Manual (01/1998)"
 
 
-def _names(text: str) -> dict[str, str]:
-    pairs = [part.partition("=") for part in text.replace(" ", "").upper().split(",") if part]
-    if not all(re.fullmatch("[XYZABCUVW]", letter) and re.fullmatch(r"\w{1,8}", n) for letter, _, n in pairs):
-        raise ValueError("expected letters and names of axes at the control, such as X=X,Y=Y1,Z=Z")
-    return {letter: name for letter, _, name in pairs}
-
-
-def _letter(text: str) -> str:
-    if not re.fullmatch("[XYZABC]?", text.upper()):
-        raise ValueError("expected the letter of an axis")
-    return text.upper()
-
-
-def _rows(text: str) -> int:
-    if not text.isdecimal() or not 2 <= int(text) <= 5000:
-        raise ValueError("expected a number of rows, 2 … 5000")
-    return int(text)
-
-
-def _below(text: str) -> str:
-    if text.lower() not in (REFUSE, WRAP):
-        raise ValueError(f"expected {REFUSE} or {WRAP}")
-    return text.lower()
-
-
-def decimals(text: str) -> int:
-    """A number of decimals."""
-    if text not in ("3", "4", "5", "6", "7"):
-        raise ValueError("expected 3 … 7 decimals")
-    return int(text)
-
-
+DECIMALS = Option("decimals", "decimals of positions and lengths", 4, whole(3, 7, "a number of decimals"))
 AXES = Option(
-    "axes", "keys of the axes at the control, such as X=X,Y=Y1 (CfgAxes/axisList); by default the letters", {}, _names
+    "axes",
+    "keys of the axes at the control, such as X=X,Y=Y1 (CfgAxes/axisList); by default the letters",
+    {},
+    axis_names,
 )
-CAUSE = Option("cause", "the axis whose positions a single .COM file holds, to read it without its .CMA", "", _letter)
+CAUSE = Option(
+    "cause", "the axis whose positions a single .COM file holds, to read it without its .CMA", "", one_of("", *"xyzabc")
+)
 TURN = Option(
     "below_zero",
     "rotary positions below 0: refuse, or wrap: written one turn up, for a control that looks up -30° at 330°",
     REFUSE,
-    _below,
+    one_of(REFUSE, WRAP),
 )
 ROWS = Option(
-    "max_rows", "rows that a .COM table may have: 256 on a TNC 407; not stated for later controls", 256, _rows
+    "max_rows",
+    "rows that a .COM table may have: 256 on a TNC 407; not stated for later controls",
+    256,
+    whole(2, 5000, "a number of rows"),
 )
 
 
@@ -88,14 +65,14 @@ def tables_by_cause(
     Raises `InputError` where the assignment is missing or does not name one line.
     """
     parsed = {n: parse(n, text_of(n, c)) for n, c in files.items() if n.upper().endswith((".COM", ".CMA"))}
-    by_name = {n.replace("\\", "/").rsplit("/", 1)[-1].upper(): n for n, t in parsed.items() if t.kind == "COM"}
-    assignments = {n: t for n, t in parsed.items() if t.kind == "CMA"}
+    by_name = {n.replace("\\", "/").rsplit("/", 1)[-1].upper(): n for n, t in parsed.items() if t.ending == "COM"}
+    assignments = {n: t for n, t in parsed.items() if t.ending == "CMA"}
     if not by_name:
         raise InputError(
             f"{', '.join(files)}: no table of the kind .COM; expected a file that begins with BEGIN XAXIS.COM MM"
         )
     if not assignments and cause and len(by_name) == 1:
-        (name,) = by_name.values()
+        (name,), cause = by_name.values(), cause.upper()
         return [(axis_of(names.get(cause, cause), name, names, machine), name, parsed[name])]
     if len(assignments) != 1:
         raise InputError(

@@ -9,7 +9,7 @@ Not modelled: what the control does beyond the first and last row; it is taken t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -39,6 +39,7 @@ from volid.controllers.heidenhain_assignment import (
     AXES,
     CAUSE,
     CMA,
+    DECIMALS,
     FIXED,
     ITNC,
     MANUALPLUS,
@@ -48,26 +49,17 @@ from volid.controllers.heidenhain_assignment import (
     assignment,
     axis_of,
     com_name,
-    decimals,
     positions_of,
     rows_of,
     tables_by_cause,
     values_of,
 )
 from volid.controllers.heidenhain_table import FRAME, NcTable, fixed, written
+from volid.controllers.options import one_of
 from volid.exceptions import InputError
 from volid.model.machine import Axis, Machine
 
 COLUMN, PARAMETER = "column", "parameter"
-
-
-def _one_of(*allowed: str) -> Callable[[str], str]:
-    def convert(text: str) -> str:
-        if text.lower() not in allowed:
-            raise ValueError(f"expected one of {', '.join(allowed)}")
-        return text.lower()
-
-    return convert
 
 
 DECLARATION = Declaration(
@@ -91,12 +83,12 @@ DECLARATION = Declaration(
         ROWS,
         CAUSE,
         TURN,
-        Option("decimals", "decimals of positions and values", 4, decimals),
+        DECIMALS,
         Option(
             "backlash",
             "column: values in negative direction go into the column BACKLASH; parameter: mean of both, and MP710",
             COLUMN,
-            _one_of(COLUMN, PARAMETER),
+            one_of(COLUMN, PARAMETER),
         ),
     ),
     commissioning=Commissioning(

@@ -10,13 +10,12 @@ Not modelled: reversal of C1 … C6, which have one value; lever arms of nominal
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from volid.compensation.package import Compensation
-from volid.compensation.tables.error_table import ITSELF, MODEL, ErrorTable
 from volid.compensation.types import TABLES
 from volid.controllers.base import (
     COLUMNS,
@@ -32,7 +31,6 @@ from volid.controllers.base import (
     Declaration,
     Fact,
     Job,
-    Option,
     Written,
     text_of,
 )
@@ -40,26 +38,30 @@ from volid.controllers.heidenhain_assignment import (
     AXES,
     CAUSE,
     CMA,
-    FIXED,
+    DECIMALS,
     ITNC,
     MANUALPLUS,
     ROWS,
     TURN,
     assignment,
     com_name,
-    decimals,
-    positions_of,
-    rows_of,
     tables_by_cause,
-    values_of,
 )
-from volid.controllers.heidenhain_chain import KINEMATICS, Constant, Reference, column_of, errors_of, lines
-from volid.controllers.heidenhain_table import FRAME, NcTable, fixed, parse, written
+from volid.controllers.heidenhain_chain import KINEMATICS, Constant, Reference, errors_of, lines
+from volid.controllers.heidenhain_functions import (
+    ANGLE_DIGITS,
+    Com,
+    constant_of,
+    error_of,
+    filled,
+    is_constant,
+    own_column,
+    positioning,
+)
+from volid.controllers.heidenhain_table import FRAME, parse
 from volid.exceptions import InputError
 from volid.model.iso230 import SPINDLE
-from volid.model.machine import Axis, Machine
-
-ANGLE_DIGITS = 6
+from volid.model.machine import Machine
 
 DECLARATION = Declaration(
     name="heidenhain-kinematicscomp",
@@ -88,7 +90,7 @@ DECLARATION = Declaration(
     zero="make the values 0 at the home position of the axis (`zero`), else the chain is not nominal there",
     switching="positioning by the line with * in ACTIVE of the .CMA; the other errors by choosing a kinematics table with or "
     "without the error lines",
-    options=(AXES, ROWS, CAUSE, TURN, Option("decimals", "decimals of positions and lengths", 4, decimals)),
+    options=(AXES, ROWS, CAUSE, TURN, DECIMALS),
     commissioning=Commissioning(
         backup=("Copy the kinematics tables, all .COM and .CMA files and the machine parameters.",),
         load=(
@@ -152,16 +154,7 @@ class HeidenhainKinematicsComp(Controller):
             raise InputError(
                 f"{DECLARATION.name}: tables of axes and grids are none of error functions: {DECLARATION.nearest}"
             )
-        errors: dict[str, list[Constant | Reference]] = {}
-        coms: dict[str, _Com] = {}
-        for axis in job.machine.axes:
-            own = [t for t in job.compensation.tables if t.axis == axis.letter]
-            functions = [t for t in own if _column(t) is None or not _is_constant(t)]
-            errors[axis.letter] = [_constant(t, job) for t in own if t not in functions]
-            errors[axis.letter] += [Reference(t.function, c) for t in functions if (c := _column(t)) is not None]
-            if functions:
-                coms[axis.letter] = _Com(axis, functions, job)
-        errors[SPINDLE] = [_constant(t, job) for t in job.compensation.tables if t.axis == SPINDLE]
+        errors, coms = _parted(job)
         files = [ControlFile(com_name(a), c.text(), f"errors of {a}") for a, c in coms.items()]
         if coms:
             files.append(ControlFile(CMA, assignment(tuple(coms), job.options["axes"]), "assignment"))
@@ -169,15 +162,11 @@ class HeidenhainKinematicsComp(Controller):
             text = lines(job.machine, errors, job.options["axes"], job.options["decimals"])
             files.append(ControlFile(KINEMATICS, text, "proposed lines of the kinematics table, to be entered by hand"))
         parameters = tuple((f"MP730, bit of {a}", "1", "nonlinear axis error compensation") for a in coms)
-        places = {a.letter: a.point for a in job.machine.axes if errors[a.letter] and not a.is_linear and any(a.point)}
-        notes = (
-            *(n for c in coms.values() for n in c.notes()),
-            *(
-                f"the lines of {a} stand where the chain's origin is at {', '.join(f'{v:g}' for v in p)} mm"
-                for a, p in places.items()
-            ),
-        )
-        return Written(tuple(files), parameters, notes, 0.5 * 10.0 ** -job.options["decimals"])
+        notes = [n for c in coms.values() for n in c.notes()]
+        for axis in (a for a in job.machine.axes if errors[a.letter] and not a.is_linear and any(a.point)):
+            place = ", ".join(f"{v:g}" for v in axis.point)
+            notes.append(f"the lines of {axis.letter} stand where the chain's origin is at {place} mm")
+        return Written(tuple(files), parameters, tuple(notes), 0.5 * 10.0 ** -job.options["decimals"])
 
     def read(self, files: Mapping[str, str | bytes], machine: Machine, options: Mapping[str, Any]) -> Compensation:
         """Tables of error functions. Raises `InputError` that names file and line."""
@@ -185,139 +174,30 @@ class HeidenhainKinematicsComp(Controller):
         if len(chains) > 1:
             raise InputError(f"{', '.join(chains)}: expected one kinematics table")
         acting = [e for n, t in chains.items() for e in errors_of(n, t, machine, options["axes"])]
-        if not acting or len(files) > len(chains):
-            coms = tables_by_cause(files, machine, options["axes"], options["cause"])
-        else:
-            coms = []
+        alone = bool(acting) and len(files) == len(chains)  # constants need no table
+        coms = [] if alone else tables_by_cause(files, machine, options["axes"], options["cause"])
         sense = -1.0 if options["sign"] == COMPENSATION else 1.0
         held = {axis.letter: (axis, name, table) for axis, name, table in coms}
         if not chains:
-            acting = [(a, Reference(f"E{'XYZABC'[k - 1]}{a}", k)) for a, (_, _, t) in held.items() for k in _filled(t)]
-        found = [t for axis, name, table in coms for t in _positioning(axis, name, table, options["axes"])]
-        found += [_error(letter, e, held, machine, sense) for letter, e in acting]
+            acting = [(a, Reference(f"E{'XYZABC'[k - 1]}{a}", k)) for a, (_, _, t) in held.items() for k in filled(t)]
+        found = [t for axis, name, table in coms for t in positioning(axis, name, table, options["axes"])]
+        found += [error_of(letter, e, held, machine, sense) for letter, e in acting]
         return Compensation((), tuple(found), ())
 
 
-def _column(t: ErrorTable) -> int | None:
-    """Number of the column C of a function; None for positioning, which has the column of its axis."""
-    if t.function[1] == t.axis:
-        if t.applied == MODEL and t.axis in "ABC":
-            raise InputError(
-                f"{DECLARATION.name}: {t.function} through the kinematic model has no column; take R-POS, which turns the axis"
-            )
-        return None
-    return column_of(t.function)
-
-
-def _is_constant(t: ErrorTable) -> bool:
-    return bool(np.ptp(np.concatenate([t.forward, t.reverse])) == 0.0)
-
-
-def _in_file(function: str) -> float:
-    """What a value in mm or rad is multiplied by for the file."""
-    return 1.0 if function[1] in "XYZ" else 180.0 / np.pi
-
-
-def _constant(t: ErrorTable, job: Job) -> Constant:
-    """A function that is the same everywhere; of the tool frame EA0S becomes EAS."""
-    function = f"{t.function[:2]}{t.axis}"
-    return Constant(function, float(job.factor * _in_file(function) * t.forward[0]))
-
-
-class _Com:
-    """The .COM of one axis."""
-
-    def __init__(self, axis: Axis, tables: Sequence[ErrorTable], job: Job) -> None:
-        self.axis, self.options, self.sense = axis, job.options, job.factor
-        self.own = next((t for t in tables if _column(t) is None), None)
-        self.others = {column_of(t.function): t for t in tables if t is not self.own}
-        places = [t.positions for t in tables]
-        self.rows, self.x = rows_of(f"{DECLARATION.name}: {com_name(axis.letter)}", places, axis, self.options)
-
-    def _cells(self, t: ErrorTable, way: float) -> list[str]:
-        digits = self.options["decimals"] if t.function[1] in "XYZ" else ANGLE_DIGITS
-        sense = 1.0 if t is self.own else self.sense
-        values = sense * _in_file(t.function) * t.at(self.x, np.full(len(self.x), way))
-        return [fixed(v, digits) for v in values]
-
-    def text(self) -> str:
-        """The file."""
-        name = self.options["axes"].get(self.axis.letter, self.axis.letter)
-        columns = {"AXISPOS": [fixed(x, self.options["decimals"]) for x in self.rows], "BACKLASH": [""] * len(self.x)}
-        if self.own is not None:
-            columns[name] = self._cells(self.own, 1.0)
-            if self.own.has_reversal:
-                columns["BACKLASH"] = self._cells(self.own, -1.0)
-        columns |= {f"C{k}": self._cells(t, 0.0) for k, t in sorted(self.others.items())}
-        rows = [(str(i), *cells) for i, cells in enumerate(zip(*columns.values(), strict=True))]
-        return written(com_name(self.axis.letter), "MM", ("NR", *columns), rows)
-
-    def notes(self) -> list[str]:
-        """What the table cannot hold."""
-        lost = [t.function for t in self.others.values() if t.has_reversal]
-        found = [f"{', '.join(lost)}: one value for both directions, their mean"] if lost else []
-        low, high = self.axis.travel
-        if self.x.min() > low + 1e-6 or self.x.max() < high - 1e-6:
-            found.append(
-                f"{com_name(self.axis.letter)} covers {self.x.min():g} … {self.x.max():g} of the travel {low:g} … {high:g} "
-                f"{self.axis.unit}; what the control does beyond is not stated"
-            )
-        return found
-
-
-def _filled(table: NcTable) -> list[int]:
-    return [k for k in range(1, 7) if table.filled(f"C{k}")]
-
-
-def _positioning(axis: Axis, name: str, table: NcTable, names: Mapping[str, str]) -> list[ErrorTable]:
-    """The column of the axis itself. Raises `InputError` for columns of other axes."""
-    own = names.get(axis.letter, axis.letter)
-    known = {*FIXED, own, *(f"C{k}" for k in range(1, 7))}
-    for column in table.columns:
-        if column not in known and table.filled(column):
-            raise InputError(
-                f"{name}: column {column} corrects another axis than {own}; heidenhain-com reads such columns"
-            )
-    if not table.filled(own):
-        return []
-    x, function = positions_of(table, axis, name), f"E{axis.letter}{axis.letter}"
-    factor = (table.length if axis.is_linear else 1.0) / _in_file(function)
-    up = values_of(table, own, factor)
-    down = values_of(table, "BACKLASH", factor) if table.filled("BACKLASH") else up
-    return [_table(function, axis, x, (up, down))]
-
-
-def _error(
-    letter: str, e: Constant | Reference, held: Mapping[str, tuple[Axis, str, NcTable]], machine: Machine, sense: float
-) -> ErrorTable:
-    """One line of the chain as a table."""
-    if isinstance(e, Constant):
-        value = np.full(2, sense * e.value / _in_file(e.function))
-        if letter == SPINDLE:
-            return _table(f"{e.function[:2]}0{SPINDLE}", None, np.zeros(1), (value[:1], value[:1]))
-        axis = machine.axis(letter)
-        return _table(e.function, axis, np.array(axis.travel), (value, value))
-    if letter not in held:
-        raise InputError(
-            f"{e.function}: COMPTAB names column C{e.column} of {letter}, whose .COM is not among the files or not active"
-        )
-    axis, name, table = held[letter]
-    if not table.filled(f"C{e.column}"):
-        raise InputError(
-            f"{name}: column C{e.column} has no values, but the kinematics table names it for {e.function}"
-        )
-    factor = sense * (table.length if e.function[1] in "XYZ" else 1.0) / _in_file(e.function)
-    values = values_of(table, f"C{e.column}", factor)
-    return _table(e.function, axis, positions_of(table, axis, name), (values, values))
-
-
-def _table(function: str, axis: Axis | None, x: np.ndarray, both: tuple[np.ndarray, np.ndarray]) -> ErrorTable:
-    itself = axis is not None and not axis.is_linear and function[1] == axis.letter
-    kind = "R-POS" if itself else "L-VOL" if axis is None or axis.is_linear else "R-VOL"
-    turn = axis is not None and not axis.is_linear and abs(x[0]) < 1e-6 and abs(x[-1] - 360.0) < 1e-6
-    u, outside = np.full((len(x), 2), np.nan), np.zeros(len(x), dtype=bool)
-    applied = ITSELF if itself else MODEL
-    return ErrorTable(kind, function, x, *both, u, outside, applied, 0.0, period=360.0 if turn else 0.0)
+def _parted(job: Job) -> tuple[dict[str, list[Constant | Reference]], dict[str, Com]]:
+    """Lines of the chain by axis letter, and the tables of the axes that need one: what is the same everywhere needs none."""
+    errors: dict[str, list[Constant | Reference]] = {}
+    coms: dict[str, Com] = {}
+    for axis in job.machine.axes:
+        own = [t for t in job.compensation.tables if t.axis == axis.letter]
+        functions = [t for t in own if own_column(t) is None or not is_constant(t)]
+        errors[axis.letter] = [constant_of(t, job) for t in own if t not in functions]
+        errors[axis.letter] += [Reference(t.function, c) for t in functions if (c := own_column(t)) is not None]
+        if functions:
+            coms[axis.letter] = Com(axis, functions, job)
+    errors[SPINDLE] = [constant_of(t, job) for t in job.compensation.tables if t.axis == SPINDLE]
+    return errors, coms
 
 
 HEIDENHAIN_KINEMATICSCOMP = HeidenhainKinematicsComp()

@@ -8,8 +8,9 @@
 Cells begin below the name of their column; a cell may be empty. Some controls write a description of the structure between the
 first line and the names (#STRUCTBEGIN … #STRUCTEND, TableDescription ( … )); it is passed over.
 
-Source: pyLSV2 (github.com/drunsinn/pyLSV2, `table_reader.py`) and HEIDENHAIN's own RemoTools examples ("BEGIN TOOLEXT.T MM"), for
-tables of tools and datums; that .COM and .CMA files have this frame is inferred, their last line [END] is documented.
+Source: pyLSV2 (github.com/drunsinn/pyLSV2), its reader and writer of tables, and HEIDENHAIN's own RemoTools examples ("BEGIN
+TOOLEXT.T MM"), for tables of tools and datums; that .COM and .CMA files have this frame is inferred, their last line [END] is
+documented.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from itertools import pairwise
 
 from volid.exceptions import InputError
 
-FRAME = "pyLSV2 (github.com/drunsinn/pyLSV2, table_reader.py) and HEIDENHAIN RemoTools examples, for tables of tools and datums"
+FRAME = "pyLSV2 (github.com/drunsinn/pyLSV2) and HEIDENHAIN RemoTools examples, for tables of tools and datums"
 TEXT = ("DOC", "NAME")  # columns whose cells may have blanks
 _BEGIN = re.compile(r"BEGIN\s+([\w ]*)\.(\w{1,4})(?:\s+(MM|INCH))?(?:\s+VERSION\b.*)?(?:\s+U)?", re.IGNORECASE)
 _PREAMBLES = {"#STRUCTBEGIN": "#", "TABLEDESCRIPTION": ")"}
@@ -49,10 +50,10 @@ class Row:
 
 @dataclass(frozen=True)
 class NcTable:
-    """A table. `kind`: the ending of its name, such as COM; `unit`: MM, INCH or nothing."""
+    """A table. `ending`: of its name, such as COM; `unit`: MM, INCH or nothing."""
 
     name: str
-    kind: str
+    ending: str
     unit: str
     columns: tuple[str, ...]
     rows: tuple[Row, ...]

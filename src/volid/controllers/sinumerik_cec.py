@@ -9,7 +9,7 @@ Not modelled: how fast the control follows a jump of the value at reversal.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from volid.compensation.package import Compensation
@@ -31,8 +31,10 @@ from volid.controllers.base import (
     Option,
     Written,
 )
-from volid.controllers.equal_steps import Lattice, loss
-from volid.controllers.sinumerik_ini import AXES, MANUAL, Parts, Setting, axis_of, covers, name_of, number, settings
+from volid.controllers.equal_steps import loss
+from volid.controllers.options import one_of, whole
+from volid.controllers.sinumerik_entries import ask_factor, entry_of, take, text_of_entry
+from volid.controllers.sinumerik_ini import AXES, MANUAL, Parts, covers, name_of, settings
 from volid.controllers.sinumerik_products import Entry, Meaning, entries_of, tables_of
 from volid.exceptions import InputError
 from volid.model.machine import Machine
@@ -42,23 +44,7 @@ MODELS: dict[str, tuple[int, int | None]] = {"840d-sl": (62, None), "828d": (8, 
 BOTH, MEAN = "both", "mean"
 ALSO, NOT_ALSO = "also", "not"
 SHARED, EACH = "shared", "each"
-SUFFIXES = ("STEP", "MIN", "MAX", "INPUT_AXIS", "OUTPUT_AXIS", "DIRECTION", "MULT_BY_TABLE", "IS_MODULO")
 _802D = "Siemens, SINUMERIK 802D sl Function Manual, 6FC5397-1CP10-5BA0 (11/2012)"
-
-
-def _one_of(*allowed: str) -> Callable[[str], str]:
-    def convert(text: str) -> str:
-        if text.lower() not in allowed:
-            raise ValueError(f"expected one of {', '.join(allowed)}")
-        return text.lower()
-
-    return convert
-
-
-def _index(text: str) -> int:
-    if not text.isdecimal() or int(text) > 61:
-        raise ValueError("expected the index of a table, 0 … 61")
-    return int(text)
 
 
 DECLARATION = Declaration(
@@ -78,25 +64,30 @@ DECLARATION = Declaration(
     "of a product, and the plain tables of the same axes, are switched together",
     options=(
         AXES,
-        Option("model", "840d-sl, 828d (8 tables of 200 points) or 802d-sl (2 tables)", "840d-sl", _one_of(*MODELS)),
-        Option("first_table", "index of the first table, to keep tables that are there", 0, _index),
+        Option("model", "840d-sl, 828d (8 tables of 200 points) or 802d-sl (2 tables)", "840d-sl", one_of(*MODELS)),
+        Option(
+            "first_table",
+            "index of the first table, to keep tables that are there",
+            0,
+            whole(0, 61, "the index of a table"),
+        ),
         Option(
             "reversal",
             "both: a table for each direction where they differ; mean: one for both",
             BOTH,
-            _one_of(BOTH, MEAN),
+            one_of(BOTH, MEAN),
         ),
         Option(
             "multiplied",
             "also: the two tables of a product act by themselves too, as the manual says; not: the product alone acts",
             ALSO,
-            _one_of(ALSO, NOT_ALSO),
+            one_of(ALSO, NOT_ALSO),
         ),
         Option(
             "ramps",
             "shared: one table of each lever arm for all output axes; each: one for each output axis",
             SHARED,
-            _one_of(SHARED, EACH),
+            one_of(SHARED, EACH),
         ),
     ),
     commissioning=Commissioning(
@@ -105,7 +96,7 @@ DECLARATION = Declaration(
             "Set MD18342 $MN_MM_CEC_MAX_POINTS of each table to its number of points (not on an 828D); changing it formats the "
             "static memory at the next start, so back up first and read the archive in again.",
             "Set MD32710 $MA_CEC_ENABLE of all output axes to 0; tables can be loaded only then.",
-            "Read the file in.",
+            "Read the file in while the control works in millimetres (MD10240).",
             "Set SD41300 $SN_CEC_TABLE_ENABLE of the tables.",
         ),
         activate=(
@@ -164,7 +155,7 @@ class SinumerikCec(Controller):
         meaning = _meaning(o, job.factor)
         entries = entries_of(tables, job.machine, meaning)
         _ask_room(entries, job, meaning)
-        texts = [_text(e, o["axes"]) for e in entries]
+        texts = [text_of_entry(e, o["axes"]) for e in entries]
         content = "\n".join(["%_N_NC_CEC_INI", "CHANDATA(1)", *texts, "M17", ""])
         parameters = []
         for e in entries:
@@ -192,13 +183,15 @@ class SinumerikCec(Controller):
             elif s.name == "SN_CEC_TABLE_WEIGHT":
                 s.choice(1)
             elif s.name.startswith("AN_CEC"):
-                _take(s, found)
+                take(s, found)
         if not found:
             raise InputError(f"{', '.join(files)}: no $AN_CEC is assigned; state the control that wrote the files")
-        entries = {i: _entry(i, parts, machine, options["axes"]) for i, parts in found.items() if switched.get(i, True)}
+        entries = {
+            i: entry_of(i, parts, machine, options["axes"]) for i, parts in found.items() if switched.get(i, True)
+        }
         for e in entries.values():
             if e.times is not None:
-                _ask_factor(e, entries)
+                ask_factor(e, entries)
         factor = -1.0 if options["sign"] == COMPENSATION else 1.0
         return Compensation((), (), (), tables_of(entries, machine, _meaning(options, factor)))
 
@@ -243,19 +236,6 @@ def _ask_room(entries: list[Entry], job: Job, meaning: Meaning) -> None:
     )
 
 
-def _text(e: Entry, names: Mapping[str, str]) -> str:
-    t = e.index
-    lines = [f"; table {t}: {e.source}"]
-    lines += [f"$AN_CEC[{t},{n}]={number(v)}" for n, v in enumerate(e.values)]
-    lines.append(f"$AN_CEC_INPUT_AXIS[{t}]=({name_of(e.argument, names)})")
-    lines.append(f"$AN_CEC_OUTPUT_AXIS[{t}]=({name_of(e.output, names)})")
-    ends = (("STEP", e.lattice.step), ("MIN", e.lattice.low), ("MAX", e.lattice.high))
-    lines += [f"$AN_CEC_{suffix}[{t}]={number(value)}" for suffix, value in ends]
-    by = 0 if e.times is None else e.times + 1
-    whole = (("DIRECTION", e.direction), ("MULT_BY_TABLE", by), ("IS_MODULO", int(e.modulo)))
-    return "\n".join([*lines, *(f"$AN_CEC_{suffix}[{t}]={value}" for suffix, value in whole)])
-
-
 def _notes(entries: list[Entry], job: Job) -> list[str]:
     found = [
         covers(e.lattice, e.values, job.machine.axis(e.argument), "mm")
@@ -274,49 +254,6 @@ def _notes(entries: list[Entry], job: Job) -> list[str]:
             "tables contain what takes the single values of both out, so all tables of an output axis are switched together"
         )
     return list(dict.fromkeys(sentence for sentence in found if sentence))
-
-
-def _take(s: Setting, found: dict[int, Parts]) -> None:
-    """Puts one assignment of $AN_CEC into its table."""
-    suffix = s.name.removeprefix("AN_CEC").lstrip("_")
-    if suffix in ("INPUT_NCU", "OUTPUT_NCU"):
-        return
-    if suffix not in ("", *SUFFIXES) or len(s.index) != (1 if suffix else 2):
-        raise InputError(
-            f"{s.where}: ${s.name}[{','.join(s.index)}] is unknown; expected $AN_CEC[table,point], or one of "
-            f"_{', _'.join(SUFFIXES)} [table]"
-        )
-    parts = found.setdefault(s.whole(0), Parts({}, {}))
-    if suffix:
-        parts.others[suffix] = s
-    else:
-        parts.points[s.whole(1)] = s
-
-
-def _entry(index: int, parts: Parts, machine: Machine, names: Mapping[str, str]) -> Entry:
-    what = f"$AN_CEC table {index}"
-    ends = (parts.of(suffix, what) for suffix in ("OUTPUT_AXIS", "INPUT_AXIS"))
-    output, argument = (axis_of(s.value, s.where, names, machine) for s in ends)
-    x, values = parts.curve(what)
-    by = parts.choice("MULT_BY_TABLE", *range(63))
-    lattice = Lattice(float(x[0]), float(x[-1]), len(x))
-    modulo = parts.period(argument, x, what) > 0.0
-    way = parts.choice("DIRECTION", 0, 1, -1)
-    return Entry(index, output.letter, argument.letter, way, lattice, values, by - 1 if by else None, modulo)
-
-
-def _ask_factor(e: Entry, entries: Mapping[int, Entry]) -> None:
-    """Raises `InputError` for a product that volid does not know: its factor is missing, direction-dependent or repeated."""
-    by = entries.get(e.times if e.times is not None else -1)
-    if by is None:
-        raise InputError(
-            f"$AN_CEC table {e.index} is multiplied by table number {(e.times or 0) + 1}, which the files do not have"
-        )
-    if by.direction or by.modulo:
-        raise InputError(
-            f"$AN_CEC table {e.index} is multiplied by table number {by.index + 1}, whose values depend on direction or repeat; "
-            "volid reads products with tables of DIRECTION 0 and IS_MODULO 0"
-        )
 
 
 SINUMERIK_CEC = SinumerikCec()

@@ -39,6 +39,7 @@ from volid.controllers.base import (
     Written,
 )
 from volid.controllers.equal_steps import gathered, lattice_of, loss, on
+from volid.controllers.options import places, whole
 from volid.controllers.sinumerik_ini import (
     AXES,
     MANUAL,
@@ -57,22 +58,6 @@ SMALLEST_STEP_AT_ZERO = 1e-7  # mm or rad: a value at the reference point that i
 _808D = "Siemens, SINUMERIK 808D ADVANCED Function Manual (01/2017) p. 106"
 
 
-def _encoder(text: str) -> int:
-    if text not in ("0", "1"):
-        raise ValueError("expected 0 (first measuring system of the axis) or 1 (second)")
-    return int(text)
-
-
-def _points(text: str) -> int:
-    if not text.isdecimal() or not 2 <= int(text) <= 5000:
-        raise ValueError("expected the number of points in MD38000, 2 … 5000 (200 on an 808D)")
-    return int(text)
-
-
-def _places(text: str) -> dict[str, float]:
-    return {letter.strip().upper(): float(value) for letter, _, value in (p.partition("=") for p in text.split(","))}
-
-
 DECLARATION = Declaration(
     name="sinumerik-enc-comp",
     title="SINUMERIK, leadscrew and measuring system errors ($AA_ENC_COMP)",
@@ -88,15 +73,23 @@ DECLARATION = Declaration(
     switching="MD32700 $MA_ENC_COMP_ENABLE of each axis and measuring system, 1 on and 0 off; one file per axis",
     options=(
         AXES,
-        Option("encoder", "index of the measuring system: 0 the first, 1 the second", 0, _encoder),
         Option(
-            "max_points", "MD38000 $MA_MM_ENC_COMP_MAX_POINTS, where it is set already; 200 on an 808D", None, _points
+            "encoder",
+            "index of the measuring system: 0 the first, 1 the second",
+            0,
+            whole(0, 1, "the first or the second"),
+        ),
+        Option(
+            "max_points",
+            "MD38000 $MA_MM_ENC_COMP_MAX_POINTS, where it is set already; 200 on an 808D",
+            None,
+            whole(2, 5000, "a number of points"),
         ),
         Option(
             "reference",
             "machine positions of the reference points, such as X=0,Y=600; to say what stands there",
             {},
-            _places,
+            places,
         ),
     ),
     commissioning=Commissioning(
@@ -105,7 +98,7 @@ DECLARATION = Declaration(
             "Set MD38000 of each axis to at least the number of points; changing it formats the static memory at the next "
             "start, so back up first and read the archive in again.",
             "Set MD32700 $MA_ENC_COMP_ENABLE of the axis to 0; a table can be loaded only then.",
-            "Read the file in.",
+            "Read the file in while the control works in millimetres (MD10240).",
             "Set MD32450 $MA_BACKLASH as the file states it, instead of what it was when the machine was measured.",
         ),
         activate=(

@@ -15,6 +15,7 @@ import numpy as np
 
 from volid.controllers.base import Option, text_of
 from volid.controllers.equal_steps import DIGITS, Lattice
+from volid.controllers.options import axis_names
 from volid.exceptions import InputError
 from volid.model.machine import Axis, Machine
 
@@ -25,20 +26,11 @@ LARGEST_NUMBER, LARGEST_INDEX = 1e6, 5000
 MANUAL = "Siemens, SINUMERIK Function Manual Extended Functions K3, 6FC5397-1BP40-3BA1 (03/2013)"
 
 
-def _names(text: str) -> dict[str, str]:
-    pairs = [part.partition("=") for part in text.replace(" ", "").split(",") if part]
-    if not all(
-        letter.upper() in "XYZABCUVW" and len(letter) == 1 and re.fullmatch(r"\w+", n) for letter, _, n in pairs
-    ):
-        raise ValueError("expected letters and names of machine axes, such as X=X1,Y=Y1,Z=Z1 or X=AX1,Y=AX2,Z=AX3")
-    return {letter.upper(): name.upper() for letter, _, name in pairs}
-
-
 AXES = Option(
     "axes",
     "names of the machine axes (MD10000, or AX1 … by their number), such as X=X1,Y=Y1,Z=Z1; by default the letter and 1",
     {},
-    _names,
+    axis_names,
 )
 
 
