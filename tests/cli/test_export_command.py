@@ -7,6 +7,7 @@ from support.control_contract import NEEDED
 
 import volid
 from volid.controllers import CONTROLS
+from volid.controllers.base import OPEN
 
 
 @pytest.fixture(scope="module")
@@ -52,30 +53,23 @@ def test_controls_are_listed(run):
 
 
 def test_all_controls_at_once(solution, run, tmp_path):
-    out = tmp_path / "controls"
-    status, text, err = run("export", solution, "--cnc", "all", "-o", out)
-    assert status == 0, err
-    written = {p.name for p in out.iterdir()}
-    assert "linuxcnc" in written and all((out / name / "COMMISSIONING.md").exists() for name in written)
-    for name in CONTROLS:
-        assert any(line.startswith(name) for line in text.splitlines())
-    assert f"{len(written)} of {len(CONTROLS)} controls written" in text
+    """Every control has its line; files of one are those of `--cnc` with its name; signs that are open are asked for."""
+    out, alone = tmp_path / "controls", tmp_path / "alone"
     stated = [f"{name}.{k}={v}" for name, options in NEEDED.items() for k, v in options.items()]
-    more = [word for text in stated for word in ("--option", text)]
-    status, text, _ = run(
-        "export", solution, "--cnc", "all", "--sign", "error", "-o", tmp_path / "signed", "--json", *more
-    )
-    assert status == 0
-    assert not [c for c in json.loads(text)["controls"] if c["status"] == "asks for the sign"]
-
-
-def test_options_of_a_control(solution, run, tmp_path):
-    status, _, _ = run("export", solution, "--cnc", "linuxcnc", "--option", "comp_file_type=1", "-o", tmp_path / "a")
-    one = (tmp_path / "a" / "x.comp").read_text().split()
-    assert status == 0 and abs(float(one[1])) < 1.0  # what is added to the command, not a position
-    out = tmp_path / "b"
-    assert run("export", solution, "--cnc", "all", "--option", "linuxcnc.comp_file_type=1", "-o", out)[0] == 0
-    assert (out / "linuxcnc" / "x.comp").read_text() == (tmp_path / "a" / "x.comp").read_text()
+    more = [word for text in ("linuxcnc.comp_file_type=1", *stated) for word in ("--option", text)]
+    status, text, err = run("export", solution, "--cnc", "all", "-o", out, "--json", *more)
+    assert status == 0, err
+    found = {c["cnc"]: c for c in json.loads(text)["controls"]}
+    assert list(found) == list(CONTROLS)
+    written = {name for name, c in found.items() if c["status"] == "written"}
+    assert {p.name for p in out.iterdir()} == written
+    assert all((out / name / "COMMISSIONING.md").exists() and found[name]["sign_checks"] for name in written)
+    asking = {name for name, c in CONTROLS.items() if c.declaration.sign == OPEN}
+    assert {name for name, c in found.items() if c["status"] == "asks for the sign"} == asking
+    assert run("export", solution, "--cnc", "linuxcnc", "--option", "comp_file_type=1", "-o", alone)[0] == 0
+    one = (alone / "x.comp").read_text()
+    assert one == (out / "linuxcnc" / "x.comp").read_text()
+    assert abs(float(one.split()[-2])) < 1.0  # what is added to the command, not a position
 
 
 @pytest.mark.parametrize(
