@@ -172,6 +172,10 @@ class Controller(ABC):
 
     declaration: Declaration
 
+    def form(self, names: Sequence[str], options: Mapping[str, Any]) -> str:
+        """The form in which types are asked for, "tables" or "grid": that of the first, unless an option says otherwise."""
+        return self.declaration.carries[names[0]]
+
     @abstractmethod
     def write(self, job: Job) -> Written:
         """The files for a job. Raises `InputError` for what the control cannot hold."""

@@ -10,10 +10,12 @@ from volid.compensation.base import Base, base_of
 from volid.compensation.control import Control
 from volid.compensation.package import Compensation, compensate
 from volid.compensation.tables.sampling import POINTS, Sampling
+from volid.compensation.types import TYPES
 from volid.controllers import CONTROLS, Controller
 from volid.controllers.base import EQUAL, Declaration, Job, Written, options_of, sign_of
 from volid.exceptions import InputError
 from volid.fitting.solution import Solution
+from volid.model.machine import Machine
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +99,7 @@ def export(
         found,
         tables=_sampling(declared, sampling),
         grids=sampling,
-        form=declared.carries[names[0]],
+        form=chosen.form(names, stated),
         zero=zero,
         ranges=ranges,
     )
@@ -123,9 +125,20 @@ def _types(declared: Declaration, types: Sequence[str], solution: Solution) -> t
             )
     if types:
         return tuple(types)
-    linear = any(a.is_linear for a in solution.machine.axes)
-    rotary = any(not a.is_linear for a in solution.machine.axes)
-    return tuple(n for n in declared.carries if (linear if n.startswith("L") else rotary))
+    return _most(declared, solution.machine)
+
+
+def _most(declared: Declaration, machine: Machine) -> tuple[str, ...]:
+    """The most complete types that the control carries on a machine, none of which corrects what another one does."""
+    have = {a.is_linear for a in machine.axes}
+    found: list[str] = []
+    corrected: set[str] = set()
+    for name in declared.carries:
+        kind = TYPES[name]
+        if kind.is_linear in have and kind.is_rotary != kind.is_linear and not corrected & set(kind.effects):
+            found.append(name)
+            corrected |= set(kind.effects)
+    return tuple(found)
 
 
 def _sampling(declared: Declaration, asked: Sampling | None) -> Sampling:
