@@ -1,9 +1,10 @@
 """Controls: one file each; this table is the only place that knows them all."""
 
 from volid.controllers.base import Controller
+from volid.controllers.etalon import ETALON
 from volid.controllers.isg_volcomp import ISG_VOLCOMP
 from volid.controllers.linuxcnc import LINUXCNC
 
-CONTROLS: dict[str, Controller] = {c.declaration.name: c for c in (LINUXCNC, ISG_VOLCOMP)}
+CONTROLS: dict[str, Controller] = {c.declaration.name: c for c in (LINUXCNC, ISG_VOLCOMP, ETALON)}
 
 __all__ = ["CONTROLS", "Controller"]
