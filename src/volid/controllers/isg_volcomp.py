@@ -47,7 +47,7 @@ from volid.controllers.iso_parameters import (
     tables_of,
 )
 from volid.controllers.iso_texts import ARGUMENTS, Block, isg_csv, read_etalon, read_isg_csv
-from volid.controllers.lists import Entry, entries, lines, needed
+from volid.controllers.kernel_lists import Entry, entries, lines, needed
 from volid.exceptions import InputError
 from volid.model.iso230 import LINEAR_AXES, ROTARY_AXES
 from volid.model.machine import Machine
