@@ -1,4 +1,4 @@
-"""What the contract of controls needs: for each control the small compensations that it carries, and what is known of each machine.
+"""What the contract of controls needs: for each control the small compensations that it carries, and what each machine has.
 
 A new control takes part without a line here. Options that it cannot do without stand in `NEEDED`. Files written out by hand from
 its documentation stand in `tests/controllers/by_hand/<control>/`, and hold what `case.txt` there names.

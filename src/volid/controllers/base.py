@@ -172,9 +172,9 @@ class Controller(ABC):
 
     declaration: Declaration
 
-    def form(self, names: Sequence[str], options: Mapping[str, Any]) -> str:
-        """The form in which types are asked for, "tables" or "grid": that of the first, unless an option says otherwise."""
-        return self.declaration.carries[names[0]]
+    def declared_for(self, machine: Machine, options: Mapping[str, Any]) -> Declaration:
+        """The declaration for a machine and options, where the form of a type depends on them."""
+        return self.declaration
 
     @abstractmethod
     def write(self, job: Job) -> Written:

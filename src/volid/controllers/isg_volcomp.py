@@ -17,7 +17,7 @@ import numpy as np
 
 from volid.compensation.grids.grid import AnyGrid, Grid
 from volid.compensation.package import Compensation
-from volid.compensation.types import GRID, TABLES, TYPES
+from volid.compensation.types import GRID, TABLES
 from volid.controllers.base import (
     DOCUMENTED,
     ERROR,
@@ -177,11 +177,13 @@ class IsgVolcomp(Controller):
 
     declaration = DECLARATION
 
-    def form(self, names: Sequence[str], options: Mapping[str, Any]) -> str:
-        """A grid for the linear axes alone unless asked otherwise, tables where rotary axes take part."""
-        if options["form"] != AUTO:
-            return str(options["form"])
-        return TABLES if any(TYPES[n].is_rotary for n in names) else self.declaration.carries[names[0]]
+    def declared_for(self, machine: Machine, options: Mapping[str, Any]) -> Declaration:
+        """Unless asked otherwise a grid for three linear axes alone, tables where rotary axes turn the tool or the table."""
+        asked, plain = options["form"], all(a.is_linear for a in machine.axes)
+        form = (GRID if plain else TABLES) if asked == AUTO else asked
+        linear = ("L-VOL", "L-ANG", "L-POS", "L-STR", "L-SQU")
+        carries = {n: form if n == "L-VOL" or (n in linear and asked == GRID) else TABLES for n in DECLARATION.carries}
+        return replace(DECLARATION, carries=carries)
 
     def write(self, job: Job) -> Written:
         """`vol.csv` and `vol.lis`, and the two lines of the startup list."""
