@@ -2,9 +2,11 @@
 
 from volid.controllers.base import Controller
 from volid.controllers.etalon import ETALON
+from volid.controllers.isg_crosscomp import ISG_CROSSCOMP
+from volid.controllers.isg_ssfk import ISG_SSFK
 from volid.controllers.isg_volcomp import ISG_VOLCOMP
 from volid.controllers.linuxcnc import LINUXCNC
 
-CONTROLS: dict[str, Controller] = {c.declaration.name: c for c in (LINUXCNC, ISG_VOLCOMP, ETALON)}
+CONTROLS: dict[str, Controller] = {c.declaration.name: c for c in (LINUXCNC, ISG_VOLCOMP, ETALON, ISG_SSFK, ISG_CROSSCOMP)}
 
 __all__ = ["CONTROLS", "Controller"]

@@ -53,9 +53,7 @@ class Axes:
             machine.index(letter)
         ask_increments((f"increment={a}", machine.axis(a).is_linear, v) for a, v in self.increment.items())
         if self.most_turns is not None:
-            lacking = [
-                a.letter for a in machine.axes if a.is_linear and a.letter not in (*self.increment, *self.clamped)
-            ]
+            lacking = [a.letter for a in machine.axes if a.is_linear and a.letter not in (*self.increment, *self.clamped)]
             if lacking:
                 raise InputError(
                     f"`most_turns={self.most_turns}` needs the least increment of every axis that may help; "
@@ -118,9 +116,7 @@ def _still(grid: AnyGrid, letter: str, notes: list[str]) -> AnyGrid:
     column = LINEAR_AXES.index(letter)
     left = float(np.nanmax(np.abs(values[:, column])))
     values[:, column] = 0.0
-    notes.append(
-        f"{letter} is clamped: its values in the {grid.type} grid are 0, which leaves up to {1e3 * left:.2f} µm"
-    )
+    notes.append(f"{letter} is clamped: its values in the {grid.type} grid are 0, which leaves up to {1e3 * left:.2f} µm")
     return replace(grid, values=values)
 
 

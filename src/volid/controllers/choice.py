@@ -89,3 +89,4 @@ def _obstacle(name: str, make: Callable[[str], Compensation]) -> str:
     if not (made.tables or made.grids):
         return NOTHING
     return BLANK if any(np.isnan(g.values[:, :3]).any() for g in made.grids) else ""
+

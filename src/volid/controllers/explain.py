@@ -79,6 +79,4 @@ def _quantum(d: Declaration) -> str:
 
 
 def _carried(d: Declaration) -> list[str]:
-    return bullets(
-        f"{n} as {form}: {', '.join(TYPES[n].effects)}; leaves {TYPES[n].leaves}" for n, form in d.carries.items()
-    )
+    return bullets(f"{n} as {form}: {', '.join(TYPES[n].effects)}; leaves {TYPES[n].leaves}" for n, form in d.carries.items())

@@ -180,7 +180,9 @@ class _Work:
         machine = self.solution.machine
         if self.request.types:
             return asked_types(self.declared, self.request.types, machine)
-        return most_types(self.declared, machine, self.base.functions, lambda name: self.compensation((name,), PROBE))
+        return most_types(
+            self.declared, machine, self.base.functions, lambda name: self.compensation((name,), PROBE)
+        )
 
     def compensation(self, names: Sequence[str], sampling: Sampling) -> Compensation:
         """Tables and grids of the types, each in the form in which the control carries it. Raises as `export` does."""

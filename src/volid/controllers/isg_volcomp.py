@@ -47,7 +47,7 @@ from volid.controllers.iso_parameters import (
     tables_of,
 )
 from volid.controllers.iso_texts import ARGUMENTS, Block, isg_csv, read_etalon, read_isg_csv
-from volid.controllers.kernel_lists import Entry, entries, lines, needed
+from volid.controllers.kernel_lists import Entry, axis_numbers, entries, lines, needed
 from volid.exceptions import InputError
 from volid.model.iso230 import LINEAR_AXES, ROTARY_AXES
 from volid.model.machine import Machine
@@ -57,14 +57,6 @@ CSV, LIST = "vol.csv", "vol.lis"
 FORMATS = {"ISG_CSV": read_isg_csv, "ETALON_EXCHANGE": read_etalon}
 _CENTRE = re.compile(r"P[XYZ][ABC]")
 _DOCS = "Beckhoff TF5280 (infosys.beckhoff.com, tf5280_volumetric_comp)"
-
-
-def _axis_numbers(text: str) -> dict[str, int]:
-    """Logical axis numbers by letter, from a text such as "X=1 Y=2 Z=3"."""
-    pairs = re.findall(r"([XYZABC])=(\d+)", text)
-    if " ".join(f"{a}={n}" for a, n in pairs) != " ".join(text.split()):
-        raise ValueError("expected the logical axis numbers, such as 'X=1 Y=2 Z=3'")
-    return {a: int(n) for a, n in pairs}
 
 
 def _index(text: str) -> int:
@@ -88,6 +80,8 @@ DECLARATION = Declaration(
         "R-ANG": TABLES,
     },
     nearest="it corrects the position of the tool by X, Y, Z, not its orientation, and turns no rotary axis; L-VOL and "
+    ""
+    ""
     "R-VOL hold all "
     "that it can correct, and isg-ssfk carries R-POS",
     sign=ERROR,
@@ -110,7 +104,7 @@ DECLARATION = Declaration(
             "axes",
             "logical axis numbers of the control, such as 'X=1 Y=2 Z=3'",
             "X=1 Y=2 Z=3 A=4 B=5 C=6",
-            _axis_numbers,
+            axis_numbers,
         ),
         Option("folder", "folder of the files on the control", "C:\\volcomp"),
         Option("id", "number of the compensation, 0 … 4", "0", _index),

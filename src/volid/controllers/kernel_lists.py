@@ -7,11 +7,14 @@ vendor's pages write the same keys both ways.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from math import isfinite
 
+import numpy as np
+
 from volid.exceptions import InputError
+from volid.model.machine import Axis, Machine
 
 _KEY = re.compile(r"([A-Za-z_][\w.]*(?:\[\s*\d+\s*\][\w.]*)*)\s+(\S.*)")
 _COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
@@ -77,3 +80,67 @@ def needed(name: str, found: dict[str, Entry], key: str) -> Entry:
 def lines(pairs: Iterable[tuple[str, object]]) -> str:
     """Text of keys and values, one per line."""
     return "".join(f"{key:<34} {value}\n" for key, value in pairs)
+
+
+# ------------------------------------------------------------------------------------------------ lists of axes
+
+STEPS = 10000.0  # in one mm or degree: positions and values are counted in 0.1 µm or 0.0001°
+
+
+def axis_numbers(text: str) -> dict[str, int]:
+    """Logical axis numbers by letter, from a text such as "X=1 Y=2 Z=3". Raises `ValueError`."""
+    pairs = re.findall(r"([XYZABC])=(\d{1,5})", text)
+    if not pairs or " ".join(f"{a}={n}" for a, n in pairs) != " ".join(text.split()):
+        raise ValueError("expected the logical axis numbers, such as 'X=1 Y=2 Z=3'")
+    return {a: int(n) for a, n in pairs}
+
+
+def unit_of(axis: Axis) -> float:
+    """One unit of a value of an axis in mm or rad: 0.1 µm, or 0.0001° as an angle."""
+    return 1.0 / STEPS if axis.is_linear else float(np.deg2rad(1.0 / STEPS))
+
+
+def number_of(letter: str, numbers: Mapping[str, int]) -> int:
+    """Logical number of an axis. Raises `InputError` where the option does not state it."""
+    if letter not in numbers:
+        raise InputError(f"option axes states no logical axis number of {letter}; expected it, such as '{letter}=1'")
+    return numbers[letter]
+
+
+def header(axis: Axis, numbers: Mapping[str, int]) -> list[tuple[str, object]]:
+    """The lines kopf of the list of an axis."""
+    return [("kopf.achs_nr", number_of(axis.letter, numbers)), ("kopf.log_achs_name", axis.letter)]
+
+
+def numbered_axis(name: str, found: dict[str, Entry], machine: Machine, numbers: Mapping[str, int]) -> Axis:
+    """The axis whose list it is: by its number, whose letter the option states, else by the first letter of its name.
+
+    Raises `InputError` where the list says neither.
+    """
+    number = found.get("kopf.achs_nr", found.get("kopf.log_achs_nr"))
+    named = found.get("kopf.log_achs_name")
+    letter = None if named is None else named.value[0].upper()
+    if letter in machine.letters:
+        return machine.axis(letter)
+    if number is None:
+        raise InputError(f"{name}: kopf.achs_nr is missing; it says whose list this is")
+    return axis_of(number, machine, numbers)
+
+
+def axis_of(number: Entry, machine: Machine, numbers: Mapping[str, int]) -> Axis:
+    """The axis of a logical axis number. Raises `InputError`."""
+    letters = [a for a, n in numbers.items() if n == number.whole(0, 10**5) and a in machine.letters]
+    if not letters:
+        stated = ", ".join(f"{a}={n}" for a, n in numbers.items())
+        raise InputError(
+            f"{number.where} is {number.value}; option axes states {stated}, and the machine has "
+            f"{', '.join(machine.letters)}"
+        )
+    return machine.axis(letters[0])
+
+
+def refuse_increments(name: str, found: dict[str, Entry], key: str) -> None:
+    """Raises `InputError` for a list in increments of the encoder, whose size stands elsewhere."""
+    unit = needed(name, found, key)
+    if unit.value.upper() not in ("1", "TRUE"):
+        raise InputError(f"{unit.where} is {unit.value}: increments of the encoder; expected 1, 0.1 µm or 0.0001°")

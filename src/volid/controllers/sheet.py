@@ -75,22 +75,11 @@ def _signs(made: Export) -> list[str]:
         return [*lines, "All values are zero: there is nothing to see."]
     lines += table(_HEADER, [_row(made.job.machine, c) for c in checks])
     if any(c.is_small for c in checks):
-        lines += [
-            "",
-            "Motions below 0.001 are too small for a dial: take the service display, or a laser interferometer.",
-        ]
+        lines += ["", "Motions below 0.001 are too small for a dial: take the service display, or a laser interferometer."]
     return [*lines, "", f"Tool vector of these numbers: {', '.join(f'{v:g}' for v in made.job.tool)} mm."]
 
 
-_HEADER = [
-    "[ ] table",
-    "command",
-    "coming from",
-    "axis",
-    "must move by (alone)",
-    "stands at (alone)",
-    "moves by (all loaded)",
-]
+_HEADER = ["[ ] table", "command", "coming from", "axis", "must move by (alone)", "stands at (alone)", "moves by (all loaded)"]
 
 
 def _row(machine: Machine, check: SignCheck) -> list[str]:
@@ -110,10 +99,7 @@ def parts_of(held: Compensation) -> list[str]:
     """Each table and grid in words, with the range of its positions."""
     found = [f"{axis_table_words(t)}, {_span(t.positions)}" for t in held.axis_tables]
     found += [f"table of {t.function} over {t.axis}, {_span(t.positions)}" for t in held.tables]
-    return found + [
-        f"{grid_words(g)}, {', '.join(f'{a} {_span(n)}' for a, n in zip(g.axes, g.nodes, strict=True))}"
-        for g in held.grids
-    ]
+    return found + [f"{grid_words(g)}, {', '.join(f'{a} {_span(n)}' for a, n in zip(g.axes, g.nodes, strict=True))}" for g in held.grids]
 
 
 def _span(positions: Sequence[float]) -> str:

@@ -73,7 +73,9 @@ def sign_checks(made: Compensation, job: Job) -> tuple[SignCheck, ...]:
     return tuple(found)
 
 
-def _checks(words: str, part: Compensation, places: np.ndarray, job: Job, whole: Compensation) -> list[SignCheck]:
+def _checks(
+    words: str, part: Compensation, places: np.ndarray, job: Job, whole: Compensation
+) -> list[SignCheck]:
     """The place where the part moves each axis most, the most moved axis first."""
     alone, found = part.control(job.machine), []
     ways = (1.0, -1.0)
@@ -103,9 +105,7 @@ def _on_table(job: Job, table: AxisTable) -> np.ndarray:
 def _on_function(job: Job, table: ErrorTable) -> np.ndarray:
     """The points of a table of an error function, the other linear axes at their lines and at the ends of their travels."""
     machine = job.machine
-    others = {
-        a.letter: (_line(job, a.letter), *a.travel) for a in machine.axes if a.is_linear and a.letter != table.axis
-    }
+    others = {a.letter: (_line(job, a.letter), *a.travel) for a in machine.axes if a.is_linear and a.letter != table.axis}
     return np.array(list(_places(job, {**others, table.axis: table.positions})))
 
 
