@@ -36,10 +36,12 @@ class Lattice:
 def lattice_of(positions: np.ndarray, most: int | None = None) -> Lattice:
     """Equal steps that contain all positions, where at most `most` of them do; else so many equal steps over their range.
 
+    Never fewer than there are positions: whether a control has room for them is for the control to say.
+
     >>> lattice_of(np.array([0.0, 100.0, 400.0])).step
     100.0
     """
-    limit = LARGEST if most is None else most
+    limit = max(LARGEST if most is None else most, len(positions))
     x = np.round(np.asarray(positions, dtype=float), DIGITS)
     if len(x) == 1:
         return Lattice(x[0], x[0] + 1.0, 2)
