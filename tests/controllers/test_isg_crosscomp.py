@@ -5,11 +5,13 @@ import pytest
 from exact_chain import Truth
 from support.control_cases import MACHINE, TOOL, error_table, job, levered, pitch, spatial, written
 from support.machines import exact_of
+from support.made_up import made_up
 
 import volid
 from volid.compensation.package import Compensation
 from volid.controllers import CONTROLS
 from volid.controllers.base import options_of
+from volid.controllers.export import export
 from volid.exceptions import InputError
 
 NAME = "isg-crosscomp"
@@ -79,7 +81,11 @@ def test_the_separate_chain_says_that_the_deviation_is_gone():
 def test_two_masters_without_products_take_both_tables():
     """X by Y and by Z: 6 µm at Y = 600 and -4 µm at Z = 0."""
     tables = (*square().tables, error_table("EXZ", [-500, -250, 0], [0.0, 0.0, -0.004], kind="L-STR"))
-    held = read(written(NAME, Compensation((), tables, ()), "error")).control(MACHINE)
+    files = written(NAME, Compensation((), tables, ()), "error")
+    assert (
+        "kw.crosscomp.table[2]" in files["x_crosscomp.lis"] and "kw.crosscomp2.table[1][2]" in files["x_crosscomp.lis"]
+    )
+    held = read(files).control(MACHINE)
     q = np.stack([MACHINE.order(X=200.0, Y=y, Z=z) for y, z in ((600.0, 0.0), (600.0, -250.0), (0.0, 0.0))])
     step = held.command(q, TOOL)[:, MACHINE.index("X")] - 200.0
     np.testing.assert_allclose(step, [-0.002, -0.006, 0.010], atol=1e-4)
@@ -94,6 +100,15 @@ def test_more_than_one_pair_of_masters_is_refused():
         InputError, match=r"X would move by .* and .*one table over one axis and one over two.*isg-volcomp"
     ):
         CONTROLS[NAME].write(made)
+
+
+def test_angular_errors_are_asked_for():
+    solution = made_up(MACHINE)
+    assert export(solution, NAME, sign="error").types == ("L-STR", "L-SQU")
+    with pytest.raises(InputError, match=r"cannot carry L-ANG: .*option angular=yes"):
+        export(solution, NAME, ["L-ANG"], sign="error")
+    with pytest.raises(InputError, match="the control has one table over one axis and one over two for each axis"):
+        export(solution, NAME, ["L-ANG"], sign="error", options={"angular": "yes"})
 
 
 def test_positioning_and_grids_are_refused():

@@ -48,9 +48,8 @@ def parts_of(tables: Sequence[AxisTable], slave: str) -> Parts:
     singles = list(dict.fromkeys(t.argument for t in tables if t.factor is None))
     pair = pairs[0] if pairs else None
     outside = [a for a in singles if pair is None or a not in pair]
-    if pair is None and len(outside) > 1:
-        pair = tuple(sorted(outside[-2:]))
-        outside = outside[:-2]
+    if pair is None and len(outside) == 2:  # the second one as a plane that is level along the first
+        pair, outside = (outside[1], outside[0]), outside[:1]
     if len(pairs) > 1 or len(outside) > 1:
         masters = [" and ".join(p) for p in pairs] + outside
         raise InputError(
@@ -83,7 +82,7 @@ def cross(job: Job, axis: Axis, tables: Sequence[AxisTable]) -> Rows:
 def plane(job: Job, axis: Axis, parts: Parts) -> Rows:
     nodes = [_positions(parts.plane, m) for m in parts.masters]
     step, counts = _common_steps(nodes)
-    starts = [round(float(n[0]) * STEPS) for n in nodes]
+    starts = [round(float(n[0]) * STEPS) if len(n) else 0 for n in nodes]
     at = [(s + step * np.arange(c)) / STEPS for s, c in zip(starts, counts, strict=True)]
     first, second = np.meshgrid(*at)  # [j, i]: j along master 2
     exact = job.factor * _sum(parts, first, second) / unit_of(axis)
@@ -108,24 +107,24 @@ def plane(job: Job, axis: Axis, parts: Parts) -> Rows:
 
 
 def _positions(tables: Sequence[AxisTable], master: str) -> np.ndarray:
-    """All positions at which tables over a master have their points, or its factors."""
+    """All positions at which tables over a master have their points, or its factors; none where the plane is level along it."""
     own = [t.positions for t in tables if t.argument == master]
     own += [t.factor.positions for t in tables if t.factor is not None and t.factor.axis == master]
-    return np.unique(np.concatenate(own))
+    return np.unique(np.concatenate(own)) if own else np.zeros(0)
 
 
 def _common_steps(nodes: Sequence[np.ndarray]) -> tuple[int, list[int]]:
-    """One step [0.1 µm] for both masters, and how many positions each has."""
-    spans = [float(n[-1] - n[0]) * STEPS for n in nodes]
-    steps = [round(lattice_of(n, MOST_OF_PLANE).step * STEPS) for n in nodes]
+    """One step [0.1 µm] for both masters, and how many positions each has: two where the plane is level."""
+    steep = [n for n in nodes if len(n)]
+    spans = [float(n[-1] - n[0]) * STEPS for n in steep]
+    steps = [round(lattice_of(n, MOST_OF_PLANE).step * STEPS) for n in steep]
     for part in range(1, FINEST + 1):
-        step = min(steps) // part
-        if step and all(
-            s % step == 0 and span / step <= MOST_OF_PLANE - 1 for s, span in zip(steps, spans, strict=True)
-        ):
-            return step, [round(span / step) + 1 for span in spans]
-    step = int(np.ceil(max(spans) / (MOST_OF_PLANE - 1)))
-    return step, [int(np.ceil(span / step)) + 1 for span in spans]
+        step = max(1, min(steps) // part)
+        if all(s % step == 0 and span / step <= MOST_OF_PLANE - 1 for s, span in zip(steps, spans, strict=True)):
+            break
+    else:
+        step = int(np.ceil(max(spans) / (MOST_OF_PLANE - 1)))
+    return step, [int(np.ceil((n[-1] - n[0]) * STEPS / step - 1e-6)) + 1 if len(n) else 2 for n in nodes]
 
 
 def _sum(parts: Parts, first: np.ndarray, second: np.ndarray) -> np.ndarray:
@@ -138,11 +137,12 @@ def _sum(parts: Parts, first: np.ndarray, second: np.ndarray) -> np.ndarray:
 def _missed(parts: Parts, at: Sequence[np.ndarray]) -> float:
     """Largest difference from the tables at all their own positions, by linear interpolation between the nodes [mm]."""
     nodes = _sum(parts, *np.meshgrid(*at))
-    own = [np.clip(_positions(parts.plane, m), x[0], x[-1]) for m, x in zip(parts.masters, at, strict=True)]
+    found = [(_positions(parts.plane, m), x) for m, x in zip(parts.masters, at, strict=True)]
+    own = [np.clip(p, x[0], x[-1]) if len(p) else x for p, x in found]
     first, second = np.meshgrid(*own)
     places = np.column_stack([second.ravel(), first.ravel()])
-    found = interpolate((at[1], at[0]), nodes[:, :, None], places)[:, 0]
-    return float(np.abs(found - _sum(parts, first, second).ravel()).max())
+    between = interpolate((at[1], at[0]), nodes[:, :, None], places)[:, 0]
+    return float(np.abs(between - _sum(parts, first, second).ravel()).max())
 
 
 # ------------------------------------------------------------------------------------------------ reading
@@ -192,7 +192,16 @@ def read_plane(
     for j, i in np.ndindex(table.shape):
         table[j, i] = needed(name, stated, f"kw.crosscomp2.table[{j}][{i}].correction").number
     table *= unit_of(slave)
+    yield from _of_plane(slave, letters, at, table)
+
+
+def _of_plane(slave: Axis, masters: Sequence[str], at: Sequence[np.ndarray], table: np.ndarray) -> Iterator[AxisTable]:
+    """A surface [j, i] as a table over one master where it is level along the other, else as a sum of products."""
+    for k, rows in enumerate((table, table.T)):
+        if (rows == rows[0]).all():
+            yield AxisTable(slave.letter, masters[k], at[k], rows[0].copy(), rows[0].copy())
+            return
     for j, row in enumerate(table):
-        factor = Factor(letters[1], at[1], np.eye(len(at[1]))[j])
-        if row.any() or not table.any():
-            yield AxisTable(slave.letter, letters[0], at[0], row, row.copy(), factor)
+        if row.any():
+            factor = Factor(masters[1], at[1], np.eye(len(at[1]))[j])
+            yield AxisTable(slave.letter, masters[0], at[0], row, row.copy(), factor)
