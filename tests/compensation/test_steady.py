@@ -39,7 +39,7 @@ def test_steady_multiples_stay_what_they_are():
 
 
 def test_a_helping_axis_turns_as_often_as_its_table():
-    """X follows Y by a table that rises, falls and rises; the shortest run is its last, 0.3 µm, which whole micrometres do not show."""
+    """X follows Y up, down, up; the shortest run is the last one, 0.3 µm, which whole micrometres do not show."""
     y = np.array([0.0, 150.0, 300.0, 450.0, 600.0])
     e = np.array([0.0, 0.004, 0.001, 0.003, 0.0027])
     control = volid.Control(MACHINE, axis_tables=(AxisTable("X", "Y", y, e, e),))

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from exact_chain import Truth
+from exact_chain import ExactMachine, Truth
 
 import volid
 from support.control_cases import AT, MACHINE, TOOL, crossed, error_table, levered, pitch, spatial
@@ -132,7 +132,8 @@ def places(machine: volid.Machine, m: int = 40, seed: int = 5) -> np.ndarray:
 def allowance(case: Case, job: Job) -> np.ndarray:
     """What rounding to the quantum may change of each axis's correction: half a quantum for each table, and its lever (axes,)."""
     declared = CONTROLS[case.control].declaration
-    length, angle = (1e-8 if q is None else 0.5 * q for q in declared.quantum)
+    share = 1.0 if declared.zero_fixed else 0.5  # half a quantum at the place, and half at the zero
+    length, angle = (1e-8 if q is None else share * q for q in declared.quantum)
     found = np.full(len(job.machine.axes), 1e-8)
     if declared.model or job.compensation.grids:
         arm = max(abs(v) for a in job.machine.linear for v in a.travel) + np.abs(job.tool).max()
@@ -151,6 +152,11 @@ def _of_table(table: AxisTable, linear: bool, length: float, angle: float) -> fl
     return length if linear else float(np.rad2deg(angle))
 
 
+def shifts(case: Case, difference: np.ndarray) -> np.ndarray:
+    """By what each axis is shifted as a whole where the control itself fixes the zero of its values, else 0; (axes,)."""
+    return difference[0] if CONTROLS[case.control].declaration.zero_fixed else np.zeros(difference.shape[1])
+
+
 def ways(case: Case, m: int, axes: int) -> list[np.ndarray]:
     """Directions in which the control is asked: both where its files have them, else the mean of both."""
     reversal = CONTROLS[case.control].declaration.reversal
@@ -167,15 +173,22 @@ def truth_of(case: Case) -> Truth:
     return truth
 
 
-def left(case: Case, control: Control, q: np.ndarray, way: np.ndarray) -> np.ndarray:
-    """What the separate chain says is left of the deviation of the functional point when the control moves it, (m, 3) [mm].
+def field(case: Case, exact: ExactMachine, q: np.ndarray) -> np.ndarray:
+    """The linear field of `spatial` as its docstring says it, (m, 3) [mm]."""
+    at = {a: q[:, i] for i, a in enumerate(case.machine.letters)}
+    return np.stack([0.010 * at["X"] / 1000, -0.005 * at["Z"] / 500, np.full(len(q), 0.002)], axis=1)
 
-    The linear part of the field of `spatial` is what its docstring says; other cases are error functions of the exact machine.
-    """
+
+def deviation(case: Case, exact: ExactMachine, q: np.ndarray, way: np.ndarray) -> np.ndarray:
+    """Actual - nominal functional point at programmed positions without compensation, (m, 3) [mm]."""
+    if case.make is spatial:
+        return field(case, exact, q)
+    return exact.functional_point(q, TOOL, truth_of(case), way) - exact.functional_point(q, TOOL)
+
+
+def left(case: Case, control: Control, q: np.ndarray, way: np.ndarray) -> np.ndarray:
+    """What the separate chain says is left of the deviation of the functional point when the control moves it, (m, 3) [mm]."""
     exact = exact_of(case.machine)
     where = control.command(q, TOOL, way)
-    if case.make is spatial:
-        at = {a: where[:, i] for i, a in enumerate(case.machine.letters)}
-        error = np.stack([0.010 * at["X"] / 1000, -0.005 * at["Z"] / 500, np.full(len(q), 0.002)], axis=1)
-        return exact.functional_point(where, TOOL) + error - exact.functional_point(q, TOOL)
-    return exact.functional_point(where, TOOL, truth_of(case), way) - exact.functional_point(q, TOOL)
+    moved = exact.functional_point(where, TOOL) - exact.functional_point(q, TOOL)
+    return deviation(case, exact, where, way) + moved

@@ -98,7 +98,7 @@ def helping_axes(
 
 
 def model_reversal(solution: Solution) -> dict[str, float]:
-    """Largest |B| of the positioning of each axis over its travel, by letter [mm or °]; only axes whose reversal the model has."""
+    """Largest |B| of the positioning of each axis over its travel, by letter [mm or °], of axes whose reversal the model has."""
     theta, found = np.asarray(solution.parameters), {}
     for name in dict.fromkeys(f.name for f in solution.model.functions if f.part == "reversal"):
         symbol = parse(name)
@@ -135,7 +135,7 @@ def _paths(
     ends = [ranges.get(a.letter, a.travel) for a in machine.axes]
     along = np.union1d(np.linspace(*ends[i], POINTS), _nodes(control, machine.axes[i].letter, ends[i]))
     others = [k for k in range(len(ends)) if k != i]
-    middle = [np.mean(ends[k]) for k in others]
+    middle = tuple(0.5 * (ends[k][0] + ends[k][1]) for k in others)
     for places in (middle, *product(*(ends[k] for k in others))):
         q = np.zeros((len(along), len(ends)))
         q[:, i], q[:, others] = along, places

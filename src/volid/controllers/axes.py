@@ -53,7 +53,9 @@ class Axes:
             machine.index(letter)
         ask_increments((f"increment={a}", machine.axis(a).is_linear, v) for a, v in self.increment.items())
         if self.most_turns is not None:
-            lacking = [a.letter for a in machine.axes if a.is_linear and a.letter not in (*self.increment, *self.clamped)]
+            lacking = [
+                a.letter for a in machine.axes if a.is_linear and a.letter not in (*self.increment, *self.clamped)
+            ]
             if lacking:
                 raise InputError(
                     f"`most_turns={self.most_turns}` needs the least increment of every axis that may help; "
@@ -116,13 +118,16 @@ def _still(grid: AnyGrid, letter: str, notes: list[str]) -> AnyGrid:
     column = LINEAR_AXES.index(letter)
     left = float(np.nanmax(np.abs(values[:, column])))
     values[:, column] = 0.0
-    notes.append(f"{letter} is clamped: its values in the {grid.type} grid are 0, which leaves up to {1e3 * left:.2f} µm")
+    notes.append(
+        f"{letter} is clamped: its values in the {grid.type} grid are 0, which leaves up to {1e3 * left:.2f} µm"
+    )
     return replace(grid, values=values)
 
 
-def _steady(tables: tuple[AxisTable, ...], axes: Axes, machine: Machine) -> tuple[list[AxisTable], list[str]]:
+def _steady(tables: tuple[AxisTable, ...], axes: Axes, machine: Machine) -> tuple[tuple[AxisTable, ...], list[str]]:
     """Tables of helping axes at multiples of the least increment and with few turns, and the loss."""
-    found, notes = [], []
+    found: list[AxisTable] = []
+    notes: list[str] = []
     for t in tables:
         linear = machine.axis(t.output).is_linear
         least = axes.increment.get(t.output)
@@ -135,7 +140,7 @@ def _steady(tables: tuple[AxisTable, ...], axes: Axes, machine: Machine) -> tupl
         size = f"{1e3 * loss:.2f} µm" if linear else f"{1e6 * loss:.2f} µrad"
         notes.append(f"{t.output} over {t.argument}: steady values, at most {size} from the exact ones")
         found.append(replace(t, forward=up.values, reverse=down.values))
-    return found, notes
+    return tuple(found), notes
 
 
 def helping_motions(

@@ -55,12 +55,16 @@ class Option:
 
 @dataclass(frozen=True)
 class Commissioning:
-    """What a person does at the control, in order, one sentence each; what depends on the values stands in `Written`."""
+    """What a person does at the control, in order, one sentence each; what depends on the values stands in `Written`.
+
+    `watch`: where the control shows the correction of an axis, besides an indicator; () where public sources name no place.
+    """
 
     backup: tuple[str, ...]
     load: tuple[str, ...]
     activate: tuple[str, ...]
     remove: tuple[str, ...] = ()
+    watch: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -85,6 +89,7 @@ class Declaration:
         zero: Where values must be 0, in words.
         switching: How each compensation is switched on and off.
         options: What the user may state.
+        zero_fixed: Whether the control itself makes the value 0 at its own zero, so that each axis is shifted as a whole.
         commissioning: What a person does at the control.
         facts: What is known about it, with its basis and source.
     """
@@ -108,6 +113,7 @@ class Declaration:
     products: bool = False
     model: bool = False
     options: tuple[Option, ...] = ()
+    zero_fixed: bool = False
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
+
 from volid.compensation.base import Base, base_of
 from volid.compensation.control import Control
+from volid.compensation.grids.request import Rule
 from volid.compensation.helping_axes import HelpingMotion, helping_words, model_reversal
 from volid.compensation.package import Compensation, compensate
 from volid.compensation.ranges import Ranges, chosen_ranges, cut_notes, refuse_extrapolation
@@ -19,9 +22,10 @@ from volid.controllers.choice import Choice, asked_types, most_types
 from volid.controllers.unsupported import reason
 from volid.exceptions import InputError
 from volid.fitting.solution import Solution
+from volid.model.iso230 import DIRECTIONS, SPINDLE
 from volid.model.machine import Machine
 
-PROBE = Sampling(max_points=3)  # coarse: to see whether a type can be made at all
+COARSE = 3  # points of tables and grids: to see whether a type can be made and held at all
 FEW = 3  # notes of one kind
 LEFT_OUT = 1e-6  # mm: what tables miss between their points is worth a word from here on
 
@@ -75,6 +79,7 @@ class ExportRequest:
     ranges: Ranges | None = None
     extrapolate: bool = False
     axes: Axes = field(default_factory=Axes)
+    rule: Rule | None = None
 
 
 def controller(name: str) -> Controller:
@@ -100,6 +105,7 @@ def export(
     ranges: Ranges | None = None,
     extrapolate: bool = False,
     axes: Axes | None = None,
+    rule: Rule | None = None,
 ) -> Export:
     """Files that a control loads, from a solution.
 
@@ -115,6 +121,7 @@ def export(
         ranges: Lowest and highest position by axis letter [mm or °]; what was measured by default.
         extrapolate: Whether values beyond what was measured are intended.
         axes: What the axes can do and may be asked for; by default everything.
+        rule: Function that computes what L-SPEC and R-SPEC correct, as of `volid.compensate`.
 
     Raises:
         InputError: the control cannot carry a type, or hold what was made, or its sign must be stated; or positions lie outside
@@ -128,7 +135,7 @@ def export(
     ['x.comp', 'z.comp']
     """
     asked = Axes() if axes is None else axes
-    request = ExportRequest(tuple(types), base, sampling, sign, options or {}, zero, ranges, extrapolate, asked)
+    request = ExportRequest(tuple(types), base, sampling, sign, options or {}, zero, ranges, extrapolate, asked, rule)
     return export_of(solution, controller(cnc), request)
 
 
@@ -137,15 +144,15 @@ def export_of(solution: Solution, chosen: Controller, request: ExportRequest) ->
     declared = chosen.declaration
     stated, sign = options_of(declared, request.options), sign_of(declared, request.sign)
     declared = chosen.declared_for(solution.machine, stated)
-    work = _Work(solution, declared, request)
-    found = work.choice()
+    work = _Work(solution, declared, request, sign, stated)
+    found = work.choice(lambda job: chosen.write(job))
     made = work.compensation(found.types, work.sampling)
-    job = Job(solution.machine, made, work.base.at, work.base.tool, sign, stated)
+    job, without = work.job(made)
     job, kept = kept_to(request.axes, job, declared)
     written = write(chosen, job, found.types)
     helping = helping_motions(written.held, job, request.axes, model_reversal(solution))
     refuse_unsteady(helping, request.axes, job.machine)
-    notes = (*found.notes, *work.notes(made), *kept, *_helping_notes(helping, job.machine), *written.notes)
+    notes = (*found.notes, *work.notes(made), *without, *kept, *_helping_notes(helping, job.machine), *written.notes)
     return replace(written, axes=request.axes, solution=solution, helping=helping, notes=notes)
 
 
@@ -155,6 +162,21 @@ def write(chosen: Controller, job: Job, types: Sequence[str]) -> Export:
     files = {f.name: f.content for f in written.files}
     held = chosen.read(files, job.machine, {**job.options, "sign": job.sign})
     return Export(chosen, job, written, replace(held, names=tuple(types)), tuple(types), notes=tuple(written.notes))
+
+
+def _without_tool_frame(made: Compensation, declared: Declaration, base: Base) -> tuple[Compensation, list[str]]:
+    """The tables without constants of the tool frame, and what they do at the base tool, for a control without a model."""
+    constants = {t.function: float(t.forward[0]) for t in made.tables if t.axis == SPINDLE}
+    if not constants:
+        return made, []
+    values = np.array([constants.get(f"E{d}0{SPINDLE}", 0.0) for d in DIRECTIONS])
+    moved = 1e3 * float(np.linalg.norm(values[:3] + np.cross(values[3:], base.tool)))
+    longer = 1e3 * 100.0 * float(np.linalg.norm(values[3:]))
+    note = (
+        f"{', '.join(constants)}: constants of the tool frame are left out, because {declared.name} has no kinematic model: the "
+        f"base tool is displaced by {moved:.2f} µm everywhere, and 100 mm of another tool by up to {longer:.2f} µm more"
+    )
+    return replace(made, tables=tuple(t for t in made.tables if t.axis != SPINDLE)), [note]
 
 
 def _helping_notes(found: Sequence[HelpingMotion], machine: Machine) -> list[str]:
@@ -168,21 +190,34 @@ def _helping_notes(found: Sequence[HelpingMotion], machine: Machine) -> list[str
 class _Work:
     """One export: base, ranges and sampling, and what is made with them."""
 
-    def __init__(self, solution: Solution, declared: Declaration, request: ExportRequest) -> None:
-        self.declared, self.request = declared, request
+    def __init__(
+        self, solution: Solution, declared: Declaration, request: ExportRequest, sign: str, options: Mapping[str, Any]
+    ) -> None:
+        self.declared, self.request, self.sign, self.options = declared, request, sign, options
         self.base = base_of(solution, solution.most_used_tool()) if request.base is None else request.base
         self.ranges = chosen_ranges(solution, request.ranges, request.extrapolate)
         self.sampling = sampling_for(declared, request.sampling)
         self.solution = solution.extrapolated() if request.extrapolate else solution
 
-    def choice(self) -> Choice:
-        """The types asked for, or the most complete."""
-        machine = self.solution.machine
+    def choice(self, write: Callable[[Job], Written]) -> Choice:
+        """The types asked for, or the most complete that the control can hold together."""
         if self.request.types:
-            return asked_types(self.declared, self.request.types, machine)
-        return most_types(
-            self.declared, machine, self.base.functions, lambda name: self.compensation((name,), PROBE)
-        )
+            return asked_types(self.declared, self.request.types, self.solution.machine)
+
+        def probe(names: Sequence[str]) -> Compensation:
+            made = self.compensation(names, replace(self.sampling, step=None, max_error=None, max_points=COARSE))
+            if made.tables or made.grids:
+                write(self.job(made)[0])
+            return made
+
+        return most_types(self.declared, self.solution, self.base.functions, probe)
+
+    def job(self, made: Compensation) -> tuple[Job, list[str]]:
+        """What is to be written, and what is left out because a control without a model has no place for it."""
+        left: list[str] = []
+        if not self.declared.model:
+            made, left = _without_tool_frame(made, self.declared, self.base)
+        return Job(self.solution.machine, made, self.base.at, self.base.tool, self.sign, self.options), left
 
     def compensation(self, names: Sequence[str], sampling: Sampling) -> Compensation:
         """Tables and grids of the types, each in the form in which the control carries it. Raises as `export` does."""
@@ -204,6 +239,7 @@ class _Work:
             tables=sampling,
             grids=replace(sampling, together=False, even=False),
             form=form,
+            rule=self.request.rule,
             zero=self.request.zero,
             ranges=self.ranges,
             uncertainty=False,

@@ -12,7 +12,6 @@ Public sources do not state the sign of these values. Values and positions are c
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -57,19 +56,11 @@ _DOCS = "Beckhoff TF5200 axis compensation (infosys.beckhoff.com, tf5200_axis_co
 _PARAMETERS = "tf5200_axis_compensation_parameters"
 MOST = 1000
 
-
-def _yes_or_no(text: str) -> bool:
-    if text not in ("yes", "no"):
-        raise ValueError("expected yes or no")
-    return text == "yes"
-
-
 DECLARATION = Declaration(
     name="isg-crosscomp",
     title="ISG kernel and TwinCAT CNC, cross and plane compensation (kw.crosscomp, kw.crosscomp2)",
-    carries={"L-ANG": TABLES, "L-STR": TABLES, "L-SQU": TABLES},
-    nearest="kw.crosscomp moves an axis by the position of others: option angular=yes takes L-ANG where one pair of axes moves "
-    "each axis; isg-ssfk carries the positioning of each axis, isg-volcomp the whole volume",
+    carries={"L-STR": TABLES, "L-SQU": TABLES, "L-ANG": TABLES},
+    nearest="kw.crosscomp moves an axis by the position of others; isg-ssfk carries the positioning of each axis, isg-volcomp the whole volume",
     sign=OPEN,
     units="0.1 µm, positions and values",
     reversal=NO_REVERSAL,
@@ -87,12 +78,6 @@ DECLARATION = Declaration(
             "logical axis numbers of the control, such as 'X=1 Y=2 Z=3'",
             "X=1 Y=2 Z=3 A=4 B=5 C=6",
             axis_numbers,
-        ),
-        Option(
-            "angular",
-            "yes: L-ANG too, where one pair of axes moves each axis; no: straightness and squareness",
-            "no",
-            _yes_or_no,
         ),
     ),
     commissioning=Commissioning(
@@ -150,12 +135,6 @@ class IsgCrosscomp(Controller):
     """One list per slave axis."""
 
     declaration = DECLARATION
-
-    def declared_for(self, machine: Machine, options: Mapping[str, Any]) -> Declaration:
-        """Without L-ANG unless asked for: the rotations of a whole machine need more planes than an axis has."""
-        if options["angular"]:
-            return DECLARATION
-        return replace(DECLARATION, carries={n: form for n, form in DECLARATION.carries.items() if n != "L-ANG"})
 
     def write(self, job: Job) -> Written:
         """The lines kw.crosscomp and kw.crosscomp2 of each axis, one file per axis."""

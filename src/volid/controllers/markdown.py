@@ -9,6 +9,19 @@ from volid.exceptions import cut, shown
 LONGEST = 300  # characters of a cell
 
 
+def text_of(lines: Iterable[str]) -> str:
+    """The lines as one text, without two blank lines on end.
+
+    >>> text_of(["a", "", "", "b"])
+    'a\\n\\nb\\n'
+    """
+    found: list[str] = []
+    for line in lines:
+        if line or (found and found[-1]):
+            found.append(line)
+    return "\n".join(found).rstrip("\n") + "\n"
+
+
 def heading(text: str, level: int = 2) -> list[str]:
     """A heading and a blank line, with a blank line before all but the first level."""
     return [*([""] if level > 1 else []), f"{'#' * level} {shown(text)}", ""]

@@ -6,15 +6,15 @@ says what these files do and not what was wanted. One sheet for each export; it 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import numpy as np
 
 from volid.compensation.active import axis_table_words, grid_words
 from volid.compensation.helping_axes import helping_words
 from volid.compensation.package import Compensation
-from volid.controllers.base import HELD, NO_REVERSAL, ONE_VALUE, OPEN
-from volid.controllers.explain import commissioning, fact_table, properties_of_files
+from volid.controllers.base import COLUMNS, HELD, NO_REVERSAL, ONE_VALUE, OPEN
+from volid.controllers.explain import commissioning, fact_lines, properties_of_files
 from volid.controllers.export import Export
-from volid.controllers.markdown import bullets, heading, steps, table
+from volid.controllers.markdown import bullets, heading, steps, table, text_of
 from volid.controllers.sign_check import SignCheck, sign_checks, with_unit
 from volid.model.machine import Machine
 
@@ -38,10 +38,10 @@ def commissioning_sheet(made: Export) -> str:
     lines += [*heading("6. Switch each compensation on and off"), *_switching(made)]
     lines += [*heading("7. What the control does with these values"), *_behaviour(made)]
     lines += [*heading("8. Remove again"), *steps(done.get("Remove again", ("Restore the backup of section 1.",)))]
-    lines += [*heading("9. What is known of this control, and on what it rests"), *fact_table(d.facts)]
+    lines += [*heading("9. What is known of this control, and on what it rests"), *fact_lines(d.facts)]
     if made.notes:
         lines += [*heading("Notes"), *bullets(made.notes)]
-    return "\n".join(lines) + "\n"
+    return text_of(lines)
 
 
 def _files(made: Export) -> list[str]:
@@ -57,34 +57,55 @@ def _parameters(made: Export) -> list[str]:
 
 def _signs(made: Export) -> list[str]:
     """What to command and what must be seen, one row for each table."""
-    checks = sign_checks(made.held, made.job)
+    checks = sign_checks(made.held, made.job, made.declaration.reversal == COLUMNS)
     lines = [
-        "For each row: with the compensation off, go to the position, all axes coming from the stated side (from below: in +), and",
-        "read the position of the drive in the service display, or set an indicator at the axis to zero. Switch the compensation",
-        "on, leave the position and come back from the same side. The axis must now stand off by what the row says, as a command",
-        "of this size would move it. 'Alone' holds where the other tables are off or zero, 'all loaded' for all of them together.",
+        "For each row: with the compensation off, go to the position, all axes coming from the stated side (from below: in +),",
+        "and set an indicator at the axis to zero, or read where the control shows the position of the drive with the correction",
+        "in it. Switch the compensation on, leave the position and come back from the same side. The axis must now stand off by",
+        "what the row says, as a command of this size would move it. 'Alone' holds where the other tables are off or zero, 'all",
+        "loaded' for all of them together. Most position displays show the programmed position and never the correction.",
+        "",
+        *bullets(f"Shown by the control: {text}" for text in made.declaration.commissioning.watch),
         "",
     ]
     if made.declaration.sign == OPEN:
         lines += [
-            f"**Public sources do not say which sign this control wants. These files hold {made.job.sign} values. Do not cut before",
-            "this is proved.** Where the axis moves the other way, remove the files and export again with the other `sign`.",
+            f"**Public sources do not say which sign this control wants. These files hold {made.job.sign} values. Do not cut",
+            "before this is proved.** Where an axis moves the other way, remove the files and export again with the other sign.",
+            "",
+        ]
+    else:
+        lines += ["Where an axis moves the other way, remove the files (section 8) and do not use them.", ""]
+    if made.declaration.reversal == ONE_VALUE:
+        lines += [
+            "Set the reversal value (backlash) of the axes to 0 for this check, and back to its value afterwards.",
             "",
         ]
     if not checks:
         return [*lines, "All values are zero: there is nothing to see."]
     lines += table(_HEADER, [_row(made.job.machine, c) for c in checks])
     if any(c.is_small for c in checks):
-        lines += ["", "Motions below 0.001 are too small for a dial: take the service display, or a laser interferometer."]
+        lines += [
+            "",
+            "Motions below 0.001 are too small for a dial: take what the control shows, or an interferometer.",
+        ]
     return [*lines, "", f"Tool vector of these numbers: {', '.join(f'{v:g}' for v in made.job.tool)} mm."]
 
 
-_HEADER = ["[ ] table", "command", "coming from", "axis", "must move by (alone)", "stands at (alone)", "moves by (all loaded)"]
+_HEADER = [
+    "[ ] table",
+    "command",
+    "coming from",
+    "axis",
+    "must move by (alone)",
+    "stands at (alone)",
+    "moves by (all loaded)",
+]
 
 
 def _row(machine: Machine, check: SignCheck) -> list[str]:
     place = "  ".join(f"{a} {v:.9g}" for a, v in check.at.items())
-    side = "below (+)" if check.way > 0 else "above (-)"
+    side = "above (-)" if check.way < 0 else "below (+)"
     stands = f"{check.axis} {check.at[check.axis] + check.alone:.6f}"
     moves = (with_unit(machine, check.axis, v, sign=True) for v in (check.alone, check.together))
     alone, together = moves
@@ -99,10 +120,13 @@ def parts_of(held: Compensation) -> list[str]:
     """Each table and grid in words, with the range of its positions."""
     found = [f"{axis_table_words(t)}, {_span(t.positions)}" for t in held.axis_tables]
     found += [f"table of {t.function} over {t.axis}, {_span(t.positions)}" for t in held.tables]
-    return found + [f"{grid_words(g)}, {', '.join(f'{a} {_span(n)}' for a, n in zip(g.axes, g.nodes, strict=True))}" for g in held.grids]
+    return found + [
+        f"{grid_words(g)}, {', '.join(f'{a} {_span(n)}' for a, n in zip(g.axes, g.nodes, strict=True))}"
+        for g in held.grids
+    ]
 
 
-def _span(positions: Sequence[float]) -> str:
+def _span(positions: np.ndarray) -> str:
     return f"{positions[0]:g} … {positions[-1]:g} ({len(positions)} positions)"
 
 

@@ -1,23 +1,24 @@
-"""Controls that volid cannot write for: because no layout of their files is public, and what serves instead."""
+"""Controls that volid cannot write for, because no layout of their files was found in public sources, and what serves instead."""
 
 from __future__ import annotations
 
 NEUTRAL = "csv and hdf5 hold the same values with sign, units and datum in words"
 
 UNSUPPORTED: dict[str, str] = {
-    "sinumerik-vcs": "the layout of its files is not public; take sinumerik-cec, or etalon for the maker's own converter",
-    "heidenhain-kcm": "the layout of its objects is not public; take heidenhain-com or heidenhain-kinematicscomp",
-    "okuma": f"no layout of its tables is public; {NEUTRAL}",
-    "mazak": f"no layout of its tables is public; {NEUTRAL}",
-    "haas": f"no layout of its tables is public; {NEUTRAL}",
-    "mitsubishi": "its values are public (increments, twice the difference in output units), its parameter numbers are not; "
-    "take fanuc-pitch for the order of the increments, or csv",
-    "rexroth-mtx": f"no layout of its tables is public; {NEUTRAL}",
-    "br": f"no layout of its tables is public; {NEUTRAL}",
-    "fagor": f"no layout of its volumetric tables is public; {NEUTRAL}",
-    "num": f"no layout of its tables is public; {NEUTRAL}",
-    "aerotech": f"no layout of its calibration files is public; {NEUTRAL}",
-    "acs": f"no layout of its tables is public; {NEUTRAL}",
+    "sinumerik-vcs": "no layout of its files was found in public sources; take sinumerik-cec, or etalon and the "
+    "maker's own converter",
+    "heidenhain-kcm": "no layout of its objects was found in public sources; take heidenhain-com or heidenhain-kinematicscomp",
+    "okuma": f"no layout of its tables was found in public sources; {NEUTRAL}",
+    "mazak": f"no layout of its tables was found in public sources; {NEUTRAL}",
+    "haas": f"no layout of its tables was found in public sources; {NEUTRAL}",
+    "mitsubishi": "its values are documented (increments, twice the difference in output units), but its parameter numbers "
+    f"and files were not found in public sources; {NEUTRAL}",
+    "rexroth-mtx": f"no layout of its tables was found in public sources; {NEUTRAL}",
+    "br": f"no layout of its tables was found in public sources; {NEUTRAL}",
+    "fagor": f"no layout of its volumetric tables was found in public sources; {NEUTRAL}",
+    "num": f"no layout of its tables was found in public sources; {NEUTRAL}",
+    "aerotech": f"no layout of its calibration files was found in public sources; {NEUTRAL}",
+    "acs": f"no layout of its tables was found in public sources; {NEUTRAL}",
     "grbl": "it has no table; correct the program instead (volid apply)",
     "marlin": "it has no table but skew; correct the program instead (volid apply)",
     "klipper": "it has no table but skew; correct the program instead (volid apply)",

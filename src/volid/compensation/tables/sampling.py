@@ -28,9 +28,9 @@ class Sampling:
 
     `step` [mm or °]: distance of the points. `max_points`: largest number of points. `max_error`: largest error of the linear
     interpolation [mm]. `spacing`: "equal" (most controls) or "free". `offset`: distance at which rotations are compared with
-    `max_error` [mm], such as a tool offset or the reach of the machine; None: the reach of each axis. `together`: all functions of
-    an axis at the same points. `even`: equal steps are a must, because the control knows no others: a step that does not divide
-    the range is taken a little smaller. Raises `InputError` for numbers that make no table.
+    `max_error` [mm], such as a tool offset or the reach of the machine; None: the reach of each axis. `together`: all functions
+    of an axis at the same points. `even`: equal steps are a must, because the control knows no others: a step that does not
+    divide the range is taken a little smaller. Raises `InputError` for numbers that make no table.
     """
 
     step: float | None = None
