@@ -8,6 +8,16 @@ from volid.controllers.isg_volcomp import ISG_VOLCOMP
 from volid.controllers.linuxcnc import LINUXCNC
 from volid.controllers.twincat_nc import TWINCAT_NC
 
-CONTROLS: dict[str, Controller] = {c.declaration.name: c for c in (LINUXCNC, ISG_VOLCOMP, ETALON, ISG_SSFK, ISG_CROSSCOMP, TWINCAT_NC)}
+CONTROLS: dict[str, Controller] = {
+    c.declaration.name: c
+    for c in (
+        LINUXCNC,
+        ISG_VOLCOMP,
+        ETALON,
+        ISG_SSFK,
+        ISG_CROSSCOMP,
+        TWINCAT_NC,
+    )
+}
 
 __all__ = ["CONTROLS", "Controller"]

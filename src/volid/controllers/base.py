@@ -255,7 +255,9 @@ def refuse_grids(declaration: Declaration, made: Compensation, nearest: str) -> 
     """Raises `InputError` for spatial grids, which a control of tables of single axes cannot hold."""
     if made.grids:
         over = ", ".join(made.grids[0].axes)
-        raise InputError(f"{declaration.name}: it holds tables of single axes, no grid over {over}; {nearest} carries grids")
+        raise InputError(
+            f"{declaration.name}: it holds tables of single axes, no grid over {over}; {nearest} carries grids"
+        )
 
 
 def outputs(tables: Sequence[AxisTable]) -> tuple[str, ...]:

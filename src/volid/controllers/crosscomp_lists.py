@@ -44,23 +44,26 @@ class Rows:
 
 def parts_of(tables: Sequence[AxisTable], slave: str) -> Parts:
     """Tables of a slave, each in the table of the control that can hold it. Raises `InputError` where there are too few."""
-    pairs = list(dict.fromkeys(tuple(sorted((t.argument, t.factor.axis))) for t in tables if t.factor is not None))
+    pairs = list(dict.fromkeys(_pair(t.argument, t.factor.axis) for t in tables if t.factor is not None))
     singles = list(dict.fromkeys(t.argument for t in tables if t.factor is None))
     pair = pairs[0] if pairs else None
-    outside = [a for a in singles if pair is None or a not in pair]
+    outside = sorted((a for a in singles if pair is None or a not in pair), key=lambda a: a == slave)
     if pair is None and len(outside) == 2:  # the second one as a plane that is level along the first
         pair, outside = (outside[1], outside[0]), outside[:1]
     if len(pairs) > 1 or len(outside) > 1:
         masters = [" and ".join(p) for p in pairs] + outside
         raise InputError(
             f"isg-crosscomp: {slave} would move by {', by '.join(masters)}; the control has one table over one "
-            f"axis and one over "
-            "two for each axis. isg-volcomp carries this"
+            "axis and one over two for each axis. isg-volcomp carries this"
         )
     if outside == [slave]:
         raise InputError(f"isg-crosscomp: {slave} corrects itself by its own position; isg-ssfk carries that")
     within = tuple(t for t in tables if t.factor is not None or t.argument not in outside)
     return Parts(tuple(t for t in tables if t not in within), within, pair or ("", ""))
+
+
+def _pair(one: str, other: str) -> tuple[str, str]:
+    return (one, other) if one < other else (other, one)
 
 
 def cross(job: Job, axis: Axis, tables: Sequence[AxisTable]) -> Rows:

@@ -60,7 +60,8 @@ DECLARATION = Declaration(
     name="isg-crosscomp",
     title="ISG kernel and TwinCAT CNC, cross and plane compensation (kw.crosscomp, kw.crosscomp2)",
     carries={"L-STR": TABLES, "L-SQU": TABLES, "L-ANG": TABLES},
-    nearest="kw.crosscomp moves an axis by the position of others; isg-ssfk carries the positioning of each axis, isg-volcomp the whole volume",
+    nearest="kw.crosscomp moves an axis by the position of others; isg-ssfk carries the positioning of each axis, isg-volcomp "
+    "the whole volume",
     sign=OPEN,
     units="0.1 µm, positions and values",
     reversal=NO_REVERSAL,

@@ -136,12 +136,14 @@ def tables_of(convention: Convention, blocks: Sequence[Block]) -> tuple[ErrorTab
 
 def _tables_of_axis(convention: Convention, axis: Axis, blocks: Sequence[Block]) -> list[ErrorTable]:
     curves: dict[int, tuple[np.ndarray, np.ndarray]] = {}
-    constants = np.zeros(ROWS)
+    constants, level = np.zeros(ROWS), np.zeros(ROWS)  # location errors; functions that a file states as constants
     for block in blocks:
         for name, column in zip(block.names, block.values.T, strict=True):
             if name[-1] != axis.letter:
                 continue
-            if block.is_constant:
+            if block.is_constant and name[0] == "E":
+                level[DIRECTIONS.index(name[1])] += column[0]
+            elif block.is_constant:
                 constants[DIRECTIONS.index(name[0])] += column[0]
             elif DIRECTIONS.index(name[1]) in curves:
                 raise InputError(f"{block.where}: {name} stands in two blocks over {axis.letter}; expected it once")
@@ -149,7 +151,7 @@ def _tables_of_axis(convention: Convention, axis: Axis, blocks: Sequence[Block])
                 curves[DIRECTIONS.index(name[1])] = _sorted(block, column)
 
     def function(q: np.ndarray) -> np.ndarray:
-        values = _with_constants(axis, q, constants)
+        values = level + _with_constants(axis, q, constants)
         for k, (x, y) in curves.items():
             values[:, k] += np.interp(q, x, y)
         return convention.from_file(axis, q, values)

@@ -149,8 +149,8 @@ def _block(name: str, header: tuple[int, list[str]] | None, rows: list[list[floa
     others = [k for k, c in enumerate(columns) if c not in ARGUMENTS]
     if not arguments and len(rows) > 1:
         raise InputError(f"{where}: {len(rows)} rows without an argument; expected one row of constants")
-    named = tuple(tuple(columns[k] for k in which) for which in (arguments, others))
-    return [Block(*named, table[:, arguments], table[:, others], where)]
+    letters, names = (tuple(columns[k] for k in which) for which in (arguments, others))
+    return [Block(letters, names, table[:, arguments], table[:, others], where)]
 
 
 _SECTION = re.compile(r"\[\s*(\w+)\s*\]")
