@@ -141,3 +141,30 @@ def test_a_turn_of_a_rotary_axis_is_counted_in_ten_thousandths_of_a_degree():
     assert values["kw.ssfk.modulo"] == "1" and values["kw.ssfk.interval"] == "900000"
     along = TRUNNION.axis("C").unit_vector[2]
     assert int(values["kw.ssfk.table[2].pos"]) == 23 * along
+
+
+def test_half_the_reversal_alone_stands_beside_a_compensation_of_the_mean():
+    """X at 500 mm: 10 µm in + and 13 µm in - are -1.5 and +1.5 µm about the mean."""
+    text = written(NAME, pitch(), values="reversal")["x_ssfk.lis"]
+    values = dict(line.split() for line in text.splitlines())
+    assert [values[f"kw.ssfk.table[{i}].pos"] for i in range(3)] == ["-10", "-15", "-15"]
+    assert [values[f"kw.ssfk.table[{i}].neg"] for i in range(3)] == ["10", "15", "15"]
+
+
+def test_lines_of_cross_compensation_in_the_same_list_are_named():
+    (table,) = read({"a.lis": EXAMPLE + "kw.crosscomp.unit 1\n"})
+    assert table.notes == ("a.lis has lines kw.crosscomp too, which isg-crosscomp reads.",)
+    assert CONTROLS[NAME].recognises("a.lis", EXAMPLE) and not CONTROLS["isg-crosscomp"].recognises("a.lis", EXAMPLE)
+
+
+def test_mean_and_reversal_together_correct_both_directions():
+    mean = CONTROLS["isg-volcomp"].read(written("isg-volcomp", pitch()), MACHINE, job("isg-volcomp", pitch()).options)
+    half = read(written(NAME, pitch(), values="reversal"))
+    both = Compensation((), mean.tables, (), half).control(MACHINE)
+    q = np.stack(
+        [MACHINE.order(X=x, Y=y, Z=-100.0) for x, y in ((0.0, 0.0), (250.0, 450.0), (500.0, 600.0), (1000.0, 300.0))]
+    )
+    for way in (1.0, -1.0):
+        ways = np.full_like(q, way)
+        wanted = pitch().control(MACHINE).command(q, np.zeros(3), ways)
+        np.testing.assert_allclose(both.command(q, np.zeros(3), ways), wanted, atol=5.1e-5)  # half a step of 0.1 µm

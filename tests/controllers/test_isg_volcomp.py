@@ -407,4 +407,7 @@ def test_lists_that_do_not_go_with_the_machine_are_refused(change, message):
 def test_its_files_are_recognised():
     files = written(NAME, spatial())
     assert all(CONTROLS[NAME].recognises(name, content) for name, content in files.items())
+    tables = written(NAME, levered(), form="tables")
+    assert all(CONTROLS[NAME].recognises(name, content) for name, content in tables.items())
+    assert not CONTROLS[NAME].recognises("x.csv", "position,positive,negative\n0,0,0\n")
     assert not CONTROLS[NAME].recognises("x.comp", "0.0 0.0 0.002\n")

@@ -8,6 +8,7 @@ one, or, where they are equally spaced, by start and interval.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -55,6 +56,14 @@ from volid.model.machine import Axis, Machine
 _DOCS = "Beckhoff TF5200 axis compensation (infosys.beckhoff.com, tf5200_axis_compensation)"
 _PARAMETERS = "tf5200_axis_compensation_parameters"
 MOST = 1499
+ALL, REVERSAL = "all", "reversal"
+
+
+def _which(text: str) -> str:
+    if text not in (ALL, REVERSAL):
+        raise ValueError(f"expected {ALL} or {REVERSAL}")
+    return text
+
 
 DECLARATION = Declaration(
     name="isg-ssfk",
@@ -78,6 +87,13 @@ DECLARATION = Declaration(
             "logical axis numbers of the control, such as 'X=1 Y=2 Z=3'",
             "X=1 Y=2 Z=3 A=4 B=5 C=6",
             axis_numbers,
+        ),
+        Option(
+            "values",
+            "all: positioning errors of both directions; reversal: half the reversal alone, beside "
+            "isg-volcomp, which corrects the mean",
+            ALL,
+            _which,
         ),
     ),
     commissioning=Commissioning(
@@ -139,7 +155,7 @@ class IsgSsfk(Controller):
     def write(self, job: Job) -> Written:
         """The lines kw.ssfk of each axis, one file per axis."""
         refuse_grids(DECLARATION, job.compensation, "isg-volcomp")
-        tables = gathered(job.axis_tables())
+        tables = tuple(_wanted(t, job.options["values"]) for t in gathered(job.axis_tables()))
         files, rounding = [], 0.0
         for table in tables:
             axis = job.machine.axis(table.output)
@@ -171,6 +187,14 @@ class IsgSsfk(Controller):
     def recognises(self, name: str, content: str | bytes) -> bool:
         """A line that begins with kw.ssfk."""
         return any(line.lstrip().lower().startswith("kw.ssfk.") for line in text_of(name, content)[:20000].splitlines())
+
+
+def _wanted(table: AxisTable, values: str) -> AxisTable:
+    """The table, or half its reversal alone: what is left where something else corrects the mean of both directions."""
+    if values == ALL:
+        return table
+    half = 0.5 * (table.forward - table.reverse)
+    return replace(table, forward=half, reverse=-half)
 
 
 def _list(axis: Axis, table: AxisTable, numbers: Mapping[str, int]) -> tuple[str, float]:
@@ -219,7 +243,9 @@ def _table(name: str, found: dict[str, Entry], machine: Machine, numbers: Mappin
     down = _column(name, found, "neg", count) * unit if both else up.copy()
     _refuse_more(name, found, count)
     positions = at / STEPS
-    return AxisTable(axis.letter, axis.letter, positions, up, down, period=period_of(axis, positions))
+    others = any(k.startswith("kw.crosscomp") for k in found)
+    notes = (f"{name} has lines kw.crosscomp too, which isg-crosscomp reads.",) if others else ()
+    return AxisTable(axis.letter, axis.letter, positions, up, down, period=period_of(axis, positions), notes=notes)
 
 
 def _column(name: str, found: dict[str, Entry], column: str, count: int) -> np.ndarray:

@@ -40,7 +40,7 @@ from volid.controllers.iso_parameters import (
     one_of,
     refuse_turns,
 )
-from volid.controllers.iso_texts import ARGUMENTS, isg_csv
+from volid.controllers.iso_texts import begins_as_isg_csv, isg_csv
 from volid.controllers.kernel_lists import axis_numbers, entries
 from volid.controllers.volcomp_files import (
     CSV,
@@ -199,7 +199,9 @@ class IsgVolcomp(Controller):
         if made.tables:
             blocks += constant_block(kinematics(convention, job.tool))
             blocks += blocks_of(axis_errors(convention, made.tables), job.options["location_errors"])
-            notes += lost_reversal(made.tables, "isg-ssfk takes the positioning in both directions")
+            notes += lost_reversal(
+                made.tables, "isg-ssfk with option values=reversal takes that of the positioning, beside these files"
+            )
         if not blocks:
             raise InputError("isg-volcomp: nothing to write; expected grids or tables")
         records = sum(len(b.values) for b in blocks)
@@ -236,12 +238,9 @@ class IsgVolcomp(Controller):
 
     def recognises(self, name: str, content: str | bytes) -> bool:
         """A header of letters of axes and names of parameters, or a list that names such files."""
-        head = [line.split("//")[0].split() for line in text_of(name, content)[:4000].splitlines()]
-        first = next((words for words in head if words), [])
-        listed = any(words[0].lower().startswith("file_format[") for words in head if words)
-        return listed or (
-            len(first) > 1 and first[0] in ARGUMENTS and all(w in ARGUMENTS or w[0] == "E" for w in first)
-        )
+        text = text_of(name, content)[:20000]
+        listed = any(line.strip().lower().startswith("file_format[") for line in text.splitlines())
+        return listed or begins_as_isg_csv(text)
 
 
 ISG_VOLCOMP = IsgVolcomp()

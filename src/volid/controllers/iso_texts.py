@@ -97,6 +97,13 @@ def _number(text: str, where: str, column: str) -> float:
     return found
 
 
+def begins_as_isg_csv(text: str) -> bool:
+    """Whether the first line that is no comment names arguments and parameters."""
+    words = next((line.split() for _, line in _lines(text)), [])
+    known = [w for w in words if w in ARGUMENTS or _FUNCTION.fullmatch(w) or _CONSTANT.fullmatch(w)]
+    return len(known) == len(words) and any(w not in ARGUMENTS for w in words)
+
+
 def read_isg_csv(name: str, text: str) -> list[Block]:
     """Blocks of a file of the format ISG_CSV. Raises `InputError` that names file and line."""
     blocks: list[Block] = []
