@@ -302,6 +302,16 @@ def test_reversal_is_said_to_stay():
     assert "mean of both" in note and "EXX 2 µm" in note and "isg-ssfk" in note
 
 
+def test_the_tool_stands_in_the_file_unless_the_control_adds_it():
+    made = CONTROLS[NAME].write(job(NAME, levered(), form="tables"))
+    assert "P0X P0Y P0Z\n0.0 0.0 -150.0\n" in made.files[0].content
+    assert any(
+        "P0X, P0Y, P0Z is the tool (0, 0, -150) mm" in n and "two tools of different length" in n for n in made.notes
+    )
+    added = CONTROLS[NAME].write(job(NAME, levered(), form="tables", tool="control"))
+    assert "P0X P0Y P0Z\n0.0 0.0 0.0\n" in added.files[0].content
+
+
 def test_rotations_of_a_grid_are_said_to_be_lost():
     made = spatial()
     made.grids[0].values[5, 4] = 30e-6

@@ -12,6 +12,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from volid.compensation.package import Compensation
 from volid.compensation.types import GRID, TABLES
 from volid.controllers.base import (
@@ -54,11 +56,12 @@ from volid.controllers.volcomp_files import (
     list_text,
     named_files,
     plain,
+    tool_notes,
 )
 from volid.exceptions import InputError
 from volid.model.machine import Machine
 
-AUTO = "auto"
+AUTO, IN_P0, BY_CONTROL = "auto", "P0", "control"
 _DOCS = "Beckhoff TF5280 (infosys.beckhoff.com, tf5280_volumetric_comp)"
 
 
@@ -83,6 +86,7 @@ DECLARATION = Declaration(
         "R-ANG": TABLES,
     },
     nearest="it corrects the position of the tool by X, Y, Z, not its orientation, and turns no rotary axis; L-VOL and "
+    ""
     ""
     ""
     ""
@@ -113,6 +117,13 @@ DECLARATION = Declaration(
         ),
         Option("folder", "folder of the files on the control", "C:\\volcomp"),
         Option("id", "number of the compensation, 0 … 4", "0", _index),
+        Option(
+            "tool",
+            "tables only. P0: the tool vector stands in P0X, P0Y, P0Z; control: these are 0, because the "
+            "control adds its active tool",
+            IN_P0,
+            one_of(IN_P0, BY_CONTROL),
+        ),
         *OPTIONS,
     ),
     commissioning=Commissioning(
@@ -128,7 +139,8 @@ DECLARATION = Declaration(
             "#VOLCOMP OFF [ID0] and #VOLCOMP [ID0 UPDATE] read changed files.",
         ),
         activate=(
-            "Reference all axes, and command #VOLCOMP ON [ID0] in the NC program; a reset switches it off.",
+            "Reference all axes, and command #VOLCOMP ON [ID0] in the NC program (0: its number); a reset "
+            "switches it off.",
             "Where an axis moves the wrong way in the one-point check, enter the line 'negate X' (its letter) "
             "in vol.lis.",
         ),
@@ -158,6 +170,12 @@ DECLARATION = Declaration(
             f"{_DOCS}, 296390283",
         ),
         Fact("it corrects the position, not the orientation", DOCUMENTED, f"{_DOCS}, 296386187"),
+        Fact(
+            "it can be loaded from outside by ADS, index group 0x120100: file name 0x27C, load 0x27D, on "
+            "0x291, off 0x292",
+            DOCUMENTED,
+            f"{_DOCS}, 1217092747",
+        ),
         Fact("a reset switches it off; an update needs it off", DOCUMENTED, f"{_DOCS}, 296404875, 1218769547"),
         Fact("no dependence on the direction of motion: none is described", INFERRED, f"{_DOCS}, 296429067"),
         Fact(
@@ -197,7 +215,9 @@ class IsgVolcomp(Controller):
         blocks = [grid_block(g) for g in made.grids]
         notes = [n for g in made.grids for n in grid_notes(g)]
         if made.tables:
-            blocks += constant_block(kinematics(convention, job.tool))
+            tool = np.zeros(3) if job.options["tool"] == BY_CONTROL else job.tool
+            blocks += constant_block(kinematics(convention, tool))
+            notes += tool_notes(made.tables, tool)
             blocks += blocks_of(axis_errors(convention, made.tables), job.options["location_errors"])
             notes += lost_reversal(
                 made.tables, "isg-ssfk with option values=reversal takes that of the positioning, beside these files"

@@ -11,12 +11,13 @@ import numpy as np
 
 from volid.compensation.grids.grid import AnyGrid, Grid
 from volid.compensation.package import Compensation
+from volid.compensation.tables.error_table import ErrorTable
 from volid.controllers.iso_convention import Convention, table_axes
 from volid.controllers.iso_parameters import grid_of, tables_of
 from volid.controllers.iso_texts import ARGUMENTS, Block, read_etalon, read_isg_csv
 from volid.controllers.kernel_lists import Entry, lines, needed
 from volid.exceptions import InputError
-from volid.model.iso230 import LINEAR_AXES, ROTARY_AXES
+from volid.model.iso230 import LINEAR_AXES, ROTARY_AXES, parse
 from volid.model.machine import Machine
 
 CSV, LIST = "vol.csv", "vol.lis"
@@ -66,6 +67,21 @@ def grid_notes(grid: AnyGrid) -> tuple[str, ...]:
         f"The grid holds for the tool vector ({tool}) mm alone, because the control adds no lever arm: 100 mm "
         f"of another tool are wrong "
         f"by up to {1e5 * turn:.2g} µm. Option form=tables has lever arms.",
+    )
+
+
+def tool_notes(tables: Sequence[ErrorTable], tool: np.ndarray) -> tuple[str, ...]:
+    """How the tool stands in the file, where rotations act through it."""
+    if not any(parse(t.function).is_rotation for t in tables):
+        return ()
+    where = (
+        "is 0, so that the control must add its active tool"
+        if not tool.any()
+        else f"is the tool ({', '.join(f'{v:g}' for v in tool)}) mm"
+    )
+    return (
+        f"P0X, P0Y, P0Z {where}. Public sources do not say whether the control adds its active tool: make the one-point check of a rotation "
+        "with two tools of different length, and take the other value of option tool where the longer one is wrong.",
     )
 
 
