@@ -232,9 +232,10 @@ def test_too_many_positions_are_refused(name):
     case = next(c for c in ALL if c.control == name)
     n = d.most_points + 1
     x = np.linspace(0.0, 1000.0, n)
-    many = Compensation(("L-POS",), (error_table("EXX", x, 1e-5 * x),), ())
-    if d.carries.get("L-POS") != TABLES:
-        many = spatial((x, (0.0, 600.0), (-500.0, 0.0)))
+    function = next((f for k, f in {"L-POS": "EXX", "L-STR": "EZX"}.items() if d.carries.get(k) == TABLES), None)
+    many = spatial((x, (0.0, 600.0), (-500.0, 0.0)))
+    if function is not None:
+        many = Compensation(("L-POS",), (error_table(function, x, 1e-5 * x),), ())
     with pytest.raises(InputError, match=rf"{name}: .*{n:,}|{name}: .*{n}"):
         CONTROLS[name].write(case.job(many))
 

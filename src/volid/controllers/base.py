@@ -254,6 +254,15 @@ def refuse_points(declaration: Declaration, what: str, count: int) -> None:
         )
 
 
+def refuse_grids(declaration: Declaration, made: Compensation, nearest: str) -> None:
+    """Raises `InputError` for spatial grids, which a control of tables of single axes cannot hold."""
+    if made.grids:
+        over = ", ".join(made.grids[0].axes)
+        raise InputError(
+            f"{declaration.name}: it holds tables of single axes, no grid over {over}; {nearest} carries grids"
+        )
+
+
 def outputs(tables: Sequence[AxisTable]) -> tuple[str, ...]:
     """Axes that the tables move, in order, each once."""
     return tuple(dict.fromkeys(t.output for t in tables))
