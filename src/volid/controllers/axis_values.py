@@ -1,0 +1,75 @@
+"""Options of controls that may differ from axis to axis: one number for all, or X:2000,Y:2000,Z:4000."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from volid.exceptions import InputError
+
+_ALL = ""  # key of the value of all axes that have none of their own
+
+
+def by_axis(convert: Callable[[str], Any]) -> Callable[[str], dict[str, Any]]:
+    """A converter of the text of an option: `convert` for one value.
+
+    Raises `ValueError` for a text that is neither one value nor pairs of an axis letter and a value.
+
+    >>> by_axis(float)("0.001"), by_axis(float)("X:1,Y:2")
+    ({'': 0.001}, {'X': 1.0, 'Y': 2.0})
+    """
+
+    def values(text: str) -> dict[str, Any]:
+        found = {}
+        for part in text.split(","):
+            letter, colon, value = part.strip().rpartition(":")
+            if colon and not (len(letter) == 1 and letter.isalpha()):
+                raise ValueError("expected one value, or pairs such as X:1,Y:2")
+            found[letter.upper()] = convert(value.strip())
+        return found
+
+    return values
+
+
+def of_axis(option: Any, letter: str, control: str, name: str) -> Any:
+    """The value of one axis. Raises `InputError` where the option must be stated and is not."""
+    value = option.get(letter, option.get(_ALL)) if isinstance(option, Mapping) else option
+    if value is None:
+        raise InputError(
+            f"{control}: option {name} of {letter} is missing, and no public source can know it; state it, such as {name}={letter}:…"
+        )
+    return value
+
+
+def positive(text: str) -> float:
+    """A number above 0. Raises `ValueError` for another one."""
+    value = number(text)
+    if value <= 0.0:
+        raise ValueError("expected a number above 0")
+    return value
+
+
+def number(text: str) -> float:
+    """A finite number. Raises `ValueError` for another one."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise ValueError("expected a number")
+    return value
+
+
+def whole(text: str) -> int:
+    """A whole number from 1 on. Raises `ValueError` for another one."""
+    if not (text.isascii() and text.isdigit() and 0 < int(text[:10]) and len(text) < 10):
+        raise ValueError("expected a whole number from 1 on")
+    return int(text)
+
+
+def way(text: str) -> int:
+    """+1 or -1 for the words + and -. Raises `ValueError` for another one."""
+    if text not in ("+", "-"):
+        raise ValueError("expected + or -")
+    return 1 if text == "+" else -1
