@@ -67,7 +67,9 @@ def test_the_limit_holds_in_any_table():
 
 
 def test_what_does_not_fit_is_refused():
-    with pytest.raises(InputError, match="table of X: 13 steps of the control are left at its last position.*at most 7"):
+    with pytest.raises(
+        InputError, match=r"table of X: 13 steps of the control are left at its last position.*at most 7"
+    ):
         increments(np.array([0.0, 10.0, 20.0, 34.0]), 1.0, limit=7, what="table of X")
 
 
@@ -80,5 +82,5 @@ def test_a_turn_adds_up_to_nothing():
 
 
 def test_a_turn_that_does_not_close_is_refused():
-    with pytest.raises(InputError, match="table of C: .*differ by 3 steps of the control.*must add up to 0"):
+    with pytest.raises(InputError, match=r"table of C: .*differ by 3 steps of the control.*must add up to 0"):
         increments(np.array([0.0, 1.0, 3.0]), 1.0, closed=True, what="table of C")

@@ -1,8 +1,9 @@
 """Controls: one file each; this table is the only place that knows them all."""
 
 from volid.controllers.base import Controller
+from volid.controllers.fanuc_pitch import FANUC_PITCH
 from volid.controllers.linuxcnc import LINUXCNC
 
-CONTROLS: dict[str, Controller] = {c.declaration.name: c for c in (LINUXCNC,)}
+CONTROLS: dict[str, Controller] = {c.declaration.name: c for c in (LINUXCNC, FANUC_PITCH)}
 
 __all__ = ["CONTROLS", "Controller"]

@@ -6,22 +6,28 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from volid.controllers.base import Option
 from volid.exceptions import InputError
 
 _ALL = ""  # key of the value of all axes that have none of their own
 
 
-def by_axis(convert: Callable[[str], Any]) -> Callable[[str], dict[str, Any]]:
+def axis_option(name: str, meaning: str, convert: Callable[[str], Any], default: Any = None) -> Option:
+    """An option with a value for each axis; `default`: that of axes of which nothing is stated, None: it must be stated."""
+    return Option(name, meaning, {_ALL: default}, by_axis(convert, default))
+
+
+def by_axis(convert: Callable[[str], Any], default: Any = None) -> Callable[[str], dict[str, Any]]:
     """A converter of the text of an option: `convert` for one value.
 
     Raises `ValueError` for a text that is neither one value nor pairs of an axis letter and a value.
 
-    >>> by_axis(float)("0.001"), by_axis(float)("X:1,Y:2")
-    ({'': 0.001}, {'X': 1.0, 'Y': 2.0})
+    >>> by_axis(float)("0.001"), by_axis(float, 1.0)("X:4,Y:2")
+    ({'': 0.001}, {'': 1.0, 'X': 4.0, 'Y': 2.0})
     """
 
     def values(text: str) -> dict[str, Any]:
-        found = {}
+        found = {_ALL: default}
         for part in text.split(","):
             letter, colon, value = part.strip().rpartition(":")
             if colon and not (len(letter) == 1 and letter.isalpha()):
@@ -34,12 +40,18 @@ def by_axis(convert: Callable[[str], Any]) -> Callable[[str], dict[str, Any]]:
 
 def of_axis(option: Any, letter: str, control: str, name: str) -> Any:
     """The value of one axis. Raises `InputError` where the option must be stated and is not."""
-    value = option.get(letter, option.get(_ALL)) if isinstance(option, Mapping) else option
+    value = or_none(option, letter)
     if value is None:
         raise InputError(
-            f"{control}: option {name} of {letter} is missing, and no public source can know it; state it, such as {name}={letter}:…"
+            f"{control}: option {name} of {letter} is missing, and no public source can know it; state it, as in "
+            f"{name}={letter}:…"
         )
     return value
+
+
+def or_none(option: Any, letter: str) -> Any:
+    """The value of one axis; None where nothing is stated."""
+    return option.get(letter, option.get(_ALL)) if isinstance(option, Mapping) else option
 
 
 def positive(text: str) -> float:
@@ -61,10 +73,10 @@ def number(text: str) -> float:
     return value
 
 
-def whole(text: str) -> int:
-    """A whole number from 1 on. Raises `ValueError` for another one."""
-    if not (text.isascii() and text.isdigit() and 0 < int(text[:10]) and len(text) < 10):
-        raise ValueError("expected a whole number from 1 on")
+def whole(text: str, least: int = 1) -> int:
+    """A whole number. Raises `ValueError` for another one, or one below `least`."""
+    if not (text.isascii() and text.isdigit() and len(text) < 10 and int(text) >= least):
+        raise ValueError(f"expected a whole number from {least} on")
     return int(text)
 
 

@@ -85,6 +85,7 @@ class Declaration:
         zero: Where values must be 0, in words.
         switching: How each compensation is switched on and off.
         options: What the user may state.
+        zero_fixed: Whether the control itself makes the value 0 at its own zero, so that each axis is shifted as a whole.
         commissioning: What a person does at the control.
         facts: What is known about it, with its basis and source.
     """
@@ -108,6 +109,7 @@ class Declaration:
     products: bool = False
     model: bool = False
     options: tuple[Option, ...] = ()
+    zero_fixed: bool = False
 
 
 @dataclass(frozen=True, eq=False)

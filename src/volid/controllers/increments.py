@@ -5,8 +5,8 @@ value is rounded, and increments are the differences of rounded values:
 
     k_i = round(v_i / quantum),    d_i = k_i - k_(i-1),    |quantum · k_i - v_i| <= quantum / 2    for every i.
 
-Where a control holds at most `limit` quanta per interval, what an interval needs beyond it is carried into the next ones, seen from
-the reference, and the loss until it is worked off is stated.
+Where a control holds at most `limit` quanta per interval, what an interval needs beyond it is carried into the next ones, seen
+from the reference, and the loss until it is worked off is stated.
 
 Not modelled: where within an interval the control puts its increment out.
 """
@@ -86,8 +86,8 @@ def _last_of_turn(wanted: np.ndarray, rounded: np.ndarray, what: str) -> int:
     gap = abs(float(wanted[-1] - wanted[0]))
     if gap > _CLOSED and rounded[-1] != rounded[0]:
         raise InputError(
-            f"{what}: its first and last value, one turn apart, differ by {gap:.3g} steps of the control; expected the same value, "
-            "because the increments of a turn must add up to 0"
+            f"{what}: its first and last value, one turn apart, differ by {gap:.3g} steps of the control; expected the same "
+            "value, because the increments of a turn must add up to 0"
         )
     return int(rounded[0])
 
@@ -95,13 +95,13 @@ def _last_of_turn(wanted: np.ndarray, rounded: np.ndarray, what: str) -> int:
 def _within(rounded: np.ndarray, reference: int, limit: int, what: str) -> np.ndarray:
     """Values that move by at most `limit` from one to the next, outwards from the reference."""
     held = rounded.copy()
-    for way in (1, -1):
+    for way, name in ((1, "last"), (-1, "first")):
         end = len(held) - 1 if way > 0 else 0
         for i in range(reference + way, end + way, way):
             held[i] = np.clip(rounded[i], held[i - way] - limit, held[i - way] + limit)
         if held[end] != rounded[end]:
             raise InputError(
-                f"{what}: {abs(int(rounded[end] - held[end]))} steps of the control are left at its {'last' if way > 0 else 'first'} "
-                f"position, because one interval holds at most {limit}; take a larger magnification or a smaller interval"
+                f"{what}: {abs(int(rounded[end] - held[end]))} steps of the control are left at its {name} position, "
+                f"because one interval holds at most {limit}; take a larger magnification or a smaller interval"
             )
     return held

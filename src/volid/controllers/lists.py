@@ -1,7 +1,7 @@
 """Neutral lists of numbers for controls whose files have no public layout: a table that a person types in, or a program sends.
 
-Lines that begin with # say what the numbers are, the next line names the columns, and each further line is one row. Read back, the
-columns may stand in any order, further ones are left alone, and , ; or a tab may separate them.
+Lines that begin with # say what the numbers are, the next line names the columns, and each further line is one row. Read back,
+the columns may stand in any order, further ones are left alone, and , ; or a tab may separate them.
 """
 
 from __future__ import annotations
@@ -61,7 +61,9 @@ def read_list(name: str, text: str, columns: Sequence[str]) -> list[Row]:
     names = _cells(head, separator)
     missing = [c for c in columns if c not in names]
     if missing or len(set(names)) < len(names):
-        raise InputError(f"{name}, line {at}: the columns are {', '.join(names)}; expected {', '.join(columns)}, each once")
+        raise InputError(
+            f"{name}, line {at}: the columns are {', '.join(names)}; expected {', '.join(columns)}, each once"
+        )
     return [_row(f"{name}, line {i}", names, _cells(line, separator)) for i, line in kept[1:]]
 
 
@@ -82,3 +84,10 @@ def the_list(files: Mapping[str, str | bytes], ending: str, control: str) -> str
         have = ", ".join(files) or "no file"
         raise InputError(f"{control}: expected one file whose name ends in {ending}; got {have}")
     return found[0]
+
+
+def same_sign(name: str, text: str, sign: str) -> None:
+    """Raises `InputError` where a list states another sense of its values than `sign`."""
+    stated = next((line[10:].strip() for line in text.splitlines() if line.startswith("# values: ")), sign)
+    if stated != sign:
+        raise InputError(f"{name}: its values are '{stated}' values, and `sign={sign}`; state what the file states")
