@@ -3,7 +3,8 @@
 from volid.controllers.base import Controller
 from volid.controllers.fanuc_pitch import FANUC_PITCH
 from volid.controllers.linuxcnc import LINUXCNC
+from volid.controllers.pmac import PMAC
 
-CONTROLS: dict[str, Controller] = {c.declaration.name: c for c in (LINUXCNC, FANUC_PITCH)}
+CONTROLS: dict[str, Controller] = {c.declaration.name: c for c in (LINUXCNC, FANUC_PITCH, PMAC)}
 
 __all__ = ["CONTROLS", "Controller"]

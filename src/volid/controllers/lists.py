@@ -77,12 +77,12 @@ def _row(place: str, names: Sequence[str], cells: Sequence[str]) -> Row:
     return Row(place, dict(zip(names, cells, strict=True)))
 
 
-def the_list(files: Mapping[str, str | bytes], ending: str, control: str) -> str:
-    """Name of the one file of this ending. Raises `InputError` where there is none or several."""
+def the_list(files: Mapping[str, str | bytes], ending: str | tuple[str, ...], control: str) -> str:
+    """Name of the one file of this ending, or one of these. Raises `InputError` where there is none or several."""
     found = [name for name in files if name.lower().endswith(ending)]
     if len(found) != 1:
-        have = ", ".join(files) or "no file"
-        raise InputError(f"{control}: expected one file whose name ends in {ending}; got {have}")
+        have, ends = ", ".join(files) or "no file", ending if isinstance(ending, str) else " or ".join(ending)
+        raise InputError(f"{control}: expected one file whose name ends in {ends}; got {have}")
     return found[0]
 
 

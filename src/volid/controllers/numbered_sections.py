@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from volid.compensation.tables.axis_table import AxisTable
+from volid.controllers.resampling import spacing_of
 from volid.exceptions import InputError
 
 if TYPE_CHECKING:
@@ -62,7 +63,7 @@ def sections_of(table: AxisTable, reference: float, interval: float | None) -> S
     Raises `InputError` for an interval that does not divide a full turn.
     """
     low, high = float(table.positions[0]), float(table.positions[-1])
-    length = _spacing(table.positions) if interval is None else interval
+    length = spacing_of(table.positions) if interval is None else interval
     if table.period:
         m = round(table.period / length)
         if m < 1 or abs(m * length - table.period) > _ON_NODE * length:
@@ -74,12 +75,6 @@ def sections_of(table: AxisTable, reference: float, interval: float | None) -> S
     below = max(-floor((low - reference) / length + _ON_NODE), 0)
     above = max(ceil((high - reference) / length - _ON_NODE), 0)
     return Sections(table.output, reference, length, below, above)
-
-
-def _spacing(positions: np.ndarray) -> float:
-    """Distance of the positions; of uneven ones the smallest that the range is a multiple of, at least as fine as theirs."""
-    span = float(positions[-1] - positions[0])
-    return span / ceil(span / float(np.diff(positions).min()) - _ON_NODE)
 
 
 @dataclass(frozen=True)

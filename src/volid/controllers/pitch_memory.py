@@ -29,6 +29,7 @@ from volid.controllers.numbered_sections import (
     sections_of,
     values_of,
 )
+from volid.controllers.resampling import at_nodes
 from volid.exceptions import InputError
 from volid.model.machine import Axis
 
@@ -160,7 +161,7 @@ def _curves(table: AxisTable, form: Form, sections: Sections) -> tuple[list[np.n
     """Amounts wanted at the ends of the sections, one curve or those of + and -, and the error taken off all [mm or rad]."""
     q = sections.positions
     ways = (1.0, -1.0) if form.both else (0.0,)
-    errors = [table.of_argument(q, np.full(len(q), w)) for w in ways]
+    errors = [at_nodes(table, q, w) for w in ways]
     zero = float(errors[1 if form.both and form.way < 0 else 0][sections.below])
     return [form.scale * (e - zero) for e in errors], zero
 
@@ -236,9 +237,11 @@ def _notes(table: AxisTable, form: Form, sections: Sections, held: list[Incremen
 
 def _resampled(table: AxisTable, form: Form, sections: Sections) -> float:
     """What straight lines between the ends of the sections miss at the positions of the table [mm or °]."""
-    q, still = sections.positions, np.zeros(len(sections.positions))
-    lines = np.interp(table.positions, q, table.of_argument(q, still))
-    return float(abs(form.scale) * np.abs(lines - table.mean).max())
+    q = sections.positions
+    mean = at_nodes(table, q, 0.0)
+    lines = AxisTable(table.output, table.argument, q, mean, mean, period=table.period)
+    found = lines.of_argument(table.positions, np.zeros(len(table.positions)))
+    return float(abs(form.scale) * np.abs(found - table.mean).max())
 
 
 def table_of(
