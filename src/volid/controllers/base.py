@@ -174,6 +174,10 @@ class Controller(ABC):
 
     declaration: Declaration
 
+    def declared_for(self, machine: Machine, options: Mapping[str, Any]) -> Declaration:
+        """The declaration for a machine and options, where the form of a type depends on them."""
+        return self.declaration
+
     @abstractmethod
     def write(self, job: Job) -> Written:
         """The files for a job. Raises `InputError` for what the control cannot hold."""
