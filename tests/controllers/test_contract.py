@@ -181,8 +181,9 @@ def test_the_exact_chain_says_that_the_deviation_is_gone(case):
         if d.reversal != COLUMNS and way.any():
             continue
         rest = np.abs(left(case, control, q, way) - shift).max()
-        # 5e-7 mm: the error at the moved place, slopes up to 40 µrad over 12 µm
-        assert rest <= 3 * allowance(case, job).max() + 5e-7, f"{1e3 * rest:.4f} µm left, direction {way[0, 0]:+g}"
+        # 5e-7 mm: the error at the moved place, slopes up to 40 µrad over 12 µm; where all is shifted, over as much again
+        slope = 5e-7 * (1 + d.zero_fixed)
+        assert rest <= 3 * allowance(case, job).max() + slope, f"{1e3 * rest:.4f} µm left, direction {way[0, 0]:+g}"
 
 
 @pytest.mark.parametrize("case", [c for c in ALL if c.rotary], ids=str)

@@ -14,7 +14,7 @@ from volid.exceptions import InputError
 COMP, BLCOMP = "COMP", "BLCOMP"
 _PER_LINE = 10
 _MOST = 1_000_000  # entries of a table: more are a mistake in a file
-_LARGEST = 2**31
+_LARGEST = 10**12  # counts
 _DEFINE = re.compile(r"DEF(?:INE)? (COMP|BLCOMP) ?(\d{1,7})(?:\.(\d{1,7}))? ?,(.*)")
 _BACKLASH = re.compile(r"I(\d{1,2})86 ?= ?(\d{1,7})")
 _LEFT_ALONE = re.compile(r"(DEL|DELETE|LIST|CLOSE|SAVE)( .*)?|I51 ?= ?[01]|I\d{1,2}8[57] ?= ?\d+")
