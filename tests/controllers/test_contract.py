@@ -302,7 +302,7 @@ def test_files_written_out_by_hand_from_its_documentation_move_the_axes_so(name)
     case = next(
         c for c in ALL if c.control == name and c.make.__name__ == words[0] and c.sign in (words[1:] or [c.sign])
     )
-    files = {p.name: p.read_text(encoding="utf-8") for p in folder.iterdir() if p.name != "case.txt"}
+    files = {p.name: p.read_bytes() for p in folder.iterdir() if p.name != "case.txt"}
     found, q = read(case, files).control(case.machine), places(case.machine)
     tool = case.job().tool
     shift = shifts(case, found.command(q, tool) - asked(case, case.job()).command(q, tool))
