@@ -55,12 +55,16 @@ class Option:
 
 @dataclass(frozen=True)
 class Commissioning:
-    """What a person does at the control, in order, one sentence each; what depends on the values stands in `Written`."""
+    """What a person does at the control, in order, one sentence each; what depends on the values stands in `Written`.
+
+    `watch`: where the control shows the correction of an axis, besides an indicator; () where public sources name no place.
+    """
 
     backup: tuple[str, ...]
     load: tuple[str, ...]
     activate: tuple[str, ...]
     remove: tuple[str, ...] = ()
+    watch: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

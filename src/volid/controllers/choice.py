@@ -8,9 +8,24 @@ from typing import NamedTuple
 import numpy as np
 
 from volid.compensation.package import Compensation
-from volid.compensation.types import compensation_type, select
+from volid.compensation.types import (
+    ANG,
+    ORIENTATION,
+    POR,
+    POS,
+    RAX,
+    ROTARY_ANG,
+    ROTARY_POS,
+    SQU,
+    STR,
+    TYPES,
+    compensation_type,
+    select,
+)
 from volid.controllers.base import Declaration
 from volid.exceptions import InputError, NotDeterminedError
+from volid.fitting.solution import Solution
+from volid.model.iso230 import LINEAR_AXES, SPINDLE, ErrorName, parse
 from volid.model.machine import Machine
 
 BLANK = "the data do not determine its values everywhere"
@@ -38,34 +53,43 @@ def asked_types(declared: Declaration, types: Sequence[str], machine: Machine) -
 
 
 def most_types(
-    declared: Declaration, machine: Machine, functions: Sequence[str], make: Callable[[str], Compensation]
+    declared: Declaration,
+    solution: Solution,
+    functions: Sequence[str],
+    make: Callable[[Sequence[str]], Compensation],
 ) -> Choice:
     """The most complete types that the control carries on this machine and the data determine.
 
+    A type whose effects are partly not in the model at all, such as L-VOL where nothing but positioning was measured, gives way
+    to smaller ones that say what there is.
+
     Args:
         declared: What the control declares; its types stand in the order of completeness.
-        machine: The machine.
+        solution: The solution.
         functions: Functions that L-SPEC and R-SPEC use; without them these types are left out.
-        make: Makes one type, coarsely, to see whether it can be made.
+        make: Makes and writes types, coarsely, to see whether the data determine them and the control holds them together.
 
     Raises:
         NotDeterminedError: the data determine none of them.
-        InputError: the machine has no axis for any of them.
+        InputError: the machine has no axis for any of them, or the control refuses all.
     """
     found: list[str] = []
     left: list[str] = []
+    machine, refused, present = solution.machine, False, effects_in(solution.model.names)
     for name in declared.carries:
         if not _fits(name, found, machine) or (compensation_type(name).is_chosen and not functions):
             continue
-        why = _obstacle(name, make)
+        why = _too_much(name, declared, present) or _obstacle([*found, name], make)
         if why:
-            left.append(f"{name} is left out: {why}")
+            left.append(f"{name} is left out: {why.text}")
+            refused = refused or not why.of_the_data
         else:
             found.append(name)
     if found:
         return Choice(tuple(found), tuple(left))
     if left:
-        raise NotDeterminedError(f"{declared.name}: nothing that it carries can be made. {'. '.join(left)}")
+        kind = InputError if refused else NotDeterminedError
+        raise kind(f"{declared.name}: nothing that it carries can be made. {'. '.join(left)}")
     raise InputError(
         f"{declared.name} carries {', '.join(declared.carries)}, and machine '{machine.name}' has no axis for any of them"
     )
@@ -80,12 +104,48 @@ def _fits(name: str, found: Sequence[str], machine: Machine) -> bool:
     return True
 
 
-def _obstacle(name: str, make: Callable[[str], Compensation]) -> str:
-    """Why a type cannot be made; "" where it can."""
+class _Obstacle(NamedTuple):
+    text: str
+    of_the_data: bool = True
+
+
+def effects_in(names: Sequence[str]) -> set[str]:
+    """The effects of ISO/TR 16907 of which a model has functions; `names`: ISO 230-1 symbols.
+
+    >>> sorted(effects_in(["EXX", "EC0Y", "EA0S"]))
+    ['positioning', 'squareness']
+    """
+    found = {_effect(error) for error in map(parse, names) if error.axis != SPINDLE}
+    return found | ({ORIENTATION} if found & {ANG, ROTARY_ANG} else set())
+
+
+def _effect(error: ErrorName) -> str:
+    """The effect that an error function belongs to."""
+    linear, own = error.axis in LINEAR_AXES, error.direction == error.axis
+    if linear:
+        return SQU if error.location else POS if own else ANG if error.is_rotation else STR
+    return ROTARY_POS if own else POR if error.location else ROTARY_ANG if error.is_rotation else RAX
+
+
+def _too_much(name: str, declared: Declaration, present: set[str]) -> _Obstacle | None:
+    """A type of which the model lacks effects, where smaller types of the control hold all that the model has of it."""
+    effects = set(TYPES[name].effects)
+    lacking = [e for e in TYPES[name].effects if e not in present]
+    smaller = [set(TYPES[n].effects) for n in declared.carries if set(TYPES[n].effects) < effects]
+    covered = set().union(*(s for s in smaller if s <= present))
+    if not lacking or TYPES[name].is_chosen or not covered or not effects & present <= covered:
+        return None
+    return _Obstacle(f"the model has no function of {', '.join(lacking)}; smaller types hold the rest")
+
+
+def _obstacle(names: Sequence[str], make: Callable[[Sequence[str]], Compensation]) -> _Obstacle | None:
+    """Why the last of some types cannot be made beside the others; None where it can."""
     try:
-        made = make(name)
+        made = make(names)
     except (NotDeterminedError, InputError) as error:
-        return str(error).rstrip(".").removeprefix("tables: ")
-    if not (made.tables or made.grids):
-        return NOTHING
-    return BLANK if any(np.isnan(g.values[:, :3]).any() for g in made.grids) else ""
+        return _Obstacle(str(error).rstrip(".").removeprefix("tables: "), isinstance(error, NotDeterminedError))
+    held = [n for t in made.tables for n in t.type.split(" + ")] + [g.type for g in made.grids]
+    if names[-1].rstrip("+") not in (n.rstrip("+") for n in held):  # beside FOR, L-VOL becomes L-VOL+
+        return _Obstacle(NOTHING)
+    blank = any(np.isnan(g.values[:, :3]).any() for g in made.grids)
+    return _Obstacle(BLANK) if blank else None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -25,7 +25,7 @@ from volid.fitting.solution import Solution
 from volid.model.iso230 import DIRECTIONS, SPINDLE
 from volid.model.machine import Machine
 
-PROBE = Sampling(max_points=3)  # coarse: to see whether a type can be made at all
+COARSE = 3  # points of tables and grids: to see whether a type can be made and held at all
 FEW = 3  # notes of one kind
 LEFT_OUT = 1e-6  # mm: what tables miss between their points is worth a word from here on
 
@@ -144,11 +144,10 @@ def export_of(solution: Solution, chosen: Controller, request: ExportRequest) ->
     declared = chosen.declaration
     stated, sign = options_of(declared, request.options), sign_of(declared, request.sign)
     declared = chosen.declared_for(solution.machine, stated)
-    work = _Work(solution, declared, request)
-    found = work.choice()
+    work = _Work(solution, declared, request, sign, stated)
+    found = work.choice(lambda job: chosen.write(job))
     made = work.compensation(found.types, work.sampling)
-    plain, without = (made, []) if declared.model else _without_tool_frame(made, declared, work.base)
-    job = Job(solution.machine, plain, work.base.at, work.base.tool, sign, stated)
+    job, without = work.job(made)
     job, kept = kept_to(request.axes, job, declared)
     written = write(chosen, job, found.types)
     helping = helping_motions(written.held, job, request.axes, model_reversal(solution))
@@ -171,11 +170,11 @@ def _without_tool_frame(made: Compensation, declared: Declaration, base: Base) -
     if not constants:
         return made, []
     values = np.array([constants.get(f"E{d}0{SPINDLE}", 0.0) for d in DIRECTIONS])
-    moved = 1e3 * (values[:3] + np.cross(values[3:], base.tool))
+    moved = 1e3 * float(np.linalg.norm(values[:3] + np.cross(values[3:], base.tool)))
+    longer = 1e3 * 100.0 * float(np.linalg.norm(values[3:]))
     note = (
-        f"{', '.join(constants)}: constants of the tool frame are left out, because {declared.name} has no kinematic model. With "
-        f"the base tool they move the functional point by {', '.join(f'{v:.2f}' for v in moved)} µm everywhere (tool frame); a work "
-        "offset or the tool data take that"
+        f"{', '.join(constants)}: constants of the tool frame are left out, because {declared.name} has no kinematic model: the "
+        f"base tool is displaced by {moved:.2f} µm everywhere, and 100 mm of another tool by up to {longer:.2f} µm more"
     )
     return replace(made, tables=tuple(t for t in made.tables if t.axis != SPINDLE)), [note]
 
@@ -191,28 +190,34 @@ def _helping_notes(found: Sequence[HelpingMotion], machine: Machine) -> list[str
 class _Work:
     """One export: base, ranges and sampling, and what is made with them."""
 
-    def __init__(self, solution: Solution, declared: Declaration, request: ExportRequest) -> None:
-        self.declared, self.request = declared, request
+    def __init__(
+        self, solution: Solution, declared: Declaration, request: ExportRequest, sign: str, options: Mapping[str, Any]
+    ) -> None:
+        self.declared, self.request, self.sign, self.options = declared, request, sign, options
         self.base = base_of(solution, solution.most_used_tool()) if request.base is None else request.base
         self.ranges = chosen_ranges(solution, request.ranges, request.extrapolate)
         self.sampling = sampling_for(declared, request.sampling)
         self.solution = solution.extrapolated() if request.extrapolate else solution
 
-    def choice(self) -> Choice:
-        """The types asked for, or the most complete."""
-        machine = self.solution.machine
+    def choice(self, write: Callable[[Job], Written]) -> Choice:
+        """The types asked for, or the most complete that the control can hold together."""
         if self.request.types:
-            return asked_types(self.declared, self.request.types, machine)
-        return most_types(self.declared, machine, self.base.functions, self._probe)
+            return asked_types(self.declared, self.request.types, self.solution.machine)
 
-    def _probe(self, name: str) -> Compensation:
-        """One type, coarsely, in the form in which the control holds it. Raises as `export` does."""
-        made = self.compensation((name,), PROBE)
+        def probe(names: Sequence[str]) -> Compensation:
+            made = self.compensation(names, replace(self.sampling, step=None, max_error=None, max_points=COARSE))
+            if made.tables or made.grids:
+                write(self.job(made)[0])
+            return made
+
+        return most_types(self.declared, self.solution, self.base.functions, probe)
+
+    def job(self, made: Compensation) -> tuple[Job, list[str]]:
+        """What is to be written, and what is left out because a control without a model has no place for it."""
+        left: list[str] = []
         if not self.declared.model:
-            plain = _without_tool_frame(made, self.declared, self.base)[0]
-            job = Job(self.solution.machine, plain, self.base.at, self.base.tool, self.declared.sign)
-            job.axis_tables(products=self.declared.products)
-        return made
+            made, left = _without_tool_frame(made, self.declared, self.base)
+        return Job(self.solution.machine, made, self.base.at, self.base.tool, self.sign, self.options), left
 
     def compensation(self, names: Sequence[str], sampling: Sampling) -> Compensation:
         """Tables and grids of the types, each in the form in which the control carries it. Raises as `export` does."""
