@@ -172,8 +172,8 @@ def test_modules_do_not_import_each_other_in_a_circle():
     """Imports within functions count: they hide a circle, they do not open it."""
     own = {module_of(source.place): source.tree for source in sources()}
     graph = {module: imports(tree, own.keys()) for module, tree in own.items()}
-    # `import volid` is the public door: methods of a solution, and the controls that are volid's own files, call public functions,
-    # each imported when it is first used
+    # `import volid` is the public door: methods of a solution, and the controls that are volid's own files, call public
+    # functions, each imported when it is first used
     through_the_door = {"volid.controllers.own_files", "volid.fitting.solution"}
     assert {module for module, below in graph.items() if "volid" in below} == through_the_door
     for module in through_the_door:

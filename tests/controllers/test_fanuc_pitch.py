@@ -200,6 +200,19 @@ def test_a_limit_carries_and_says_so():
     assert any("1 sections need more than 7; 0.003 mm are off there" in n for n in done.notes)
 
 
+def test_sections_meet_the_positions_of_the_table_where_they_can():
+    """Uneven positions, and a reference between two of them: the interval is their common step, and nothing is lost."""
+    made = Compensation(("L-POS",), (error_table("EXX", [0, 40, 50, 100], [0.0, 0.004, -0.003, 0.007]),), ())
+    for at, interval, numbers in (("0", 10, 11), ("45", 5, 20), ("-10", 10, 12)):
+        done = FANUC.write(job("fanuc-pitch", made, "error", reference_position=at))
+        files = {f.name: f.content for f in done.files}
+        assert settings_of(files, "X")["3624"] == interval and len(values_of(files, "X")) == numbers
+        assert not any("other positions" in n for n in done.notes)
+    done = FANUC.write(job("fanuc-pitch", made, "error", reference_position="45", numbers="12"))
+    assert settings_of({f.name: f.content for f in done.files}, "X")["3624"] == 10
+    assert any("other positions than those of the table: up to" in n for n in done.notes)
+
+
 def test_what_is_left_out_is_said():
     notes = FANUC.write(job("fanuc-pitch", pitch(), "error", interval="X:400")).notes
     assert any(n.startswith("Y: error values are -0.006 mm less than in the table everywhere") for n in notes)

@@ -25,7 +25,7 @@ class MotorTable:
     """One table as the control holds it.
 
     Args:
-        kind: "COMP" or "BLCOMP".
+        command: "COMP" or "BLCOMP".
         owner: Motor that it belongs to.
         sources: One source motor, or the row motor and the column motor.
         target: Motor that it corrects.
@@ -34,7 +34,7 @@ class MotorTable:
         words: What it is for, for a comment.
     """
 
-    kind: str
+    command: str
     owner: int
     sources: tuple[int, ...]
     target: int
@@ -56,8 +56,8 @@ class Script:
 def script_text(script: Script, lines: Iterable[str]) -> str:
     """The script: COMP tables before BLCOMP tables, higher motors first, because the control refuses another order."""
     parts = [f"; {line}" for line in lines]
-    for kind in (COMP, BLCOMP):
-        for table in sorted((t for t in script.tables if t.kind == kind), key=lambda t: -t.owner):
+    for command in (COMP, BLCOMP):
+        for table in sorted((t for t in script.tables if t.command == command), key=lambda t: -t.owner):
             parts += [
                 f"#{table.owner}",
                 f"{_define(table)} ; {table.words}",
@@ -69,8 +69,8 @@ def script_text(script: Script, lines: Iterable[str]) -> str:
 
 def _define(table: MotorTable) -> str:
     size = ".".join(str(n - 1) for n in table.entries.shape)
-    motors = [f"#{m}D" for m in table.sources] + [f"#{table.target}"] if table.kind == COMP else []
-    return f"DEFINE {table.kind} {','.join([size, *motors, *map(str, table.spans)])}"
+    motors = [f"#{m}D" for m in table.sources] + [f"#{table.target}"] if table.command == COMP else []
+    return f"DEFINE {table.command} {','.join([size, *motors, *map(str, table.spans)])}"
 
 
 def _entries(values: Sequence[int]) -> list[str]:
@@ -119,29 +119,31 @@ class _Reader:
             self.values = []
 
     def _define(self, place: str, match: re.Match[str]) -> None:
-        kind, sizes = match[1], [int(n) for n in match.group(2, 3) if n]
-        words = [w.strip() for w in match[4].split(",")]
-        count = 1 if kind == BLCOMP else len(sizes)
-        motors, spans = words[: len(words) - count], words[len(words) - count :]
-        numbers = [re.fullmatch(r"#(\d{1,2}) ?D?", m) for m in motors]
-        sound = all(s.isdigit() and 0 < int(s[:12]) < _LARGEST for s in spans) and all(numbers) and len(spans) == count
-        sound = (
-            sound and len(motors) <= (0 if kind == BLCOMP else count + 1) and prod(sizes) <= _MOST and min(sizes) > 0
-        )
-        if not sound or len(sizes) > count:
+        command, sizes = match[1], [int(n) for n in match.group(2, 3) if n]
+        given, spans = _motors_and_spans(match[4], 1 if command == BLCOMP else len(sizes))
+        sound = spans is not None and prod(sizes) <= _MOST and min(sizes) > 0
+        if not sound or spans is None or (command == BLCOMP and (given or len(sizes) > 1)):
             raise InputError(
                 f"{place}: is '{match[0][:60]}'; expected DEFINE COMP entries,#source,#target,counts, or rows.columns,#row motor,"
                 "#column motor,#target,counts,counts, or DEFINE BLCOMP entries,counts"
             )
-        given = [int(n[1]) for n in numbers if n]
+        count = len(sizes)
         sources = [*given[:count], *[self.addressed] * (count - len(given))]
-        shape = tuple(n + 1 for n in sizes)
         target = given[count] if len(given) > count else self.addressed
-        table = MotorTable(
-            kind, self.addressed, tuple(sources), target, tuple(map(int, spans)), np.zeros(shape, dtype=np.int64)
-        )
-        self.tables.append(table)
-        self.left = prod(shape) - 1
+        entries = np.zeros([n + 1 for n in sizes], dtype=np.int64)
+        self.tables.append(MotorTable(command, self.addressed, tuple(sources), target, spans, entries))
+        self.left = entries.size - 1
+
+
+def _motors_and_spans(text: str, count: int) -> tuple[list[int], tuple[int, ...] | None]:
+    """Motors and the `count` spans behind them; None instead of spans where the text is none."""
+    words = [w.strip() for w in text.split(",")]
+    motors = [re.fullmatch(r"#(\d{1,2}) ?D?", w) for w in words[:-count]]
+    spans = words[-count:]
+    sound = len(spans) == count and len(motors) <= count + 1 and all(motors)
+    if not sound or not all(s.isdigit() and len(s) < 14 and 0 < int(s) < _LARGEST for s in spans):
+        return [], None
+    return [int(m[1]) for m in motors if m], tuple(map(int, spans))
 
 
 def read_script(name: str, text: str) -> Script:

@@ -134,7 +134,7 @@ class _Maker:
     def _own(
         self, words: str, target: Motor, sources: tuple[Motor, ...], spans: tuple[Span, ...], entries: np.ndarray
     ) -> None:
-        owned = {t.owner for t in self.tables if t.kind == COMP}
+        owned = {t.owner for t in self.tables if t.command == COMP}
         free = [n for n in (target.number, *range(1, self.owners + 1)) if n not in owned]
         if not free:
             raise InputError(
@@ -194,7 +194,7 @@ def compensation_of(script: Script, name: str, machine: Machine, motors: Mapping
             f"{name}: motor {unknown[0]} drives no axis of the machine; state motors=X:1,Y:2,… as they are"
         )
     found: dict[tuple[str, str], list[AxisTable]] = {}
-    for table in [t for t in script.tables if len(t.sources) == 1 and t.kind == COMP]:
+    for table in [t for t in script.tables if len(t.sources) == 1 and t.command == COMP]:
         made = _axis_table(table, machine, by_number)
         found.setdefault((made.output, made.argument), []).append(made)
     for number in sorted(used):
@@ -220,7 +220,7 @@ def _period(span: Span, machine: Machine) -> float:
 def _backlash(number: int, script: Script, machine: Machine, motors: Mapping[int, Motor]) -> list[AxisTable]:
     """What a motor moves further in -, as the error value of that direction; nothing for a motor without backlash."""
     motor, held = motors[number], script.backlash.get(number, 0)
-    own = [t for t in script.tables if t.kind == BLCOMP and t.owner == number]
+    own = [t for t in script.tables if t.command == BLCOMP and t.owner == number]
     low, high = machine.axis(motor.axis).travel
     if own:
         span = span_of(motor, len(own[-1].entries) - 1, own[-1].spans[0], low, high)

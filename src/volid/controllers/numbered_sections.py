@@ -57,13 +57,19 @@ class Sections:
         return self.above + max(self.below, 1)
 
 
-def sections_of(table: AxisTable, reference: float, interval: float | None) -> Sections:
-    """Sections that cover a table, its own spacing by default.
+def sections_of(table: AxisTable, reference: float, interval: float | None, most: int) -> Sections:
+    """Sections that cover a table; without an interval such that its positions are met, if at most so many sections do that.
 
     Raises `InputError` for an interval that does not divide a full turn.
     """
+    if interval is not None:
+        return _sections(table, reference, interval)
+    found = [_sections(table, reference, spacing_of(table.positions, zero, most)) for zero in (reference, None)]
+    return next((s for s in found if s.count <= most), found[-1])
+
+
+def _sections(table: AxisTable, reference: float, length: float) -> Sections:
     low, high = float(table.positions[0]), float(table.positions[-1])
-    length = spacing_of(table.positions) if interval is None else interval
     if table.period:
         m = round(table.period / length)
         if m < 1 or abs(m * length - table.period) > _ON_NODE * length:

@@ -128,7 +128,7 @@ def memory_of(table: AxisTable, form: Form, first: int) -> AxisMemory:
 
     Raises `InputError` for what the memory cannot hold.
     """
-    sections = sections_of(table, form.reference, form.interval)
+    sections = sections_of(table, form.reference, form.interval, form.numbers)
     if sections.count > form.numbers:
         raise InputError(
             f"{NAME}: the table of {form.axis} needs {sections.count} position numbers; the control holds {form.numbers}. Take a "

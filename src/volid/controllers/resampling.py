@@ -7,6 +7,7 @@ the last two positions of the table is continued, so that the value at the end i
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import gcd
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from jaxtyping import Float
 
 _ON_NODE = 1e-6  # spacings
+_FINE = 1e-3  # mm or °
 _PARTS = 10
 
 
@@ -60,17 +62,33 @@ def summed(tables: Sequence[AxisTable]) -> AxisTable:
     return AxisTable(first.output, first.argument, nodes, up, down, None, source, first.period, notes)
 
 
-def spacing_of(positions: Float[np.ndarray, " n"], zero: float | None = None) -> float:
-    """Even spacing of the positions, or the largest one that is no wider than any of theirs and divides their range [mm or °].
+def spacing_of(positions: Float[np.ndarray, " n"], zero: float | None = None, most: int = 2000) -> float:
+    """Spacing by which a control can count all positions, at most `most` of them, from its `zero` [mm or °].
 
-    With the control's `zero`, the half, third … or tenth of it, where the positions can all be counted from zero by that.
+    Even positions keep their spacing, or with a zero between them the half, third … or tenth of it. Uneven ones take the largest
+    step of whole micrometres that meets them all. Where there is none, they are not met: the spacing is then no wider than any of
+    theirs, and divides their range.
+
+    >>> spacing_of(np.array([0.0, 40.0, 50.0, 100.0])), spacing_of(np.array([0.0, 50.0, 100.0]), 25.0)
+    (10.0, 25.0)
     """
-    span = float(positions[-1] - positions[0])
-    spacing = span / float(np.ceil(span / float(np.diff(positions).min()) - _ON_NODE))
-    if zero is None:
-        return spacing
+    steps = np.diff(positions)
+    span, least = float(positions[-1] - positions[0]), float(steps.min())
+    if np.ptp(steps) > _ON_NODE * least:
+        found = _lattice(positions, zero)
+        return found if found and span / found < most else span / float(np.ceil(span / least - _ON_NODE))
+    least = span / len(steps)
     for part in range(1, _PARTS + 1):
-        away = (positions[0] - zero) * part / spacing
+        away = 0.0 if zero is None else (positions[0] - zero) * part / least
         if abs(away - round(away)) < _ON_NODE:
-            return spacing / part
-    return spacing
+            return least / part
+    return least
+
+
+def _lattice(positions: np.ndarray, zero: float | None) -> float:
+    """Largest step of whole micrometres (or 0.001°) between all positions, and to the zero; 0 where there is none."""
+    away = np.diff(positions) if zero is None else np.append(np.diff(positions), positions[0] - zero)
+    whole = np.round(away / _FINE)
+    if np.abs(away / _FINE - whole).max() > _ON_NODE:
+        return 0.0
+    return gcd(*(int(v) for v in whole)) * _FINE
