@@ -7,6 +7,7 @@ sources show the formula and neither parameter numbers nor a file; therefore the
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -86,6 +87,10 @@ class Fanuc3D(Controller):
     """The list of vectors."""
 
     declaration = DECLARATION
+
+    def declared_for(self, machine: Machine, options: Mapping[str, Any]) -> Declaration:
+        """The declaration with the step that is stated."""
+        return replace(DECLARATION, quantum=(options["detection_unit"] * options["magnification"], None))
 
     def write(self, job: Job) -> Written:
         """The list. Raises `InputError` for anything but one even grid over X, Y and Z."""

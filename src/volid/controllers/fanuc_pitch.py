@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from math import radians
 from typing import Any
 
 from volid.compensation.package import Compensation
 from volid.compensation.types import TABLES
-from volid.controllers.axis_values import axis_option, number, positive, way, whole
+from volid.controllers.axis_values import axis_option, number, of_axis, positive, way, whole
 from volid.controllers.base import (
     DOCUMENTED,
     EQUAL,
@@ -32,7 +34,7 @@ from volid.controllers.base import (
     text_of,
 )
 from volid.controllers.lists import list_text, read_list, same_sign, the_list
-from volid.controllers.pitch_memory import MEANING, AxisMemory, Form, memory_of, table_of
+from volid.controllers.pitch_memory import MEANING, AxisMemory, Form, memory_of, step_of, table_of
 from volid.exceptions import InputError
 from volid.model.machine import Machine
 
@@ -65,11 +67,11 @@ DECLARATION = Declaration(
     reversal=ONE_VALUE,
     outside=NOT_KNOWN,
     spacing=EQUAL,
-    quantum=(0.001, 0.001 * 0.017453292519943295),
+    quantum=(0.001, radians(0.001)),
     most_points=128,
     zero="the amount at the reference position is 0; the table is shifted as a whole so that it is",
     zero_fixed=True,
-    switching="axis by axis: parameters 3621 and 3622 equal to 3620, and values of 0, leave an axis without compensation",
+    switching="axis by axis: with 0 at all its position numbers and in 1851 an axis has no compensation",
     options=(
         axis_option("detection_unit", "detection unit of an axis, mm or °", positive, 0.001),
         axis_option("magnification", "parameter 3623 of an axis", whole, 1),
@@ -119,6 +121,14 @@ class FanucPitch(Controller):
     """The lists of the pitch memory and of its parameters."""
 
     declaration = DECLARATION
+
+    def declared_for(self, machine: Machine, options: Mapping[str, Any]) -> Declaration:
+        """The declaration with the steps and position numbers that are stated for the axes."""
+        units = {a.letter: step_of(options, a.letter) for a in machine.axes}
+        length = max((u for a, u in units.items() if machine.axis(a).is_linear), default=None)
+        angle = max((u for a, u in units.items() if not machine.axis(a).is_linear), default=None)
+        most = min(of_axis(options["numbers"], a, DECLARATION.name, "numbers") for a in machine.letters)
+        return replace(DECLARATION, quantum=(length, angle and radians(angle)), most_points=most)
 
     def write(self, job: Job) -> Written:
         """Both lists, and with `data_number` the lines N…P…. Raises `InputError` for what the memory cannot hold."""

@@ -104,6 +104,12 @@ class Form:
         return self.unit * self.magnification
 
 
+def step_of(options: Mapping[str, Any], letter: str) -> float:
+    """Step of the values of an axis [mm or °]."""
+    unit, times = (of_axis(options[name], letter, NAME, name) for name in ("detection_unit", "magnification"))
+    return float(unit * times)
+
+
 @dataclass(frozen=True, eq=False)
 class AxisMemory:
     """The values and parameters of one axis.

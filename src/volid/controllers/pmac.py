@@ -8,6 +8,7 @@ moves in -, so that both directions are held.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from volid.compensation.package import Compensation
@@ -117,6 +118,12 @@ class Pmac(Controller):
     """A script of DEFINE COMP, DEFINE BLCOMP and Ixx86."""
 
     declaration = DECLARATION
+
+    def declared_for(self, machine: Machine, options: Mapping[str, Any]) -> Declaration:
+        """The declaration with the steps that the counts make."""
+        motors = motors_of(machine, options, DECLARATION.name).values()
+        steps = [max((1.0 / m.parts for m in motors if m.linear == kind), default=None) for kind in (True, False)]
+        return replace(DECLARATION, quantum=(steps[0], steps[1]))
 
     def write(self, job: Job) -> Written:
         """The script. Raises `InputError` for what the control cannot hold, and where the counts are not stated."""
