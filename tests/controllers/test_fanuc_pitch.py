@@ -183,6 +183,39 @@ def test_a_turn_that_does_not_close_is_refused():
         _rotary_files(rotary([0.0, 0.001, 0.003]))
 
 
+# Harja and Candra: incremental compensation of X in steps of 25 mm [µm], forward and reverse
+PUBLISHED = (
+    "0 0.751 1.488 1.467 0.962 1.056 2.622 0.352 1.726 2.162 0.514 2.227 1.786 2.099 1.688 2.104 2.634 0.904 1.715 2.486 -0.245",
+    "-0.716 1.014 1.512 1.668 1.44 1.132 2.605 0.133 1.75 2.112 0.621 2.058 1.723 1.718 1.848 2.137 2.787 1.085 2.087 2.394 "
+    "-0.251",
+)
+
+
+def published() -> tuple[Compensation, list[list[int]]]:
+    """The deviations that the published increments remove, and the increments [nm]."""
+    steps = [[round(1000 * float(v)) for v in line.split()] for line in PUBLISHED]
+    up, down = (-1e-6 * np.cumsum(s) for s in steps)
+    return Compensation(("L-POS",), (error_table("EXX", np.arange(21) * 25.0, up, down),), ()), steps
+
+
+def test_published_increments_come_out_again():
+    """In a detection unit of 1 nm, the values of both tables are those that were published, behind 0 and what 3627 says."""
+    made, (up, down) = published()
+    files = written("fanuc-pitch", made, "compensation", bidirectional="1", detection_unit="0.000001")
+    assert list(values_of(files, "X", "+").values()) == up
+    assert list(values_of(files, "X", "-").values()) == [0, *down[1:]]
+    assert settings_of(files, "X")["3627"] == -716
+
+
+def test_published_increments_in_whole_micrometres_stay_within_half_of_one():
+    made, (up, _) = published()
+    files = written("fanuc-pitch", made, "compensation", bidirectional="1")
+    values = values_of(files, "X", "+")
+    amounts = [put_out(values, int(settings_of(files, "X")["3620"]), k) for k in range(21)]
+    assert np.abs(np.array(amounts) - np.cumsum(up) / 1000).max() <= 0.5
+    assert np.abs(np.cumsum(np.rint(np.array(up) / 1000)) - np.cumsum(up) / 1000).max() > 0.5  # each rounded by itself
+
+
 def test_lines_of_a_program_and_back():
     options = {"data_number": "10000"}
     files = written("fanuc-pitch", pitch(), "compensation", **options)
