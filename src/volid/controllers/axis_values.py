@@ -12,22 +12,33 @@ from volid.exceptions import InputError
 _ALL = ""  # key of the value of all axes that have none of their own
 
 
+class ByAxis(dict[str, Any]):
+    """The values of an option by axis letter, in words as a user states them."""
+
+    def __str__(self) -> str:
+        own = [f"{letter}:{value}" for letter, value in self.items() if letter != _ALL]
+        rest = "" if self.get(_ALL) is None else f"{'others ' if own else ''}{self[_ALL]}"
+        return ", ".join([*own, *([rest] if rest else [])]) or "not stated"
+
+
 def axis_option(name: str, meaning: str, convert: Callable[[str], Any], default: Any = None) -> Option:
     """An option with a value for each axis; `default`: that of axes of which nothing is stated, None: it must be stated."""
-    return Option(name, meaning, {_ALL: default}, by_axis(convert, default))
+    return Option(name, meaning, ByAxis({_ALL: default}), by_axis(convert, default))
 
 
-def by_axis(convert: Callable[[str], Any], default: Any = None) -> Callable[[str], dict[str, Any]]:
+def by_axis(convert: Callable[[str], Any], default: Any = None) -> Callable[[str], ByAxis]:
     """A converter of the text of an option: `convert` for one value.
 
     Raises `ValueError` for a text that is neither one value nor pairs of an axis letter and a value.
 
-    >>> by_axis(float)("0.001"), by_axis(float, 1.0)("X:4,Y:2")
-    ({'': 0.001}, {'': 1.0, 'X': 4.0, 'Y': 2.0})
+    >>> print(by_axis(float)("0.001"))
+    0.001
+    >>> print(by_axis(float, 1.0)("X:4,Y:2"))
+    X:4.0, Y:2.0, others 1.0
     """
 
-    def values(text: str) -> dict[str, Any]:
-        found = {_ALL: default}
+    def values(text: str) -> ByAxis:
+        found = ByAxis({_ALL: default})
         for part in text.split(","):
             letter, colon, value = part.strip().rpartition(":")
             if colon and not (len(letter) == 1 and letter.isalpha()):
@@ -80,8 +91,8 @@ def whole(text: str, least: int = 1) -> int:
     return int(text)
 
 
-def way(text: str) -> int:
-    """+1 or -1 for the words + and -. Raises `ValueError` for another one."""
+def way(text: str) -> str:
+    """The direction + or -. Raises `ValueError` for another text."""
     if text not in ("+", "-"):
         raise ValueError("expected + or -")
-    return 1 if text == "+" else -1
+    return text

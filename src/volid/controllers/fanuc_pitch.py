@@ -77,7 +77,7 @@ DECLARATION = Declaration(
         axis_option("magnification", "parameter 3623 of an axis", whole, 1),
         axis_option("interval", "parameter 3624 of an axis, mm or °; that of the table by default", positive),
         axis_option("reference_position", "where the reference position of an axis is, mm or °", number, 0.0),
-        axis_option("reference_return", "direction of the reference position return, + or -", way, 1),
+        axis_option("reference_return", "direction of the reference position return, + or -", way, "+"),
         Option("bidirectional", "1: a table for each direction, 3605#0; 0: mean and backlash, 1851", False, _switch),
         axis_option("numbers", "position numbers that the control holds for an axis", whole, 128),
         Option("first_number", "first position number that is free", 0, lambda text: whole(text, 0)),

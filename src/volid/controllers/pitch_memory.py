@@ -48,7 +48,7 @@ MEANING = {
     "1851": "backlash in detection units",
     "detection unit": "in mm or degrees",
     "reference position": "position in mm or degrees",
-    "reference return": "its direction",
+    "reference return": "its direction 1 or -1",
 }
 
 
@@ -92,7 +92,7 @@ class Form:
             magnification=stated("magnification"),
             interval=or_none(job.options["interval"], letter),
             reference=stated("reference_position"),
-            way=stated("reference_return"),
+            way=1 if stated("reference_return") == "+" else -1,
             both=job.options["bidirectional"],
             numbers=stated("numbers"),
             limit=or_none(job.options["limit"], letter),
@@ -262,7 +262,7 @@ def table_of(
         "1851": 0.0,
         "detection unit": of_axis(options["detection_unit"], axis.letter, NAME, "detection_unit"),
         "reference position": of_axis(options["reference_position"], axis.letter, NAME, "reference_position"),
-        "reference return": of_axis(options["reference_return"], axis.letter, NAME, "reference_return"),
+        "reference return": 1.0 if of_axis(options["reference_return"], axis.letter, NAME, "") == "+" else -1.0,
         **settings,
     }
     both = bool(given["3605#0"])

@@ -56,7 +56,7 @@ DECLARATION = Declaration(
     products=True,
     zero="the value at motor zero is 0 by definition; each axis is shifted as a whole so that it is",
     zero_fixed=True,
-    switching="all tables together by I51; a single table by DELETE COMP or DELETE BLCOMP of the motor that it belongs to",
+    switching="all tables together by I51; a single table by deleting it at the motor that it belongs to",
     options=(
         axis_option("counts", "counts of the motor of an axis per mm or °", positive),
         axis_option(
@@ -67,11 +67,11 @@ DECLARATION = Declaration(
     ),
     commissioning=Commissioning(
         backup=(
-            "Save the settings of the control, and list existing tables with LIST COMP and LIST BLCOMP of each motor.",
+            "Save the settings of the control, and keep a list of the existing tables and of Ixx86 of each motor.",
         ),
         load=(
-            "Set I51=0, and delete tables of motors from the lowest number to the highest: DELETE BLCOMP, then DELETE COMP; "
-            "delete GATHER, LOOKAHEAD and ROTARY buffers and TCOMP tables before.",
+            "Set I51=0, and delete existing tables of the motors from the lowest number to the highest, backlash tables first; "
+            "GATHER, LOOKAHEAD and ROTARY buffers and TCOMP tables before them.",
             "Send the lines of the script in their order: tables of the motor with the highest number come first.",
         ),
         activate=(

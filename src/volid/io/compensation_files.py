@@ -42,6 +42,7 @@ def compensation_files(
     Raises:
         InputError: the compensation holds tables of axes, which volid's own files do not.
 
+    >>> import numpy as np
     >>> import volid
     >>> machine = volid.load_machine("models/wYXbZt_vertical.toml")
     >>> x, e, u = np.array([0.0, 1000.0]), np.array([0.0, 0.010]), np.zeros((2, 2))
