@@ -103,8 +103,3 @@ def test_a_wrong_file_is_named_without_the_place_where_it_was_read():
 def test_what_they_cannot_hold_is_refused(control, made, message):
     with pytest.raises(InputError, match=message):
         written(control, made)
-
-
-def test_own_tables_are_recognised():
-    files = written("csv", pitch())
-    assert CSV.recognises("EXX.csv", files["EXX.csv"]) and not CSV.recognises("x.comp", "0 0 0\n")

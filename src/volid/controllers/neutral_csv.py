@@ -6,8 +6,6 @@ from volid.compensation.types import TYPES
 from volid.controllers.base import COLUMNS, COMPENSATION, FREE, HELD, Declaration, Option
 from volid.controllers.own_files import COMMISSIONING, FACTS, OwnFiles
 
-_START = b"# format: volid-"
-
 
 def _switch(text: str) -> bool:
     if text not in ("0", "1"):
@@ -35,11 +33,6 @@ class NeutralCsv(OwnFiles):
         commissioning=COMMISSIONING,
         facts=FACTS,
     )
-
-    def recognises(self, name: str, content: str | bytes) -> bool:
-        """A CSV file that volid wrote as a table or grid."""
-        head = content[:200].encode("utf-8", "replace") if isinstance(content, str) else content[:200]
-        return head.lstrip(b'\xef\xbb\xbf"').startswith(_START)
 
 
 NEUTRAL_CSV = NeutralCsv()
