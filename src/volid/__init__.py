@@ -84,6 +84,8 @@ _PUBLIC = {  # public name: where it comes from, in the order of the work
     "ErrorTable": "volid.compensation.tables.error_table:ErrorTable",
     "load_table": "volid.io.table_reader:read_table",
     "save_compensation": "volid.io.compensations:save_compensation",
+    "compensation_files": "volid.io.compensation_files:compensation_files",
+    "compensation_from_files": "volid.io.compensation_files:compensation_from_files",
     "load_control": "volid.io.compensations:load_control",
     "Control": "volid.compensation.control:Control",
     "export": "volid.controllers.export:export",

@@ -31,6 +31,7 @@ from volid.io import load_campaign
 from volid.io import read_machine as load_machine
 from volid.io import write_campaign as save_campaign
 from volid.io.campaign.stream import CampaignStream
+from volid.io.compensation_files import compensation_files, compensation_from_files
 from volid.io.compensations import load_control, save_compensation
 from volid.io.evaluations.evaluate import evaluate
 from volid.io.exports import save_export
@@ -112,6 +113,8 @@ __all__ = [  # noqa: RUF022
     "ErrorTable",
     "load_table",
     "save_compensation",
+    "compensation_files",
+    "compensation_from_files",
     "load_control",
     "Control",
     "export",
