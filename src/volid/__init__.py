@@ -85,6 +85,8 @@ _PUBLIC = {  # public name: where it comes from, in the order of the work
     "load_table": "volid.io.table_reader:read_table",
     "save_compensation": "volid.io.compensations:save_compensation",
     "load_control": "volid.io.compensations:load_control",
+    "load_compensation": "volid.io.control_files:load_compensation",
+    "ExistingCompensation": "volid.controllers.reading:ExistingCompensation",
     "Control": "volid.compensation.control:Control",
     "export": "volid.controllers.export:export",
     "Export": "volid.controllers.export:Export",

@@ -19,6 +19,7 @@ from volid.compensation.tables.error_table import ErrorTable
 from volid.compensation.types import TYPES as COMPENSATION_TYPES
 from volid.controllers import CONTROLS
 from volid.controllers.export import Export, export
+from volid.controllers.reading import ExistingCompensation
 from volid.exceptions import InputError, NotDeterminedError, OutputError, VolidError
 from volid.fitting.datum import parse_datum
 from volid.fitting.fit import fit
@@ -32,6 +33,7 @@ from volid.io import read_machine as load_machine
 from volid.io import write_campaign as save_campaign
 from volid.io.campaign.stream import CampaignStream
 from volid.io.compensations import load_control, save_compensation
+from volid.io.control_files import load_compensation
 from volid.io.evaluations.evaluate import evaluate
 from volid.io.exports import save_export
 from volid.io.fields import save_field
@@ -113,6 +115,8 @@ __all__ = [  # noqa: RUF022
     "load_table",
     "save_compensation",
     "load_control",
+    "load_compensation",
+    "ExistingCompensation",
     "Control",
     "export",
     "Export",

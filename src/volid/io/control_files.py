@@ -1,0 +1,151 @@
+"""ExistingCompensation compensations from disk: files of controls, and volid's own tables and grids."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from volid.compensation.package import Compensation
+from volid.controllers import CONTROLS
+from volid.controllers.contents import moved_axes, nodes_by_axis
+from volid.controllers.reading import OWN, ExistingCompensation, control_called, of_control, read_existing, recognised
+from volid.exceptions import InputError
+from volid.io.basics.encodings import read_bytes
+from volid.io.machines import parse_machine
+from volid.io.own_files import is_own, own_compensation
+from volid.model.machine import Machine
+
+_LETTERS = "XYZABC"
+_WIDE = {letter: (-1e5, 1e5) for letter in "XYZ"} | {letter: (-360.0, 360.0) for letter in "ABC"}
+
+
+def load_compensation(
+    paths: Iterable[str | Path],
+    cnc: str | None = None,
+    machine: Machine | None = None,
+    *,
+    sign: str | None = None,
+    options: Mapping[str, Any] | None = None,
+) -> ExistingCompensation:
+    """The compensation that a control holds already, from its files.
+
+    Args:
+        paths: Files, and folders of them; of a folder only the files that the control recognises are read.
+        cnc: Name of the control, one of `volid.CONTROLS`, or "volid" for volid's own tables and grids; by default recognised by
+            content.
+        machine: The machine whose axes it moves; by default a plain one with the axes that the files name, none of them on the
+            workpiece side of the bed, over the positions that the files hold.
+        sign: "error" or "compensation" where public sources leave the sign of the control open.
+        options: Options of the control, see its declaration.
+
+    Raises:
+        InputError: a file is missing or damaged, is of no control that volid knows, or an option or sign is missing or wrong.
+
+    >>> import volid
+    >>> path = getfixture("tmp_path") / "x.comp"
+    >>> _ = path.write_text("0 0.000 0.002\\n500 500.010 500.013\\n1000 999.996 999.999\\n")
+    >>> found = volid.load_compensation([path], "linuxcnc")
+    >>> found.machine.letters, found.assumed
+    (('X',), ('no machine given: a plain one with the axes X, its structure w b X t',))
+    >>> found.control().command(np.array([[500.0]]), None, np.array([[1.0]])).tolist()
+    [[499.99]]
+    """
+    named = tuple(map(Path, paths))
+    if cnc == OWN or (cnc is None and named and all(is_own(path) for path in named)):
+        return _own(named, machine)
+    files = _contents(named, cnc)
+    if machine is not None:
+        return read_existing(files, machine, cnc, sign=sign, options=options)
+    chosen = cnc or recognised(files).declaration.name
+    wide = read_existing(files, _plain(_LETTERS, _WIDE), chosen, sign=sign, options=options)
+    plain, sentence = _plain_of(wide.compensation)
+    found = read_existing(files, plain, cnc, sign=sign, options=options)
+    return ExistingCompensation(
+        found.cnc, plain, found.compensation, files, found.sign, found.options, (*found.assumed, sentence)
+    )
+
+
+def existing_of(
+    machine: Machine,
+    paths: Iterable[str | Path],
+    cnc: str | None = None,
+    *,
+    sign: str | None = None,
+    options: Mapping[str, Any] | None = None,
+) -> tuple[ExistingCompensation, ...]:
+    """What files of volid and of one control hold, each together; what no control knows is read, and refused, as volid's own.
+
+    Arguments and errors are those of `load_compensation`; `cnc` is of the files that volid did not write.
+    """
+    named = tuple(map(Path, paths))
+    foreign = [p for p in named if not is_own(p) and (cnc not in (None, OWN) or _best(_contents((p,), None)))]
+    own = tuple(p for p in named if p not in foreign)
+    found = [_own(own, machine)] if own else []
+    if foreign:
+        found.append(load_compensation(foreign, cnc, machine, sign=sign, options=options))
+    return tuple(found)
+
+
+def _own(paths: tuple[Path, ...], machine: Machine | None) -> ExistingCompensation:
+    """Tables and grids of volid."""
+    files = {p.as_posix(): read_bytes(p) for p in (q for path in paths for q in _in_folder(path))}
+    if machine is not None:
+        return ExistingCompensation(OWN, machine, own_compensation(machine, paths), files)
+    made = own_compensation(_plain(_LETTERS, _WIDE), paths)
+    plain, sentence = _plain_of(made)
+    return ExistingCompensation(OWN, plain, made, files, assumed=(sentence,))
+
+
+def _in_folder(path: Path) -> list[Path]:
+    """A file, or the files of a folder. Raises `InputError` for a folder without files."""
+    if not path.is_dir():
+        return [path]
+    found = sorted(p for p in path.iterdir() if p.is_file() and not p.name.startswith("."))
+    if not found:
+        raise InputError(f"{path}: the folder holds no file; name the files of the control")
+    return found
+
+
+def _contents(paths: tuple[Path, ...], cnc: str | None) -> dict[str, bytes]:
+    """Content by name; of a folder only what the control, or any control, recognises, where it recognises anything."""
+    found: dict[str, bytes] = {}
+    for path in paths:
+        inside = {p.as_posix(): read_bytes(p) for p in _in_folder(path)}
+        if path.is_dir():
+            chosen = control_called(cnc) if cnc else _best(inside)
+            inside = (chosen and of_control(inside, chosen)) or inside
+        found |= inside
+    if not found:
+        raise InputError("no file is named; name the files of a control, or their folder")
+    return found
+
+
+def _best(files: Mapping[str, bytes]) -> Any:
+    """The control that recognises most of the files; None where none recognises any."""
+    counts = {name: len(of_control(files, c)) for name, c in CONTROLS.items()}
+    name = max(counts, key=lambda n: counts[n], default=None)
+    return CONTROLS[name] if name is not None and counts[name] else None
+
+
+def _plain(letters: Iterable[str], ranges: Mapping[str, tuple[float, float]]) -> Machine:
+    """A machine with all axes on the tool side, linear ones first."""
+    chosen = [a for a in _LETTERS if a in letters]
+    lines = ['format = "volid-machine/1"', 'name = "no machine given"', f'structure = "w b {" ".join(chosen)} t"']
+    for letter in chosen:
+        low, high = ranges[letter]
+        lines += [f"[axis.{letter}]", f"travel = [{low!r}, {high!r}]"]
+        lines += ["point = [0.0, 0.0, 0.0]"] if letter in "ABC" else []
+    return parse_machine("\n".join(lines) + "\n", "a plain machine")
+
+
+def _plain_of(made: Compensation) -> tuple[Machine, str]:
+    """A plain machine for what was read, over its positions, and a sentence that says so."""
+    nodes = nodes_by_axis(made)
+    letters = {*nodes, *moved_axes(made)}
+    if made.grids or made.tables:  # their values move the functional point, which the linear axes carry
+        letters |= set("XYZ")
+    ranges = {a: (float(n[0]), float(n[-1])) for a, n in nodes.items() if n[-1] > n[0]}
+    machine = _plain(letters, {**{a: (0.0, 1000.0) for a in letters}, **ranges})
+    code = machine.structure.strip()
+    return machine, f"no machine given: a plain one with the axes {', '.join(machine.letters)}, its structure {code}"
