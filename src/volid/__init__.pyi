@@ -1,7 +1,7 @@
 """The public names for type checkers. `_PUBLIC` in `__init__.py` says the same to Python; a test compares the two."""
 
 from volid.backend.consent import accept_unusual
-from volid.campaign import Alignment, Campaign, End, Environment, Expansion, ObservationSet, Station
+from volid.campaign import ActiveFiles, Alignment, Campaign, End, Environment, Expansion, ObservationSet, Station
 from volid.compensation.base import base_of as compensation_base
 from volid.compensation.control import Control
 from volid.compensation.grids.grid import Grid, RotaryGrid
@@ -33,7 +33,7 @@ from volid.io import read_machine as load_machine
 from volid.io import write_campaign as save_campaign
 from volid.io.campaign.stream import CampaignStream
 from volid.io.compensations import load_control, save_compensation
-from volid.io.control_files import load_compensation
+from volid.io.control_files import load_compensation, recorded_compensations
 from volid.io.evaluations.evaluate import evaluate
 from volid.io.exports import save_export
 from volid.io.fields import save_field
@@ -74,6 +74,7 @@ __all__ = [  # noqa: RUF022
     "Environment",
     "Expansion",
     "ObservationSet",
+    "ActiveFiles",
     "End",
     "check_campaign",
     "closures",
@@ -116,6 +117,7 @@ __all__ = [  # noqa: RUF022
     "save_compensation",
     "load_control",
     "load_compensation",
+    "recorded_compensations",
     "ExistingCompensation",
     "Control",
     "export",

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
+from volid.campaign import Campaign
 from volid.compensation.package import Compensation
 from volid.controllers import CONTROLS
 from volid.controllers.contents import moved_axes, nodes_by_axis
@@ -85,6 +87,48 @@ def existing_of(
     if foreign:
         found.append(load_compensation(foreign, cnc, machine, sign=sign, options=options))
     return tuple(found)
+
+
+def read_contents(
+    files: Mapping[str, bytes],
+    machine: Machine,
+    cnc: str | None = None,
+    *,
+    sign: str | None = None,
+    options: Mapping[str, Any] | None = None,
+) -> ExistingCompensation:
+    """As `load_compensation`, of files whose content is in memory by name, such as those that a campaign holds."""
+    with TemporaryDirectory() as folder:
+        paths = [Path(folder) / name for name in files]
+        for path in paths:
+            if path.parent != Path(folder):
+                raise InputError(f"{path.name}: expected the name of a file without folders")
+            path.write_bytes(files[path.name])
+        if cnc != OWN and not (cnc is None and all(is_own(p) for p in paths)):
+            return read_existing(files, machine, cnc, sign=sign, options=options)
+        try:
+            return ExistingCompensation(OWN, machine, own_compensation(machine, paths), dict(files))
+        except InputError as error:
+            raise InputError(str(error).replace(f"{folder}/", "")) from None
+
+
+def recorded_compensations(campaign: Campaign) -> tuple[ExistingCompensation, ...]:
+    """What was active while a campaign was measured, as far as its record names files.
+
+    Args:
+        campaign: The campaign; it holds the files themselves.
+
+    Raises:
+        InputError: a file cannot be read any more.
+
+    >>> import volid
+    >>> volid.recorded_compensations(volid.load_campaign("datasets/published_positioning/campaign.toml"))
+    ()
+    """
+    return tuple(
+        read_contents(a.files, campaign.machine, a.cnc, sign=a.sign or None, options=a.options)
+        for a in campaign.active_files
+    )
 
 
 def _own(paths: tuple[Path, ...], machine: Machine | None) -> ExistingCompensation:

@@ -101,6 +101,7 @@ def _merge(campaigns: list[Campaign]) -> Campaign:
             conditions=_merge_conditions(campaigns),
             warnings=tuple(dict.fromkeys(w for c in campaigns for w in c.warnings)),
             source=where,
+            active_files=tuple({f.text: f for c in campaigns for f in c.active_files}.values()),
         )
     )
 
