@@ -128,6 +128,7 @@ def read_existing(
     Raises:
         InputError: the files are of no control that volid knows, they are damaged, or an option or sign is missing or wrong.
     """
+    _refuse_twice(files)
     chosen = recognised(files) if cnc is None else control_called(cnc)
     declared = chosen.declaration
     stated = {k: v for k, v in (options or {}).items() if v is not None}
@@ -146,3 +147,13 @@ def control_called(cnc: str) -> Controller:
     if cnc not in CONTROLS:
         raise InputError(f"`cnc={cnc}` is no control that volid knows; available: {', '.join(CONTROLS)}")
     return CONTROLS[cnc]
+
+
+def _refuse_twice(files: Files) -> None:
+    """Raises `InputError` for two files of one name in different folders: a control holds one of them."""
+    names = [PurePosixPath(name).name for name in files]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice:
+        raise InputError(
+            f"two files are called {twice}; a control holds one of them. Name one, or give them other names"
+        )

@@ -87,11 +87,7 @@ def _require_axes(path: Path, machine: Machine, what: str, axes: Iterable[str]) 
 def _files(paths: Iterable[str | Path]) -> list[Path]:
     found: list[Path] = []
     for path in map(Path, paths):
-        found += (
-            sorted(p for p in path.iterdir() if p.suffix.lower() in _ENDINGS)
-            if path.is_dir()
-            else [path]
-        )
+        found += sorted(p for p in path.iterdir() if p.suffix.lower() in _ENDINGS) if path.is_dir() else [path]
     return found
 
 

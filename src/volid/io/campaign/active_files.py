@@ -15,7 +15,7 @@ text for each entry: types, names, control and hash; the files themselves go wit
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -23,6 +23,8 @@ import h5py
 import numpy as np
 
 from volid.campaign import ActiveFiles, Campaign
+from volid.compensation.control import Control
+from volid.controllers.reading import OWN, ExistingCompensation
 from volid.exceptions import InputError
 from volid.io.basics.encodings import read_bytes
 from volid.io.basics.hdf5_group import Group
@@ -100,7 +102,30 @@ def _read(table: Table, folder: Path, machine: Machine, allow_outside: bool) -> 
         )
     except InputError as error:
         raise InputError(f"{table.where}: {error}") from None
-    return ActiveFiles(found.words, found.cnc, contents, found.sign or "", dict(options))
+    return as_active(found)
+
+
+def as_active(found: ExistingCompensation) -> ActiveFiles:
+    """Files of a control as a campaign holds them."""
+    files = {PurePosixPath(name).name: content for name, content in found.files.items()}
+    return ActiveFiles(found.words, found.cnc, files, found.sign or "", dict(found.options))
+
+
+def with_loaded(campaign: Campaign, control: Control, held: Sequence[ExistingCompensation]) -> Campaign:
+    """A simulated campaign whose record names the files of controls that were loaded, `held`, and that holds them.
+
+    `control`: the simulated control that had them loaded; `volid.simulate` has recorded it in words.
+    """
+    foreign = [e for e in held if e.cnc != OWN]
+    if not foreign:
+        return campaign
+    stated = campaign.conditions[ACTIVE]
+    before = stated[: len(stated) - len(control.active)]
+    own = replace(control, tables=(), grids=(), axis_tables=())
+    words = [w for e in held for w in ([e.words] if e in foreign else e.control().active)]
+    files = {f.text: f for f in (*campaign.active_files, *map(as_active, foreign))}
+    listed = list(dict.fromkeys((*before, *words, *own.active)))
+    return replace(campaign, conditions={**campaign.conditions, ACTIVE: listed}, active_files=tuple(files.values()))
 
 
 def _refuse_folders(where: str, names: Sequence[str]) -> None:

@@ -1,0 +1,167 @@
+"""What one control holds, in the format of another one, where that is exact (ISO/TR 16907 9.2, 9.3).
+
+What the other control can hold too goes in as it is; else it takes another form, where `volid.controllers.forms` has an exact
+one. Whatever was done, the axes must move as before: the files that were written are read back, and both controls are asked for
+their commands at all positions of the tables, between them, in both directions. More than the quantum apart is refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from volid.backend.even_points import even_points
+from volid.compensation.grids.grid import Grid
+from volid.compensation.package import Compensation
+from volid.controllers.base import Declaration, Job, options_of, sign_of
+from volid.controllers.contents import nodes_by_axis, types_of
+from volid.controllers.export import Export, write
+from volid.controllers.forms import in_form, one_direction
+from volid.controllers.reading import control_called
+from volid.exceptions import InputError
+from volid.model.machine import Machine
+
+EXACT = 1e-6  # mm or °: two forms of one compensation may differ so much by the digits of the files
+BESIDE = 100.0 * np.eye(3)  # mm, of other tools
+SAMPLES = 400  # positions between the nodes at which both are compared
+# types that hold what is said at the left: a control that carries one of them can carry it
+_CONTAINED = {
+    "L-POS": ("L-POS", "L-VOL", "L-VOL+"),
+    "L-STR": ("L-STR", "L-SQU", "L-VOL", "L-VOL+"),
+    "L-VOL": ("L-VOL", "L-ANG", "L-VOL+"),
+    "R-POS": ("R-POS", "R-VOL", "R-VOL+"),
+    "R-RAX": ("R-RAX", "R-VOL", "R-VOL+"),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """The control into whose format something is converted.
+
+    Args:
+        cnc: Its name, one of `volid.CONTROLS`.
+        sign: "error" or "compensation" where public sources leave it open.
+        options: Its options.
+        at: Positions of the lines by axis letter, where rotations act through lever arms [mm or °]; by default the references.
+        tool: Tool vector of those lever arms, (3,) [mm]; by default that of the grids, else none, (0, 0, 0).
+        mean: Whether the mean of both directions is taken where the control has none, instead of a refusal.
+    """
+
+    cnc: str
+    sign: str | None = None
+    options: Mapping[str, Any] | None = None
+    at: Mapping[str, float] | None = None
+    tool: tuple[float, float, float] | None = None
+    mean: bool = False
+
+
+def convert(made: Compensation, machine: Machine, target: Target) -> Export:
+    """A compensation as files of another control.
+
+    Args:
+        made: What a control holds, such as `volid.load_compensation` reads it.
+        machine: The machine whose axes it moves.
+        target: The other control.
+
+    Raises:
+        InputError: the other control cannot hold it, or not without a change; the message says what would change and by how much.
+
+    >>> import volid
+    >>> x, e = np.array([0.0, 500.0, 1000.0]), np.array([0.0, 0.010, -0.004])
+    >>> machine = volid.load_machine("models/wYXbZt_vertical.toml")
+    >>> old = Compensation((), (), (), (volid.AxisTable("X", "X", x, e, e - 0.003),))
+    >>> [file.name for file in convert(old, machine, Target("linuxcnc")).written.files][0]
+    'x.comp'
+    """
+    chosen = control_called(target.cnc)
+    declared = chosen.declaration
+    given = one_direction(made) if target.mean else made
+    at = machine.order(**{**{a.letter: a.reference for a in machine.axes}, **(target.at or {})})
+    tool = np.asarray(_tool_of(made) if target.tool is None else target.tool, dtype=float)
+    fitting = in_form(given, machine, declared, tool)
+    types = _carried(fitting, machine, declared)
+    stated, sign = options_of(declared, target.options or {}), sign_of(declared, target.sign)
+    job = Job(machine, replace(fitting, names=types), at, tool, sign, stated)
+    found = write(chosen, job, types)
+    _refuse_change(given, found, tool)
+    notes = (*found.written.notes, *_for_one_tool(given, found, tool))
+    return replace(found, written=replace(found.written, notes=notes))
+
+
+def _tool_of(made: Compensation) -> tuple[float, float, float]:
+    """The tool vector for which the grids of linear axes hold [mm]; none without such grids."""
+    return next((g.tool for g in made.grids if isinstance(g, Grid)), (0.0, 0.0, 0.0))
+
+
+def _for_one_tool(before: Compensation, found: Export, tool: np.ndarray) -> list[str]:
+    """A note where the two forms move the axes otherwise with another tool, because rotations act through its vector."""
+    others = [largest_change(before, found, tool + beside)[0] for beside in BESIDE]
+    if max(others) <= EXACT + found.written.rounding:
+        return []
+    at = ", ".join(f"{v:g}" for v in tool)
+    return [
+        f"right for the tool vector {at} mm alone: the old files turn rotations into motion by the tool vector, these do not; "
+        f"with a tool 100 mm beside it the axes move up to {1e3 * max(others):.1f} µm otherwise"
+    ]
+
+
+def _carried(made: Compensation, machine: Machine, declared: Declaration) -> tuple[str, ...]:
+    """The types that the control is given, under names that it has. Raises `InputError` for one that it cannot carry."""
+    found = []
+    for name in types_of(made, machine):
+        fits = next((n for n in _CONTAINED.get(name, (name,)) if n in declared.carries), None)
+        if fits is None:
+            raise InputError(
+                f"{declared.name} cannot carry {name}, which these files hold: {declared.nearest}. It carries "
+                f"{', '.join(declared.carries)}"
+            )
+        found.append(fits)
+    return tuple(dict.fromkeys(found))
+
+
+def _refuse_change(before: Compensation, found: Export, tool: np.ndarray) -> None:
+    """Raises `InputError` where the converted files move an axis otherwise than the old ones, beyond what rounding explains."""
+    apart, at = largest_change(before, found, tool)
+    count = len(before.axis_tables) + len(before.tables) + len(before.grids)
+    if not apart <= EXACT + max(count, 1) * found.written.rounding:
+        raise InputError(
+            f"{found.declaration.name} would move the axes otherwise than these files: by up to {1e3 * apart:.1f} µm at {at}. "
+            f"{found.declaration.nearest}"
+        )
+
+
+def largest_change(before: Compensation, found: Export, tool: np.ndarray) -> tuple[float, str]:
+    """By how much the commands of two forms of one compensation differ at most [mm or °], and where.
+
+    At all nodes on the axes' own lines, and at positions spread evenly over all of them, in both directions.
+    """
+    machine = found.job.machine
+    q = _places(before, machine)
+    worst, at = 0.0, "any position"
+    for way in (1.0, -1.0):
+        ways = np.full_like(q, way)
+        moves = [c.control(machine).command(q, tool, ways) for c in (before, found.held)]
+        apart = np.abs(moves[0] - moves[1]).max(axis=1)
+        i = int(np.argmax(apart))
+        if not apart[i] <= worst:
+            worst = float(apart[i])
+            places = zip(machine.letters, q[i], strict=True)
+            at = ", ".join(f"{a} {v:g}" for a, v in places) + f", moving in {'+' if way > 0 else '-'}"
+    return worst, at
+
+
+def _places(made: Compensation, machine: Machine) -> np.ndarray:
+    nodes = nodes_by_axis(made)
+    lows, highs = (
+        np.array([nodes[a.letter][end] if a.letter in nodes else a.reference for a in machine.axes]) for end in (0, -1)
+    )
+    q = lows + even_points(SAMPLES, len(machine.axes)) * (highs - lows)
+    lines = []
+    for letter, positions in nodes.items():
+        line = np.tile(q[len(q) // 2], (len(positions), 1))
+        line[:, machine.index(letter)] = positions
+        lines.append(line)
+    return np.concatenate([q, *lines])
