@@ -15,13 +15,13 @@ import numpy as np
 from volid.compensation.grids.grid import Grid
 from volid.compensation.grids.interpolation import grid_positions
 from volid.compensation.package import Compensation
+from volid.compensation.superposition import add_tables
 from volid.compensation.tables.axis_table import AxisTable
 from volid.compensation.tables.error_table import ITSELF, MODEL, ErrorTable
 from volid.compensation.types import GRID, TABLES
 from volid.controllers.base import Declaration
 from volid.controllers.contents import nodes_by_axis
 from volid.exceptions import InputError
-from volid.model.iso230 import LINEAR_AXES
 from volid.model.jacobian import axis_directions
 from volid.model.machine import Machine
 
@@ -33,12 +33,11 @@ def in_form(made: Compensation, machine: Machine, declared: Declaration, tool: n
     """Tables or grids, as the control holds them."""
     forms = set(declared.carries.values())
     if made.grids and GRID not in forms:
-        made = replace(made, grids=(), axis_tables=(*made.axis_tables, *_tables_of(made, declared)))
+        made = replace(made, grids=(), axis_tables=(*made.axis_tables, *_tables_of(made, machine, declared)))
     if (made.tables or made.axis_tables) and TABLES not in forms:
-        return Compensation(made.names, (), _as_grid(made, machine, tool, declared))
-    if declared.model and made.axis_tables:
-        return replace(made, tables=(*made.tables, *_functions(made, machine, declared)), axis_tables=())
-    return made
+        _refuse_directions(made, declared)
+        return Compensation(made.names, (), as_grid(made, machine, tool))
+    return as_functions(made, machine) if declared.model else made
 
 
 def one_direction(made: Compensation) -> Compensation:
@@ -52,19 +51,22 @@ def _mean(table: Any) -> Any:
     return replace(table, forward=middle, reverse=middle)
 
 
-def _functions(made: Compensation, machine: Machine, declared: Declaration) -> list[ErrorTable]:
-    """Tables of axes as tables of error functions."""
+def as_functions(made: Compensation, machine: Machine) -> Compensation:
+    """Tables of axes as tables of error functions, added to those that there are; grids as they are.
+
+    Raises `InputError` for a table that no error function of one axis stands for.
+    """
     directions = axis_directions(machine, np.array([[a.reference for a in machine.axes]]))[0]
-    return [_function(t, machine, directions, declared) for t in made.axis_tables]
+    old = tuple(_function(t, machine, directions) for t in made.axis_tables)
+    return replace(made, tables=add_tables(made.tables, old), axis_tables=())
 
 
-def _function(table: AxisTable, machine: Machine, directions: np.ndarray, declared: Declaration) -> ErrorTable:
+def _function(table: AxisTable, machine: Machine, directions: np.ndarray) -> ErrorTable:
     """The function that moves one axis alone: along a linear axis, or the angle of a rotary one itself."""
     output = machine.axis(table.output)
     if table.factor is not None or (not output.is_linear and not table.is_pitch):
         raise InputError(
-            f"the table of {table.output} over {table.argument}{_times(table)} is no error function of one axis, which is what "
-            f"{declared.name} holds"
+            f"the table of {table.output} over {table.argument}{_times(table)} is no error function of one axis"
         )
     along = directions[:, machine.index(table.output)] if output.is_linear else output.frame.T @ output.unit_vector
     component = int(np.argmax(np.abs(along)))
@@ -89,8 +91,8 @@ def _times(table: AxisTable) -> str:
     return "" if table.factor is None else f", times {table.factor.axis},"
 
 
-def _as_grid(made: Compensation, machine: Machine, tool: np.ndarray, declared: Declaration) -> tuple[Grid, ...]:
-    """Everything that moves linear axes by linear axes as one grid on the product of the positions."""
+def _refuse_directions(made: Compensation, declared: Declaration) -> None:
+    """Raises `InputError` for tables with two directions, where the control holds one value for both."""
     bent = [t.function for t in made.tables if t.has_reversal]
     bent += [f"{t.output} over {t.argument}" for t in made.axis_tables if t.has_reversal]
     if bent:
@@ -98,6 +100,17 @@ def _as_grid(made: Compensation, machine: Machine, tool: np.ndarray, declared: D
             f"{declared.name} holds one value for both directions, and these tables have two: {', '.join(bent)}. Take the mean "
             "with `mean=True`, and hold the reversal in tables that the control has for it"
         )
+
+
+def as_grid(made: Compensation, machine: Machine, tool: np.ndarray) -> tuple[Grid, ...]:
+    """Tables that move linear axes by linear axes as one grid on the product of their positions; grids as they are.
+
+    Of two directions a grid holds the mean. Raises `InputError` for tables over rotary axes, and for too many nodes.
+    """
+    grids = tuple(g for g in made.grids if isinstance(g, Grid))
+    if not (made.tables or made.axis_tables):
+        return grids
+    made = replace(made, grids=())
     nodes = _lines(made, machine)
     count = int(np.prod([len(n) for n in nodes.values()]))
     if count > MOST_NODES:
@@ -112,7 +125,7 @@ def _as_grid(made: Compensation, machine: Machine, tool: np.ndarray, declared: D
     grid = Grid(
         "L-VOL", tuple(nodes), tuple(nodes.values()), positions, values, nothing, known, tuple(tool.tolist()), "machine", ""
     )  # fmt: skip
-    return (grid, *(g for g in made.grids if isinstance(g, Grid)))
+    return (grid, *grids)
 
 
 def _lines(made: Compensation, machine: Machine) -> dict[str, np.ndarray]:
@@ -154,35 +167,55 @@ def expected_point(
     return np.asarray(found)
 
 
-def _tables_of(made: Compensation, declared: Declaration) -> list[AxisTable]:
+def _tables_of(made: Compensation, machine: Machine, declared: Declaration) -> list[AxisTable]:
     """Grids of linear axes as tables of axes: exact where a grid is a sum of functions of single axes."""
     found: list[AxisTable] = []
     for grid in made.grids:
         if not isinstance(grid, Grid):
             raise InputError(f"{declared.name} holds tables of axes; the {grid.type} grid over rotary axes has none")
-        found += _of_grid(grid, declared)
+        found += _of_grid(grid, machine, declared)
     return found
 
 
-def _of_grid(grid: Grid, declared: Declaration) -> list[AxisTable]:
-    """The functions of single axes whose sum a grid is. Raises `InputError` where it is no such sum."""
+def sum_of_lines(grid: Grid) -> tuple[list[np.ndarray], float]:
+    """The functions of single axes through a grid's first node, and how far its translations are from their sum.
+
+    Returns:
+        For each axis the translations along its line, shape (nodes of the axis, 3) [mm], the value of the first node in the
+        first of them alone; and the largest difference [mm].
+    """
     shape = tuple(len(n) for n in grid.nodes)
     values = grid.values[:, :3].reshape(*shape[::-1], 3).transpose(*range(len(shape) - 1, -1, -1), len(shape))
-    corner = values[(0,) * len(shape)]
-    lines = [values[tuple(slice(None) if k == i else 0 for k in range(len(shape)))] - corner for i in range(len(shape))]
-    rebuilt = corner + sum(
-        line.reshape(*(len(line) if k == i else 1 for k in range(len(shape))), 3) for i, line in enumerate(lines)
-    )
-    apart = float(np.abs(rebuilt - values).max())
+    first = values[(0,) * len(shape)]
+    lines = [_line(values, i) - (first if i else 0.0) for i in range(len(shape))]
+    rebuilt = sum(_along(line, i, len(shape)) for i, line in enumerate(lines))
+    return lines, float(np.abs(rebuilt - values).max())
+
+
+def _line(values: np.ndarray, i: int) -> np.ndarray:
+    """Values (n, 3) along axis i through the first node."""
+    return values[tuple(slice(None) if k == i else 0 for k in range(values.ndim - 1))]
+
+
+def _along(line: np.ndarray, i: int, axes: int) -> np.ndarray:
+    """A line in the shape of the whole grid, one node along the other axes."""
+    return line.reshape(*(len(line) if k == i else 1 for k in range(axes)), 3)
+
+
+def _of_grid(grid: Grid, machine: Machine, declared: Declaration) -> list[AxisTable]:
+    """The functions of single axes whose sum a grid is. Raises `InputError` where it is no such sum."""
+    lines, apart = sum_of_lines(grid)
     if not apart <= EXACT:
         raise InputError(
             f"{declared.name} holds tables of axes, and the {grid.type} grid is no sum of functions of single axes: such a sum "
             f"is up to {1e3 * apart:.1f} µm off. Take a control that holds a grid"
         )
+    linear = [i for i, a in enumerate(machine.axes) if a.is_linear]
+    q = np.array([[a.reference for a in machine.axes]])
+    pull = np.linalg.pinv(axis_directions(machine, q)[0][:, linear])
     made = []
-    for i, (letter, nodes) in enumerate(zip(grid.axes, grid.nodes, strict=True)):
-        for component, output in enumerate(LINEAR_AXES):
-            line = lines[i][:, component] + (corner[component] if output == letter else 0.0)
-            if np.abs(line).max() > 0.0:
-                made.append(AxisTable(output, letter, nodes, line, line, source=f"E{output}{letter}"))
+    for letter, nodes, line in zip(grid.axes, grid.nodes, lines, strict=True):
+        for output, values in zip(machine.linear, pull @ line.T, strict=True):
+            if np.abs(values).max() > 0.0:
+                made.append(AxisTable(output.letter, letter, nodes, values, values, source=f"E{output.letter}{letter}"))
     return made

@@ -57,6 +57,8 @@ def load_compensation(
     if cnc == OWN or (cnc is None and named and all(is_own(path) for path in named)):
         return _own(named, machine)
     files = _contents(named, cnc)
+    if not files:
+        raise InputError(f"{', '.join(map(str, named)) or 'no file'}: holds no file; name the files of a control")
     if machine is not None:
         return read_existing(files, machine, cnc, sign=sign, options=options)
     chosen = cnc or recognised(files).declaration.name
@@ -142,13 +144,10 @@ def _own(paths: tuple[Path, ...], machine: Machine | None) -> ExistingCompensati
 
 
 def _in_folder(path: Path) -> list[Path]:
-    """A file, or the files of a folder. Raises `InputError` for a folder without files."""
+    """A file, or the files of a folder."""
     if not path.is_dir():
         return [path]
-    found = sorted(p for p in path.iterdir() if p.is_file() and not p.name.startswith("."))
-    if not found:
-        raise InputError(f"{path}: the folder holds no file; name the files of the control")
-    return found
+    return sorted(p for p in path.iterdir() if p.is_file() and not p.name.startswith("."))
 
 
 def _contents(paths: tuple[Path, ...], cnc: str | None) -> dict[str, bytes]:
@@ -160,8 +159,6 @@ def _contents(paths: tuple[Path, ...], cnc: str | None) -> dict[str, bytes]:
             chosen = control_called(cnc) if cnc else _best(inside)
             inside = (chosen and of_control(inside, chosen)) or inside
         found |= inside
-    if not found:
-        raise InputError("no file is named; name the files of a control, or their folder")
     return found
 
 

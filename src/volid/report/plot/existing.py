@@ -147,8 +147,8 @@ def _draw_piece(figure: Figure, panel: Any, grid: AnyGrid, k: int, plane: Sequen
 
 
 def _middle(grid: AnyGrid) -> dict[int, float]:
-    """The middle node of every axis, by its number."""
-    return {i: float(nodes[len(nodes) // 2]) for i, nodes in enumerate(grid.nodes)}
+    """The middle of every axis, by its number [mm or °]."""
+    return {i: float(0.5 * (nodes[0] + nodes[-1])) for i, nodes in enumerate(grid.nodes)}
 
 
 def _values(grid: AnyGrid, plane: Sequence[int]) -> np.ndarray:
