@@ -4,10 +4,10 @@ import itertools
 
 import pytest
 
+from volid.fitting.squareness import angle_in_words
 from volid.model.iso230 import describe
 from volid.report.language import Texts
 from volid.report.symbols import angle_words, in_words
-from volid.report.text.squareness import angle_in_words
 
 MOTIONS = [f"E{d}{a}" for d, a in itertools.product("XYZABC", "XYZABC")]
 SQUARENESS = ["EC0Y", "EB0Z", "EA0Z", "EC0X"]

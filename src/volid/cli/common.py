@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from volid.io.functions_csv import Sheet
 
 HDF5 = (".h5", ".hdf5")
-_CALLED = {"overwrite": "force", "ranges": "range", "types": "type"}  # parameter of the library: option of another name
+# parameter of the library: option of another name
+_CALLED = {"overwrite": "force", "ranges": "range", "types": "type", "clamped": "clamp"}
 _COMMANDS = {  # function of the library: command that does it and writes a file, or option that says the same
     "fit": "volid fit",
     "monte_carlo": "volid uncertainty with -o",

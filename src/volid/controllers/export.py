@@ -3,17 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from volid.compensation.base import Base, base_of
 from volid.compensation.control import Control
+from volid.compensation.grids.request import Rule
+from volid.compensation.helping_axes import HelpingMotion, helping_words, model_reversal
 from volid.compensation.package import Compensation, compensate
+from volid.compensation.ranges import Ranges, chosen_ranges, cut_notes, refuse_extrapolation
 from volid.compensation.tables.sampling import POINTS, Sampling
 from volid.controllers import CONTROLS, Controller
+from volid.controllers.axes import Axes, helping_motions, kept_to, refuse_unsteady
 from volid.controllers.base import EQUAL, Declaration, Job, Written, options_of, sign_of
+from volid.controllers.choice import Choice, asked_types, most_types
+from volid.controllers.unsupported import reason
 from volid.exceptions import InputError
 from volid.fitting.solution import Solution
+from volid.model.machine import Machine
+
+PROBE = Sampling(max_points=3)  # coarse: to see whether a type can be made at all
+FEW = 3  # notes of one kind
+LEFT_OUT = 1e-6  # mm: what tables miss between their points is worth a word from here on
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,6 +37,10 @@ class Export:
         written: The files, the parameters and the notes.
         held: The tables and grids as the control holds them: read back from the files.
         types: Types of ISO/TR 16907 that they carry.
+        axes: What the axes can do.
+        solution: The solution, where they were made from one.
+        helping: What axes do that move only because another one does.
+        notes: What a user should know, one sentence each: of the choice, of the control, of the files.
     """
 
     controller: Controller
@@ -33,6 +48,10 @@ class Export:
     written: Written
     held: Compensation
     types: tuple[str, ...]
+    axes: Axes = field(default_factory=Axes)
+    solution: Solution | None = None
+    helping: tuple[HelpingMotion, ...] = ()
+    notes: tuple[str, ...] = ()
 
     @property
     def declaration(self) -> Declaration:
@@ -41,14 +60,33 @@ class Export:
 
     def control(self, **options: Any) -> Control:
         """The simulated control with these files loaded; `options`: those of `volid.Control`."""
-        return self.held.control(self.job.machine, **options)
+        return self.held.control(self.job.machine, **{**self.axes.limits, **options})
+
+
+@dataclass(frozen=True, eq=False)
+class ExportRequest:
+    """What is asked of an export, whatever the control; the fields are the keywords of `export`."""
+
+    types: tuple[str, ...] = ()
+    base: Base | None = None
+    sampling: Sampling | None = None
+    sign: str | None = None
+    options: Mapping[str, Any] = field(default_factory=dict)
+    zero: Mapping[str, float] | None = None
+    ranges: Ranges | None = None
+    extrapolate: bool = False
+    axes: Axes = field(default_factory=Axes)
+    rule: Rule | None = None
 
 
 def controller(name: str) -> Controller:
-    """The control of that name. Raises `InputError` for a name that there is not."""
-    if name not in CONTROLS:
-        raise InputError(f"`cnc={name}` is no control that volid knows; available: {', '.join(CONTROLS)}")
-    return CONTROLS[name]
+    """The control of that name. Raises `InputError` for a name that there is not, with what serves instead."""
+    if name in CONTROLS:
+        return CONTROLS[name]
+    why = reason(name)
+    if why:
+        raise InputError(f"`cnc={name}`: nothing can be written for it: {why}")
+    raise InputError(f"`cnc={name}` is no control that volid knows; available: {', '.join(CONTROLS)}")
 
 
 def export(
@@ -61,48 +99,57 @@ def export(
     sign: str | None = None,
     options: Mapping[str, Any] | None = None,
     zero: Mapping[str, float] | None = None,
-    ranges: Mapping[str, tuple[float, float]] | None = None,
+    ranges: Ranges | None = None,
+    extrapolate: bool = False,
+    axes: Axes | None = None,
+    rule: Rule | None = None,
 ) -> Export:
     """Files that a control loads, from a solution.
 
     Args:
         solution: A solution, as `volid.fit` makes it.
         cnc: Name of the control, one of `volid.CONTROLS`.
-        types: Types of ISO/TR 16907; by default the most that the control can carry on this machine.
+        types: Types of ISO/TR 16907; by default the most complete that the control carries and the data determine.
         base: What the types are based on, as `volid.compensation_base` makes it; by default the most used tool vector.
         sampling: How tables and grids are sampled; by default as the control wants it.
         sign: "error" or "compensation" where public sources leave the sign of the control open.
         options: Options of the control, see its declaration.
         zero: Position by axis letter where tables are 0 [mm or °].
         ranges: Lowest and highest position by axis letter [mm or °]; what was measured by default.
+        extrapolate: Whether values beyond what was measured are intended.
+        axes: What the axes can do and may be asked for; by default everything.
+        rule: Function that computes what L-SPEC and R-SPEC correct, as of `volid.compensate`.
 
     Raises:
-        InputError: the control cannot carry a type, or hold what was made, or its sign must be stated.
+        InputError: the control cannot carry a type, or hold what was made, or its sign must be stated; or positions lie outside
+            what was measured.
         NotDeterminedError: the data do not determine what a type contains.
 
     >>> import volid
     >>> solution = volid.fit(volid.load_campaign("datasets/published_positioning/campaign.toml"))
     >>> made = volid.export(solution, "linuxcnc", ["L-POS"])
-    >>> [file.name for file in made.written.files]
+    >>> [file.name for file in made.written.files if file.name.endswith(".comp")]
     ['x.comp', 'z.comp']
     """
-    chosen = controller(cnc)
+    asked = Axes() if axes is None else axes
+    request = ExportRequest(tuple(types), base, sampling, sign, options or {}, zero, ranges, extrapolate, asked, rule)
+    return export_of(solution, controller(cnc), request)
+
+
+def export_of(solution: Solution, chosen: Controller, request: ExportRequest) -> Export:
+    """`export` with everything that is asked for in one object."""
     declared = chosen.declaration
-    stated, meaning = options_of(declared, options or {}), sign_of(declared, sign)
-    names = _types(declared, types, solution)
-    found = base_of(solution, solution.most_used_tool()) if base is None else base
-    made = compensate(
-        solution,
-        names,
-        found,
-        tables=_sampling(declared, sampling),
-        grids=sampling,
-        form=declared.carries[names[0]],
-        zero=zero,
-        ranges=ranges,
-    )
-    job = Job(solution.machine, made, found.at, found.tool, meaning, stated)
-    return write(chosen, job, made.names)
+    stated, sign = options_of(declared, request.options), sign_of(declared, request.sign)
+    work = _Work(solution, declared, request)
+    found = work.choice()
+    made = work.compensation(found.types, work.sampling)
+    job = Job(solution.machine, made, work.base.at, work.base.tool, sign, stated)
+    job, kept = kept_to(request.axes, job, declared)
+    written = write(chosen, job, found.types)
+    helping = helping_motions(written.held, job, request.axes, model_reversal(solution))
+    refuse_unsteady(helping, request.axes, job.machine)
+    notes = (*found.notes, *work.notes(made), *kept, *_helping_notes(helping, job.machine), *written.notes)
+    return replace(written, axes=request.axes, solution=solution, helping=helping, notes=notes)
 
 
 def write(chosen: Controller, job: Job, types: Sequence[str]) -> Export:
@@ -110,31 +157,79 @@ def write(chosen: Controller, job: Job, types: Sequence[str]) -> Export:
     written = chosen.write(job)
     files = {f.name: f.content for f in written.files}
     held = chosen.read(files, job.machine, {**job.options, "sign": job.sign})
-    return Export(chosen, job, written, replace(held, names=tuple(types)), tuple(types))
+    return Export(chosen, job, written, replace(held, names=tuple(types)), tuple(types), notes=tuple(written.notes))
 
 
-def _types(declared: Declaration, types: Sequence[str], solution: Solution) -> tuple[str, ...]:
-    """The types asked for, or the most that the control can carry. Raises `InputError` for one that it cannot."""
-    for name in types:
-        if name not in declared.carries:
-            can = ", ".join(declared.carries)
-            raise InputError(
-                f"`type={name}`: {declared.name} cannot carry {name}: {declared.nearest}. It carries {can}"
-            )
-    if types:
-        return tuple(types)
-    linear = any(a.is_linear for a in solution.machine.axes)
-    rotary = any(not a.is_linear for a in solution.machine.axes)
-    return tuple(n for n in declared.carries if (linear if n.startswith("L") else rotary))
+def _helping_notes(found: Sequence[HelpingMotion], machine: Machine) -> list[str]:
+    """The axis that turns most often, and all that are asked for runs below their least increment."""
+    most = max(found, key=lambda h: h.turns, default=None)
+    small = [h for h in found if h.too_small and h is not most]
+    told = [most] if most is not None and (most.turns or most.too_small) else []
+    return [f"axes that only help: {helping_words(machine, h)}" for h in (*told, *small[:FEW])]
 
 
-def _sampling(declared: Declaration, asked: Sampling | None) -> Sampling:
-    """Sampling within the limits of the control."""
-    found = Sampling() if asked is None else asked
-    if declared.spacing == EQUAL:
-        found = replace(found, spacing="equal")
-    if found.step is None and found.max_points is None and declared.most_points is not None:
-        found = replace(
-            found, max_points=min(POINTS, declared.most_points) if found.max_error is None else declared.most_points
+class _Work:
+    """One export: base, ranges and sampling, and what is made with them."""
+
+    def __init__(self, solution: Solution, declared: Declaration, request: ExportRequest) -> None:
+        self.declared, self.request = declared, request
+        self.base = base_of(solution, solution.most_used_tool()) if request.base is None else request.base
+        self.ranges = chosen_ranges(solution, request.ranges, request.extrapolate)
+        self.sampling = sampling_for(declared, request.sampling)
+        self.solution = solution.extrapolated() if request.extrapolate else solution
+
+    def choice(self) -> Choice:
+        """The types asked for, or the most complete."""
+        machine = self.solution.machine
+        if self.request.types:
+            return asked_types(self.declared, self.request.types, machine)
+        return most_types(self.declared, machine, self.base.functions, lambda name: self.compensation((name,), PROBE))
+
+    def compensation(self, names: Sequence[str], sampling: Sampling) -> Compensation:
+        """Tables and grids of the types, each in the form in which the control carries it. Raises as `export` does."""
+        parts = [self._of_form(f, names, sampling) for f in dict.fromkeys(self.declared.carries[n] for n in names)]
+        made = Compensation(
+            tuple(n for p in parts for n in p.names),
+            tuple(t for p in parts for t in p.tables),
+            tuple(g for p in parts for g in p.grids),
         )
+        if not self.request.extrapolate:
+            refuse_extrapolation(self.solution, (*made.tables, *made.grids), self.base, self.ranges)
+        return made
+
+    def _of_form(self, form: str, names: Sequence[str], sampling: Sampling) -> Compensation:
+        return compensate(
+            self.solution,
+            [n for n in names if self.declared.carries[n] == form],
+            self.base,
+            tables=sampling,
+            grids=replace(sampling, together=False, even=False),
+            form=form,
+            rule=self.request.rule,
+            zero=self.request.zero,
+            ranges=self.ranges,
+            uncertainty=False,
+        )
+
+    def notes(self, made: Compensation) -> list[str]:
+        """Ranges that are less than the travels, and what tables miss between their points."""
+        letters = [t.axis for t in made.tables] + [a for g in made.grids for a in g.axes]
+        notes = cut_notes(self.solution, self.ranges, letters)
+        missed = max((t for t in made.tables if t.unit == "mm"), key=lambda t: t.interpolation, default=None)
+        if missed is not None and missed.interpolation > LEFT_OUT:
+            notes.append(
+                f"linear interpolation between the points misses at most {1e3 * missed.interpolation:.3g} µm "
+                f"({missed.function}, {len(missed.positions)} points); `max_error` or `step` take more points"
+            )
+        return notes
+
+
+def sampling_for(declared: Declaration, asked: Sampling | None) -> Sampling:
+    """Sampling as the control wants it: equal steps where it knows no others, and no more positions than it holds."""
+    found = replace(Sampling() if asked is None else asked, together=True)
+    if declared.spacing == EQUAL:
+        found = replace(found, spacing=EQUAL, even=True)
+    if found.step is None and found.max_points is None and declared.most_points is not None:
+        few = POINTS if found.max_error is None else declared.most_points
+        found = replace(found, max_points=min(few, declared.most_points))
     return found

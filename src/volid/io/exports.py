@@ -2,19 +2,38 @@
 
 from __future__ import annotations
 
+import shlex
+from collections.abc import Sequence
 from pathlib import Path
 
 from volid.controllers.export import Export
+from volid.controllers.record import record_text
+from volid.controllers.sheet import commissioning_sheet
+from volid.exceptions import shown
 from volid.io.basics.atomic import atomic_folder
+from volid.io.basics.provenance import provenance, sha256
+
+SHEET, RECORD = "COMMISSIONING.md", "RECORD.md"
 
 
-def save_export(made: Export, folder: str | Path, *, overwrite: bool = False) -> None:
-    """The files of an export in a folder.
+def save_export(
+    made: Export,
+    folder: str | Path,
+    *,
+    overwrite: bool = False,
+    source: str | Path | None = None,
+    command: Sequence[str] = (),
+    predict: bool = True,
+) -> None:
+    """The files of an export in a folder, with the commissioning sheet and the record.
 
     Args:
         made: The export, as `volid.export` makes it.
         folder: A new folder, or with `overwrite` an existing one.
         overwrite: Whether files of an existing folder are replaced.
+        source: File of the solution, for the record.
+        command: Words of the command line, for the record.
+        predict: Whether the record says what is expected to remain, which takes some seconds.
 
     Raises:
         OutputError: the folder exists and `overwrite` is False, or it cannot be written.
@@ -23,10 +42,19 @@ def save_export(made: Export, folder: str | Path, *, overwrite: bool = False) ->
     >>> solution = volid.fit(volid.load_campaign("datasets/published_positioning/campaign.toml"))
     >>> folder = getfixture("tmp_path") / "control"
     >>> volid.save_export(volid.export(solution, "linuxcnc", ["L-POS"]), folder)
-    >>> sorted(path.name for path in folder.iterdir())
-    ['x.comp', 'z.comp']
+    >>> sorted(path.name for path in folder.iterdir() if path.suffix in (".comp", ".md"))
+    ['COMMISSIONING.md', 'RECORD.md', 'x.comp', 'z.comp']
     """
+    texts = {SHEET: commissioning_sheet(made), RECORD: record_text(made, _origin(source, command), predict)}
+    contents = {f.name: f.content for f in made.written.files} | texts
     with atomic_folder(folder, overwrite) as place:
-        for file in made.written.files:
-            content = file.content.encode("utf-8") if isinstance(file.content, str) else file.content
-            (place / file.name).write_bytes(content)
+        for name, content in contents.items():
+            (place / name).write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
+
+
+def _origin(source: str | Path | None, command: Sequence[str]) -> dict[str, str]:
+    """Source and its hash, version, date, command."""
+    every = provenance()
+    found = {} if source is None else {"source": shown(str(source)), "source sha256": sha256(source)}
+    found |= {"volid": every["volid"], "date": every["date"]}
+    return found | ({"command": shlex.join(command)} if command else {})

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import re
 
+from volid.fitting.squareness import angle_of
 from volid.model.iso230 import LINEAR_AXES, ROTARY_AXES, ROTATIONS, SPINDLE, ErrorName, parse
 from volid.report.language import Texts
-from volid.report.text.squareness import angle_of
 
 _OTHER = re.compile(r"\(0([A-Z])\)")  # the axis that a constant is stated against
 _LINES = dict(zip(ROTATIONS, LINEAR_AXES, strict=True))

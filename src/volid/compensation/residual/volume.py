@@ -128,6 +128,16 @@ def predict_uncompensated(
     )
 
 
+def predict_left(
+    solution: Solution, acting: Control, tool: tuple[float, float, float], most_draws: int = MOST_SAMPLES
+) -> ResidualPrediction:
+    """The same with a control that holds tables, grids or both, for a tool vector (3,) [mm].
+
+    Raises `NotDeterminedError`, and `InputError` where a grid is blank.
+    """
+    return _predicted(solution, np.asarray(tool, dtype=float), acting, parameter_draws(solution, 0, most_draws)[0])
+
+
 def _predicted(solution: Solution, tool: np.ndarray, acting: Control, draws: np.ndarray) -> ResidualPrediction:
     (field,) = with_worst_places(field_over(solution, whole_volume(solution.model), tool), [acting])
     found = prediction(field, acting, draws, repeats_of(solution))

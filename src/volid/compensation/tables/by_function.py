@@ -9,7 +9,7 @@ rotary axis itself.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -122,6 +122,17 @@ def _types_of(axis: Axis, types: Sequence[CompensationType]) -> list[Compensatio
     return [t for t in types if set(t.effects) & set(group)]
 
 
+@dataclass(frozen=True, eq=False)
+class _Curve:
+    """One component on the dense sampling: `values` of both directions (m, 2), `scale`: what makes them mm."""
+
+    types: Sequence[CompensationType]
+    component: int
+    values: np.ndarray
+    scale: float
+    itself: bool
+
+
 class _AxisTables:
     """The tables of one axis; the linear maps of its error values serve all six components."""
 
@@ -141,7 +152,7 @@ class _AxisTables:
         ways = [self._values(small, plain, w) for w in (1.0, -1.0)]  # (types, m, 6) each
         offset = self.request.sampling.offset
         arm = reach(self.solution.machine, self.axis, self.request.base) if offset is None else offset
-        tables = []
+        found: list[_Curve] = []
         for itself in (False, True):
             group = [k for k, t in enumerate(self.chosen) if t.by_axis_itself == itself]
             for component in range(ROWS):
@@ -150,11 +161,15 @@ class _AxisTables:
                 active = [k for k in group if np.abs(scale * curves[:, k]).max() > NEGLIGIBLE]
                 self._require_known([self.chosen[k] for k in group if k not in active], component)
                 if active:
-                    table = self._table(
-                        [self.chosen[k] for k in active], component, curves[:, active].sum(axis=1).T, scale
-                    )
-                    tables.append(replace(table, applied=ITSELF if itself else MODEL))
-        return tables
+                    types = [self.chosen[k] for k in active]
+                    found.append(_Curve(types, component, curves[:, active].sum(axis=1).T, scale, itself))
+        return [self._table(c, self._nodes(found if self.request.sampling.together else [c])) for c in found]
+
+    def _nodes(self, curves: Sequence[_Curve]) -> np.ndarray:
+        """Points of the tables of some functions together."""
+        name = ", ".join(f"E{DIRECTIONS[c.component]}{self.axis.letter}" for c in curves)
+        values = np.hstack([c.scale * c.values for c in curves])
+        return choose_nodes(name, self.dense, values, self.request.sampling, self.knots)
 
     def _require_known(self, types: Sequence[CompensationType], component: int) -> None:
         """A component without a table is nothing that the data leave open, which would stand at 0 as well.
@@ -185,11 +200,11 @@ class _AxisTables:
             total += self._known[key][:, component]
         return total
 
-    def _table(self, types: Sequence[CompensationType], component: int, curve: np.ndarray, scale: float) -> ErrorTable:
-        """The table of one component; `curve` (m, 2): both directions on the dense sampling, `scale`: what makes it mm."""
+    def _table(self, curve: _Curve, nodes: np.ndarray) -> ErrorTable:
+        """The table of one component."""
         solution, axis, base = self.solution, self.axis, self.request.base
+        types, component = curve.types, curve.component
         name = f"E{DIRECTIONS[component]}{axis.letter}"
-        nodes = choose_nodes(name, self.dense, scale * curve, self.request.sampling, self.knots)
         both = [self._rows(types, nodes, way, component) for way in (1.0, -1.0)]
         zero = self.request.zero.get(axis.letter)
         crossing = base.at[solution.machine.index(axis.letter)] if zero is None else zero
@@ -210,8 +225,8 @@ class _AxisTables:
             reverse=both[1] @ theta,
             u=np.hypot(np.stack([linear_uncertainty(rows, covariance) for rows in both], axis=1), scatter),
             outside=solution.outside(positions, judged_axes(solution, axis)),
-            applied=MODEL,
-            interpolation=float(interpolation_error(self.dense, curve, nodes).max()),
+            applied=ITSELF if curve.itself else MODEL,
+            interpolation=float(interpolation_error(self.dense, curve.values, nodes).max()),
             basis=_basis(solution.machine, axis, base),
             zero=f"{axis.letter} = {crossing:g} {axis.unit}"
             + _approached(0.0 if zero is None else self.request.approach),

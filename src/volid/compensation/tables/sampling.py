@@ -6,6 +6,7 @@ difference is found on a dense sampling of the function itself, reversal include
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,8 +28,9 @@ class Sampling:
 
     `step` [mm or °]: distance of the points. `max_points`: largest number of points. `max_error`: largest error of the linear
     interpolation [mm]. `spacing`: "equal" (most controls) or "free". `offset`: distance at which rotations are compared with
-    `max_error` [mm], such as a tool offset or the reach of the machine; None: the reach of each axis. Raises `InputError` for
-    numbers that make no table.
+    `max_error` [mm], such as a tool offset or the reach of the machine; None: the reach of each axis. `together`: all functions
+    of an axis at the same points. `even`: equal steps are a must, because the control knows no others: a step that does not
+    divide the range is taken a little smaller. Raises `InputError` for numbers that make no table.
     """
 
     step: float | None = None
@@ -36,6 +38,8 @@ class Sampling:
     max_error: float | None = None
     spacing: str = EQUAL
     offset: float | None = None
+    together: bool = False
+    even: bool = False
 
     def __post_init__(self) -> None:
         if self.step is not None and (self.max_points is not None or self.max_error is not None):
@@ -77,8 +81,11 @@ def choose_nodes(
     Raises `InputError` naming the table, when the points allowed do not keep the stated error: "table limit too small".
     """
     travel = (float(dense[0]), float(dense[-1]))
+    if sampling.even and default is not None:
+        default = _evened(default)
     if sampling.step is not None:
-        return stepped(travel, sampling.step)
+        found = stepped(travel, sampling.step)
+        return evenly(*travel, len(found)) if sampling.even else found
     if sampling.max_error is None:
         n = sampling.max_points
         if n is None:
@@ -86,17 +93,26 @@ def choose_nodes(
         if default is not None and len(default) <= n:
             return default
         return evenly(*travel, n) if sampling.spacing == EQUAL else _best_free(dense, values, n)
-    found = _fewest(dense, values, sampling.max_error, sampling.spacing)
+    fewest = _fewest(dense, values, sampling.max_error, sampling.spacing)
     limit = LARGEST if sampling.max_points is None else sampling.max_points
-    if found is None or len(found) > limit:
+    if fewest is None or len(fewest) > limit:
         best = evenly(*travel, limit) if sampling.spacing == EQUAL else _best_free(dense, values, limit)
         left = interpolation_error(dense, values, best).max()
-        needed = f"{len(found)} points" if found is not None else f"more than {LARGEST} points"
+        needed = f"{len(fewest)} points" if fewest is not None else f"more than {LARGEST} points"
         raise InputError(
             f"{name}: {needed} needed to interpolate within {1e3 * sampling.max_error:.3g} µm; the limit of {limit} leaves "
             f"{1e3 * left:.3g} µm. Allow more points, a larger error, or `spacing={FREE}`"
         )
-    return found
+    return fewest
+
+
+def _evened(knots: np.ndarray) -> np.ndarray:
+    """The knots where their steps are equal, else equal steps as short as the shortest of theirs."""
+    steps = np.diff(knots)
+    if np.allclose(steps, steps[0], rtol=1e-9):
+        return knots
+    count = math.ceil((knots[-1] - knots[0]) / steps.min() - 1e-9) + 1
+    return evenly(float(knots[0]), float(knots[-1]), min(count, LARGEST))
 
 
 def _fewest(dense: np.ndarray, values: np.ndarray, bound: float, spacing: str) -> np.ndarray | None:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from volid.fitting.solution import Solution
+from volid.fitting.squareness import squareness_symbol
 from volid.model.error_functions import squareness_effect
 from volid.model.iso230 import LINEAR_AXES, parse
 from volid.report.language import ENGLISH, Texts
@@ -20,7 +21,6 @@ from volid.report.plot.axis_lines import LinePlace, line_panel, line_places
 from volid.report.plot.constants import Constant, constants_of, with_u
 from volid.report.plot.palette import BLACK, BLUE, FAINT, NEUTRAL
 from volid.report.plot.panels import figure_with_places
-from volid.report.text.squareness import squareness_symbol
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -33,6 +33,7 @@ from volid.fitting.diagnosis.hold_out import by_angle, total
 from volid.fitting.repeatability import repeatability
 from volid.fitting.results import FunctionValue
 from volid.fitting.solution import Solution
+from volid.fitting.squareness import angle_in_words, squareness_symbol
 from volid.fitting.tabulation import constant, whole_motion
 from volid.model.axis_lines import MACHINE, LineRow, constant_rows
 from volid.model.error_functions import describe_datum
@@ -43,7 +44,6 @@ from volid.plausibility.checks import closures
 from volid.plausibility.conditions import active_compensations, thermal_limit
 from volid.report.text.repeats import repeatability_data
 from volid.report.text.sets import set_data
-from volid.report.text.squareness import angle_in_words, squareness_symbol
 from volid.report.text.summary_lines import format_summary
 from volid.uncertainty.lack_of_fit import lack_of_fit
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from exact_chain import ExactMachine, Truth
 
+from volid.fitting.squareness import angle_in_words, squareness_symbol
 from volid.model.error_functions import squareness_names
 from volid.model.machine import Datum
-from volid.report.text.squareness import angle_in_words, squareness_symbol
 
 TRAVEL = {"X": (0.0, 1000.0), "Y": (0.0, 600.0), "Z": (-500.0, 0.0)}
 EVERY = ["EC0Y", "EA0Z", "EB0Z", "EC0X", "EB0X", "EA0Y"]
