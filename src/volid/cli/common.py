@@ -30,6 +30,7 @@ _COMMANDS = {  # function of the library: command that does it and writes a file
     "simulate": "volid simulate",
     "study.run_study": "volid study",
     "save_grid": "volid grid",
+    "recorded_compensations": "--add-active",
     "accept_unusual": "--accept-unusual",
 }
 _PARAMETER = re.compile(r"`(\w+)(?:=([^`]*))?`")

@@ -57,9 +57,13 @@ def existing_from(solution: Solution, args: argparse.Namespace) -> tuple[Existin
 
 def existing_notes(solution: Solution, existing: tuple[ExistingCompensation, ...]) -> list[str]:
     """What a sum holds, and what of the old compensation the model cannot describe."""
-    from volid.controllers.state import described
+    from volid.controllers.state import not_described, not_recorded
 
-    return [*(f"sum with {e.words}" for e in existing), *described(solution, existing)]
+    return [
+        *(f"sum with {e.words}" for e in existing),
+        *not_recorded(solution.campaign, existing),
+        *not_described(solution, existing),
+    ]
 
 
 def old_tables(machine: Machine, existing: tuple[ExistingCompensation, ...]) -> tuple[ErrorTable, ...]:

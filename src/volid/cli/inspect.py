@@ -166,10 +166,10 @@ def _say(found: ExistingCompensation, made: Export | None, args: argparse.Namesp
     if made is not None:
         print(f"\nfor {made.declaration.name}, {made.declaration.title}, read back and found to move the axes alike:")
         print("\n".join(f"  {args.output}/{f.name}: {f.what}" for f in made.written.files))
-        tell(args, made.written.notes)
+        tell(args, made.notes)
 
 
 def _written_data(made: Export | None) -> dict[str, Any]:
     if made is None:
         return {}
-    return {"written": [f.name for f in made.written.files], "notes": list(made.written.notes)}
+    return {"written": [f.name for f in made.written.files], "notes": list(made.notes)}

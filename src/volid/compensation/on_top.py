@@ -98,3 +98,16 @@ def _sum(one: AxisTable, other: AxisTable) -> AxisTable:
         source=" + ".join(dict.fromkeys(s for s in (one.source, other.source) if s)),
         notes=tuple(dict.fromkeys((*one.notes, *other.notes, note))),
     )
+
+
+def with_opposite(whole: Compensation, part: Compensation) -> Compensation:
+    """A compensation together with the opposite of a part of it: what the rest alone does. For simulation, not for files."""
+    tables = tuple(replace(t, forward=-t.forward, reverse=-t.reverse) for t in part.tables)
+    by_axis = tuple(replace(t, forward=-t.forward, reverse=-t.reverse) for t in part.axis_tables)
+    grids = tuple(replace(g, values=-g.values) for g in part.grids)
+    return replace(
+        whole,
+        tables=(*whole.tables, *tables),
+        grids=(*whole.grids, *grids),
+        axis_tables=(*whole.axis_tables, *by_axis),
+    )

@@ -7,20 +7,24 @@ their commands at all positions of the tables, between them, in both directions.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from functools import reduce
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from volid.backend.even_points import even_points
 from volid.compensation.grids.grid import Grid
+from volid.compensation.on_top import add_compensations
 from volid.compensation.package import Compensation
-from volid.controllers.base import Declaration, Job, options_of, sign_of
+from volid.controllers import Controller
+from volid.controllers.base import EQUAL, Declaration, Job, options_of, sign_of
 from volid.controllers.contents import nodes_by_axis, types_of
-from volid.controllers.export import Export, write
+from volid.controllers.exported import Export, write
 from volid.controllers.forms import in_form, one_direction
-from volid.controllers.reading import control_called
+from volid.controllers.reading import ExistingCompensation, control_called
+from volid.controllers.steps import with_equal_steps
 from volid.exceptions import InputError
 from volid.model.machine import Machine
 
@@ -77,18 +81,58 @@ def convert(made: Compensation, machine: Machine, target: Target) -> Export:
     'x.comp'
     """
     chosen = control_called(target.cnc)
-    declared = chosen.declaration
     given = one_direction(made) if target.mean else made
     at = machine.order(**{**{a.letter: a.reference for a in machine.axes}, **(target.at or {})})
     tool = np.asarray(_tool_of(made) if target.tool is None else target.tool, dtype=float)
-    fitting = in_form(given, machine, declared, tool)
-    types = _carried(fitting, machine, declared)
-    stated, sign = options_of(declared, target.options or {}), sign_of(declared, target.sign)
-    job = Job(machine, replace(fitting, names=types), at, tool, sign, stated)
-    found = write(chosen, job, types)
-    _refuse_change(given, found, tool)
-    notes = (*found.written.notes, *_for_one_tool(given, found, tool))
-    return replace(found, written=replace(found.written, notes=notes))
+    options, sign = options_of(chosen.declaration, target.options or {}), sign_of(chosen.declaration, target.sign)
+    found = fitted(chosen, Job(machine, given, at, tool, sign, options))
+    return replace(found, notes=(*found.notes, *_for_one_tool(given, found, tool)))
+
+
+def fitted(chosen: Controller, job: Job) -> Export:
+    """The files of a job whose compensation is taken into the form that the control holds, without a change.
+
+    Raises `InputError` where the control cannot hold it so.
+    """
+    before, declared = job.compensation, chosen.declaration
+    made = in_form(before, job.machine, declared, job.tool)
+    types = carried(made, job.machine, declared)
+    made = replace(made, names=types)
+    if declared.spacing == EQUAL:
+        made = with_equal_steps(made, declared.most_points)[0]
+    found = write(chosen, replace(job, compensation=made), types)
+    _refuse_change(before, found, job.tool)
+    return found
+
+
+class Sum(NamedTuple):
+    """A job on top of existing files, those files in the control's form, and what is to be said of the sum."""
+
+    job: Job
+    existing: Compensation | None = None
+    notes: tuple[str, ...] = ()
+
+
+def on_top(chosen: Controller, job: Job, existing: Sequence[ExistingCompensation]) -> Sum:
+    """The job with what the control holds already (ISO/TR 16907 10.5). Raises `InputError` where it cannot hold that as it is."""
+    if not existing:
+        return Sum(job)
+    declared = chosen.declaration
+    old = reduce(add_compensations, (e.compensation for e in existing))
+    held = fitted(chosen, replace(job, compensation=old)).job.compensation
+    if held.axis_tables and job.compensation.tables and not declared.model:
+        job = replace(job, compensation=_by_axis(job, declared))
+    both = in_form(add_compensations(job.compensation, held), job.machine, declared, job.tool)
+    notes = [f"sum with {e.words}" for e in existing]
+    if declared.spacing == EQUAL:
+        both, loss = with_equal_steps(both, declared.most_points)
+        notes += [f"in equal steps the sum is at most {1e3 * loss:.3g} µm off"] if loss > EXACT else []
+    return Sum(replace(job, compensation=replace(both, names=job.compensation.names)), old, tuple(notes))
+
+
+def _by_axis(job: Job, declared: Declaration) -> Compensation:
+    """Tables of error functions as the tables of axes that a control without a kinematic model holds."""
+    return replace(job.compensation, tables=(), axis_tables=job.axis_tables(products=declared.products))
 
 
 def _tool_of(made: Compensation) -> tuple[float, float, float]:
@@ -108,7 +152,7 @@ def _for_one_tool(before: Compensation, found: Export, tool: np.ndarray) -> list
     ]
 
 
-def _carried(made: Compensation, machine: Machine, declared: Declaration) -> tuple[str, ...]:
+def carried(made: Compensation, machine: Machine, declared: Declaration) -> tuple[str, ...]:
     """The types that the control is given, under names that it has. Raises `InputError` for one that it cannot carry."""
     found = []
     for name in types_of(made, machine):

@@ -19,8 +19,10 @@ from volid.controllers.forms import sum_of_lines
 from volid.controllers.reading import ExistingCompensation
 from volid.fitting.solution import Solution
 from volid.model.iso230 import LINEAR_AXES, parse
-from volid.plausibility.conditions import active_compensations
+from volid.plausibility.conditions import ACTIVE, active_compensations
 
+NOT_ACTIVE = "by the record it was not active"
+REPLACED = "REPLACE"
 SEEN = 1e-4  # mm: 0.1 µm; what is smaller is not looked for
 
 
@@ -43,13 +45,13 @@ def would_replace(campaign: Campaign, types: Iterable[str], cnc: str) -> list[st
         return []
     files = [a.text for a in campaign.active_files]
     way = (
-        f"`add_active=True` adds them to {'; '.join(files)}, which the campaign holds"
+        f"add these values to {'; '.join(files)}, which the campaign holds: `volid.recorded_compensations`"
         if files
-        else "`add_to` adds them to the files that the control holds"
+        else "add these values to the files that the control holds: `add_to`"
     )
     return [
         f"{', '.join(again)}: such a compensation was active while the campaign was measured, and these values are what remained "
-        f"with it. Loaded in its place they REPLACE it, and its errors come back: {way}"
+        f"with it. Loaded in its place they {REPLACED} it, and its errors come back; {way}"
     ]
 
 
@@ -67,17 +69,39 @@ def _meet(one: str, other: str) -> bool:
     return bool({one, *_PARTS.get(one, ())} & {other, *_PARTS.get(other, ())})
 
 
-def described(solution: Solution, existing: Sequence[ExistingCompensation]) -> list[str]:
+def not_recorded(campaign: Campaign, existing: Sequence[ExistingCompensation]) -> list[str]:
+    """Sentences where files that new values are added to were, by the record, not active while the campaign was measured.
+
+    The sum is right only where they were: the new values are what remained with them.
+    """
+    texts, types = active_compensations(campaign.conditions), active_types(campaign)
+    found = []
+    for e in existing:
+        if e.words in texts:
+            continue
+        if ACTIVE not in campaign.conditions:
+            found.append(
+                f"{e.words}: the record does not say that it was active while measuring; the sum is right if it was"
+            )
+        elif not any(_meet(a, b) for a in e.types for b in types):
+            found.append(
+                f"{e.words}: {NOT_ACTIVE} while the campaign was measured; then its errors are in the new values too, and the "
+                "sum corrects them twice"
+            )
+    return found
+
+
+def not_described(solution: Solution, existing: Sequence[ExistingCompensation]) -> list[str]:
     """What of the machine with existing compensations the solution's model cannot describe, one sentence each.
 
     Looked at: tables whose direction matters, where the function has no reversal in the model; tables of functions that the
     model does not have; and grids that are no sum of functions of single axes. That the readings agree with the model is the
     chi-square test's to say; this says where to look.
     """
-    return [text for e in existing for text in dict.fromkeys(_not_described(solution, e))]
+    return [text for e in existing for text in dict.fromkeys(_cannot(solution, e))]
 
 
-def _not_described(solution: Solution, e: ExistingCompensation) -> Iterator[str]:
+def _cannot(solution: Solution, e: ExistingCompensation) -> Iterator[str]:
     parts = solution.model.by_name
     for moved in e.compensation.axis_tables:
         if moved.factor is not None:
