@@ -132,7 +132,8 @@ def places(machine: volid.Machine, m: int = 40, seed: int = 5) -> np.ndarray:
 def allowance(case: Case, job: Job) -> np.ndarray:
     """What rounding to the quantum may change of each axis's correction: half a quantum for each table, and its lever (axes,)."""
     declared = CONTROLS[case.control].declaration
-    length, angle = (1e-8 if q is None else 0.5 * q for q in declared.quantum)
+    share = 1.0 if declared.zero_fixed else 0.5  # half a quantum at the place, and half at the zero
+    length, angle = (1e-8 if q is None else share * q for q in declared.quantum)
     found = np.full(len(job.machine.axes), 1e-8)
     if declared.model or job.compensation.grids:
         arm = max(abs(v) for a in job.machine.linear for v in a.travel) + np.abs(job.tool).max()
@@ -149,6 +150,11 @@ def _of_table(table: AxisTable, linear: bool, length: float, angle: float) -> fl
     if table.factor is not None:
         return float(angle * np.abs(table.factor.values).max() + length)
     return length if linear else float(np.rad2deg(angle))
+
+
+def shifts(case: Case, difference: np.ndarray) -> np.ndarray:
+    """By what each axis is shifted as a whole where the control itself fixes the zero of its values, else 0; (axes,)."""
+    return difference[0] if CONTROLS[case.control].declaration.zero_fixed else np.zeros(difference.shape[1])
 
 
 def ways(case: Case, m: int, axes: int) -> list[np.ndarray]:

@@ -139,8 +139,10 @@ def in_json(made: Export) -> dict[str, Any]:
     """An export for machine reading."""
     from dataclasses import asdict
 
+    from volid.controllers.base import COLUMNS
     from volid.controllers.sign_check import sign_checks
 
+    checks = sign_checks(made.held, made.job, made.declaration.reversal == COLUMNS)
     return {
         "cnc": made.declaration.name,
         "types": made.types,
@@ -148,7 +150,7 @@ def in_json(made: Export) -> dict[str, Any]:
         "files": [{"name": f.name, "what": f.what} for f in made.written.files],
         "parameters": [dict(zip(("name", "value", "meaning"), p, strict=True)) for p in made.written.parameters],
         "rounding": made.written.rounding,
-        "sign_checks": [asdict(c) for c in sign_checks(made.held, made.job)],
+        "sign_checks": [asdict(c) for c in checks],
         "helping_axes": [asdict(h) for h in made.helping],
         "notes": made.notes,
     }

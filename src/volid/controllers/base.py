@@ -86,6 +86,7 @@ class Declaration:
         zero: Where values must be 0, in words.
         switching: How each compensation is switched on and off.
         options: What the user may state.
+        zero_fixed: Whether the control itself makes the value 0 at its own zero, so that each axis is shifted as a whole.
         commissioning: What a person does at the control.
         facts: What is known about it, with its basis and source.
     """
@@ -109,6 +110,7 @@ class Declaration:
     products: bool = False
     model: bool = False
     options: tuple[Option, ...] = ()
+    zero_fixed: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,6 +174,10 @@ class Controller(ABC):
     """A control; one subclass and one file each."""
 
     declaration: Declaration
+
+    def declared_for(self, machine: Machine, options: Mapping[str, Any]) -> Declaration:
+        """The declaration for a machine and options, where the form of a type depends on them."""
+        return self.declaration
 
     @abstractmethod
     def write(self, job: Job) -> Written:

@@ -38,7 +38,10 @@ def asked_types(declared: Declaration, types: Sequence[str], machine: Machine) -
 
 
 def most_types(
-    declared: Declaration, machine: Machine, functions: Sequence[str], make: Callable[[str], Compensation]
+    declared: Declaration,
+    machine: Machine,
+    functions: Sequence[str],
+    make: Callable[[Sequence[str]], Compensation],
 ) -> Choice:
     """The most complete types that the control carries on this machine and the data determine.
 
@@ -46,26 +49,29 @@ def most_types(
         declared: What the control declares; its types stand in the order of completeness.
         machine: The machine.
         functions: Functions that L-SPEC and R-SPEC use; without them these types are left out.
-        make: Makes one type, coarsely, to see whether it can be made.
+        make: Makes and writes types, coarsely, to see whether the data determine them and the control holds them together.
 
     Raises:
         NotDeterminedError: the data determine none of them.
-        InputError: the machine has no axis for any of them.
+        InputError: the machine has no axis for any of them, or the control refuses all.
     """
     found: list[str] = []
     left: list[str] = []
+    refused = False
     for name in declared.carries:
         if not _fits(name, found, machine) or (compensation_type(name).is_chosen and not functions):
             continue
-        why = _obstacle(name, make)
+        why = _obstacle([*found, name], make)
         if why:
-            left.append(f"{name} is left out: {why}")
+            left.append(f"{name} is left out: {why.text}")
+            refused = refused or not why.of_the_data
         else:
             found.append(name)
     if found:
         return Choice(tuple(found), tuple(left))
     if left:
-        raise NotDeterminedError(f"{declared.name}: nothing that it carries can be made. {'. '.join(left)}")
+        kind = InputError if refused else NotDeterminedError
+        raise kind(f"{declared.name}: nothing that it carries can be made. {'. '.join(left)}")
     raise InputError(
         f"{declared.name} carries {', '.join(declared.carries)}, and machine '{machine.name}' has no axis for any of them"
     )
@@ -80,12 +86,19 @@ def _fits(name: str, found: Sequence[str], machine: Machine) -> bool:
     return True
 
 
-def _obstacle(name: str, make: Callable[[str], Compensation]) -> str:
-    """Why a type cannot be made; "" where it can."""
+class _Obstacle(NamedTuple):
+    text: str
+    of_the_data: bool = True
+
+
+def _obstacle(names: Sequence[str], make: Callable[[Sequence[str]], Compensation]) -> _Obstacle | None:
+    """Why the last of some types cannot be made beside the others; None where it can."""
     try:
-        made = make(name)
+        made = make(names)
     except (NotDeterminedError, InputError) as error:
-        return str(error).rstrip(".").removeprefix("tables: ")
-    if not (made.tables or made.grids):
-        return NOTHING
-    return BLANK if any(np.isnan(g.values[:, :3]).any() for g in made.grids) else ""
+        return _Obstacle(str(error).rstrip(".").removeprefix("tables: "), isinstance(error, NotDeterminedError))
+    held = [n for t in made.tables for n in t.type.split(" + ")] + [g.type for g in made.grids]
+    if names[-1].rstrip("+") not in (n.rstrip("+") for n in held):  # beside FOR, L-VOL becomes L-VOL+
+        return _Obstacle(NOTHING)
+    blank = any(np.isnan(g.values[:, :3]).any() for g in made.grids)
+    return _Obstacle(BLANK) if blank else None

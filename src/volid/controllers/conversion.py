@@ -94,7 +94,7 @@ def fitted(chosen: Controller, job: Job) -> Export:
 
     Raises `InputError` where the control cannot hold it so.
     """
-    before, declared = job.compensation, chosen.declaration
+    before, declared = job.compensation, chosen.declared_for(job.machine, job.options)
     made = in_form(before, job.machine, declared, job.tool)
     types = carried(made, job.machine, declared)
     made = replace(made, names=types)
@@ -117,7 +117,7 @@ def on_top(chosen: Controller, job: Job, existing: Sequence[ExistingCompensation
     """The job with what the control holds already (ISO/TR 16907 10.5). Raises `InputError` where it cannot hold that as it is."""
     if not existing:
         return Sum(job)
-    declared = chosen.declaration
+    declared = chosen.declared_for(job.machine, job.options)
     old = reduce(add_compensations, (e.compensation for e in existing))
     held = fitted(chosen, replace(job, compensation=old)).job.compensation
     if held.axis_tables and job.compensation.tables and not declared.model:

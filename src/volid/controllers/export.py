@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
+
+import numpy as np
 
 from volid.compensation.base import Base, base_of
 from volid.compensation.grids.request import Rule
@@ -23,9 +25,10 @@ from volid.controllers.state import not_described, not_recorded, would_replace
 from volid.controllers.unsupported import reason
 from volid.exceptions import InputError
 from volid.fitting.solution import Solution
+from volid.model.iso230 import DIRECTIONS, SPINDLE
 from volid.model.machine import Machine
 
-PROBE = Sampling(max_points=3)  # coarse: to see whether a type can be made at all
+COARSE = 3  # points of tables and grids: to see whether a type can be made and held at all
 FEW = 3  # notes of one kind
 LEFT_OUT = 1e-6  # mm: what tables miss between their points is worth a word from here on
 
@@ -113,17 +116,18 @@ def export_of(solution: Solution, chosen: Controller, request: ExportRequest) ->
     """`export` with everything that is asked for in one object."""
     declared = chosen.declaration
     stated, sign = options_of(declared, request.options), sign_of(declared, request.sign)
-    work = _Work(solution, declared, request)
-    found = work.choice()
+    declared = chosen.declared_for(solution.machine, stated)
+    work = _Work(solution, declared, request, sign, stated)
+    found = work.choice(lambda job: chosen.write(job))
     made = work.compensation(found.types, work.sampling)
-    job = Job(solution.machine, made, work.base.at, work.base.tool, sign, stated)
+    job, without = work.job(made)
     job, old, summed = on_top(chosen, job, request.add_to)
     job, kept = kept_to(request.axes, job, declared)
     written = write(chosen, job, found.types)
     helping = helping_motions(written.held, job, request.axes, model_reversal(solution))
     refuse_unsteady(helping, request.axes, job.machine)
-    notes = (*found.notes, *work.notes(made), *summed, *kept, *_helping_notes(helping, job.machine), *written.notes)
-    notes = (*notes, *_state_notes(solution, found.types, declared, request))
+    notes = (*found.notes, *work.notes(made), *without, *summed, *kept, *_helping_notes(helping, job.machine))
+    notes = (*notes, *written.notes, *_state_notes(solution, found.types, declared, request))
     return replace(written, axes=request.axes, solution=solution, helping=helping, notes=notes, existing=old)
 
 
@@ -134,6 +138,21 @@ def _state_notes(
     if request.add_to:
         return (*not_recorded(solution.campaign, request.add_to), *not_described(solution, request.add_to))
     return tuple(would_replace(solution.campaign, types, declared.name))
+
+
+def _without_tool_frame(made: Compensation, declared: Declaration, base: Base) -> tuple[Compensation, list[str]]:
+    """The tables without constants of the tool frame, and what they do at the base tool, for a control without a model."""
+    constants = {t.function: float(t.forward[0]) for t in made.tables if t.axis == SPINDLE}
+    if not constants:
+        return made, []
+    values = np.array([constants.get(f"E{d}0{SPINDLE}", 0.0) for d in DIRECTIONS])
+    moved = 1e3 * (values[:3] + np.cross(values[3:], base.tool))
+    note = (
+        f"{', '.join(constants)}: constants of the tool frame are left out, because {declared.name} has no kinematic model. "
+        f"With the base tool they move the functional point by {', '.join(f'{v:.2f}' for v in moved)} µm everywhere (tool "
+        "frame); a work offset or the tool data take that"
+    )
+    return replace(made, tables=tuple(t for t in made.tables if t.axis != SPINDLE)), [note]
 
 
 def _helping_notes(found: Sequence[HelpingMotion], machine: Machine) -> list[str]:
@@ -147,19 +166,35 @@ def _helping_notes(found: Sequence[HelpingMotion], machine: Machine) -> list[str
 class _Work:
     """One export: base, ranges and sampling, and what is made with them."""
 
-    def __init__(self, solution: Solution, declared: Declaration, request: ExportRequest) -> None:
-        self.declared, self.request = declared, request
+    def __init__(
+        self, solution: Solution, declared: Declaration, request: ExportRequest, sign: str, options: Mapping[str, Any]
+    ) -> None:
+        self.declared, self.request, self.sign, self.options = declared, request, sign, options
         self.base = base_of(solution, solution.most_used_tool()) if request.base is None else request.base
         self.ranges = chosen_ranges(solution, request.ranges, request.extrapolate)
         self.sampling = sampling_for(declared, request.sampling)
         self.solution = solution.extrapolated() if request.extrapolate else solution
 
-    def choice(self) -> Choice:
-        """The types asked for, or the most complete."""
+    def choice(self, write: Callable[[Job], Written]) -> Choice:
+        """The types asked for, or the most complete that the control can hold together."""
         machine = self.solution.machine
         if self.request.types:
             return asked_types(self.declared, self.request.types, machine)
-        return most_types(self.declared, machine, self.base.functions, lambda name: self.compensation((name,), PROBE))
+
+        def probe(names: Sequence[str]) -> Compensation:
+            made = self.compensation(names, replace(self.sampling, step=None, max_error=None, max_points=COARSE))
+            if made.tables or made.grids:
+                write(self.job(made)[0])
+            return made
+
+        return most_types(self.declared, machine, self.base.functions, probe)
+
+    def job(self, made: Compensation) -> tuple[Job, list[str]]:
+        """What is to be written, and what is left out because a control without a model has no place for it."""
+        left: list[str] = []
+        if not self.declared.model:
+            made, left = _without_tool_frame(made, self.declared, self.base)
+        return Job(self.solution.machine, made, self.base.at, self.base.tool, self.sign, self.options), left
 
     def compensation(self, names: Sequence[str], sampling: Sampling) -> Compensation:
         """Tables and grids of the types, each in the form in which the control carries it. Raises as `export` does."""

@@ -11,7 +11,7 @@ import numpy as np
 from volid.compensation.active import axis_table_words, grid_words
 from volid.compensation.helping_axes import helping_words
 from volid.compensation.package import Compensation
-from volid.controllers.base import HELD, NO_REVERSAL, ONE_VALUE, OPEN
+from volid.controllers.base import COLUMNS, HELD, NO_REVERSAL, ONE_VALUE, OPEN
 from volid.controllers.explain import commissioning, fact_table, properties_of_files
 from volid.controllers.export import Export
 from volid.controllers.markdown import bullets, heading, steps, table, text_of
@@ -57,7 +57,7 @@ def _parameters(made: Export) -> list[str]:
 
 def _signs(made: Export) -> list[str]:
     """What to command and what must be seen, one row for each table."""
-    checks = sign_checks(made.held, made.job)
+    checks = sign_checks(made.held, made.job, made.declaration.reversal == COLUMNS)
     lines = [
         "For each row: with the compensation off, go to the position, all axes coming from the stated side (from below: in +),",
         "and read the position of the drive in the service display, or set an indicator at the axis to zero. Switch the",
@@ -74,6 +74,11 @@ def _signs(made: Export) -> list[str]:
         ]
     else:
         lines += ["Where an axis moves the other way, remove the files (section 8) and do not use them.", ""]
+    if made.declaration.reversal == ONE_VALUE:
+        lines += [
+            "Set the reversal value (backlash) of the axes to 0 for this check, and back to its value afterwards.",
+            "",
+        ]
     if not checks:
         return [*lines, "All values are zero: there is nothing to see."]
     lines += table(_HEADER, [_row(made.job.machine, c) for c in checks])
@@ -98,7 +103,7 @@ _HEADER = [
 
 def _row(machine: Machine, check: SignCheck) -> list[str]:
     place = "  ".join(f"{a} {v:.9g}" for a, v in check.at.items())
-    side = "below (+)" if check.way > 0 else "above (-)"
+    side = "above (-)" if check.way < 0 else "below (+)"
     stands = f"{check.axis} {check.at[check.axis] + check.alone:.6f}"
     moves = (with_unit(machine, check.axis, v, sign=True) for v in (check.alone, check.together))
     alone, together = moves

@@ -9,8 +9,9 @@ is switched on.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 
@@ -36,7 +37,7 @@ class SignCheck:
     Args:
         table: What is checked, in words.
         at: Programmed positions by axis letter [mm or °].
-        way: Direction from which all axes come, +1 or -1.
+        way: Direction in which all axes come, +1 or -1; 0 for the mean of both.
         axis: Letter of the axis that must move.
         alone: Its motion by this table alone [mm or °].
         together: Its motion with everything that is loaded [mm or °].
@@ -55,38 +56,44 @@ class SignCheck:
         return abs(self.alone) < SMALL
 
 
-def sign_checks(made: Compensation, job: Job) -> tuple[SignCheck, ...]:
+def sign_checks(made: Compensation, job: Job, both: bool = True) -> tuple[SignCheck, ...]:
     """One point for each table, and one for each axis that a grid moves; what moves nothing has none.
 
     Args:
         made: What the control holds, as it was read back.
         job: The job that was written: machine, tool vector and lines.
+        both: Whether tables hold both directions; else the mean of both is checked, without a reversal value beside the table.
     """
+    look = _Look(job, made.control(job.machine), (1.0, -1.0) if both else (0.0,))
     found: list[SignCheck] = []
     for t in made.axis_tables:
-        found += _checks(axis_table_words(t), Compensation((), (), (), (t,)), _on_table(job, t), job, made)
+        found += look.at(axis_table_words(t), Compensation((), (), (), (t,)), _on_table(job, t))
     for e in (e for e in made.tables if e.axis != SPINDLE):
-        words = f"table of {e.function} over {e.axis}"
-        found += _checks(words, Compensation((), (e,), ()), _on_function(job, e), job, made)[:1]
+        found += look.at(f"table of {e.function} over {e.axis}", Compensation((), (e,), ()), _on_function(job, e))[:1]
     for g in made.grids:
-        found += _checks(grid_words(g), Compensation((), (), (g,)), _on_grid(job, g), job, made)
+        found += look.at(grid_words(g), Compensation((), (), (g,)), _on_grid(job, g))
     return tuple(found)
 
 
-def _checks(words: str, part: Compensation, places: np.ndarray, job: Job, whole: Compensation) -> list[SignCheck]:
-    """The place where the part moves each axis most, the most moved axis first."""
-    alone, found = part.control(job.machine), []
-    ways = (1.0, -1.0)
-    steps = np.stack([_steps(alone, places, w, job.tool) for w in ways])  # (ways, places, axes)
-    for k, axis in enumerate(job.machine.axes):
-        w, m = np.unravel_index(int(np.argmax(np.abs(steps[:, :, k]))), steps.shape[:2])
-        step = float(steps[w, m, k])
-        if abs(step) > NOTHING:
-            q = places[m]
-            total = float(_steps(whole.control(job.machine), q[None], ways[w], job.tool)[0, k])
-            at = {a: round(float(v), 6) for a, v in zip(job.machine.letters, q, strict=True)}
-            found.append(SignCheck(words, at, ways[w], axis.letter, step, total))
-    return sorted(found, key=lambda c: -abs(c.alone))
+class _Look(NamedTuple):
+    """Where one part of what is loaded moves each axis most. `ways`: directions of approach that are looked at."""
+
+    job: Job
+    whole: Control
+    ways: tuple[float, ...]
+
+    def at(self, words: str, part: Compensation, places: np.ndarray) -> list[SignCheck]:
+        """One point for each axis that the part moves, the most moved axis first; `places` (m, axes)."""
+        job, alone, found = self.job, part.control(self.job.machine), []
+        steps = np.stack([_steps(alone, places, w, job.tool) for w in self.ways])  # (ways, places, axes)
+        for k, axis in enumerate(job.machine.axes):
+            w, m = np.unravel_index(int(np.argmax(np.abs(steps[:, :, k]))), steps.shape[:2])
+            step = float(steps[w, m, k])
+            if abs(step) > NOTHING:
+                total = float(_steps(self.whole, places[m][None], self.ways[w], job.tool)[0, k])
+                at = {a: round(float(v), 6) for a, v in zip(job.machine.letters, places[m], strict=True)}
+                found.append(SignCheck(words, at, self.ways[w], axis.letter, step, total))
+        return sorted(found, key=lambda c: -abs(c.alone))
 
 
 def _steps(control: Control, q: np.ndarray, way: float, tool: np.ndarray) -> np.ndarray:
@@ -138,8 +145,3 @@ def with_unit(machine: Machine, letter: str, value: float, sign: bool = False) -
     linear = machine.axis(letter).is_linear
     text = f"{value:+.4f}" if sign and linear else f"{value:+.6f}" if sign else f"{value:.9g}"
     return f"{text} {'mm' if linear else '°'}"
-
-
-def opposite(check: SignCheck) -> SignCheck:
-    """The same check as it comes out when the sign is wrong."""
-    return replace(check, alone=-check.alone, together=-check.together)
