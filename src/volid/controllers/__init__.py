@@ -2,7 +2,8 @@
 
 from volid.controllers.base import Controller
 from volid.controllers.linuxcnc import LINUXCNC
+from volid.controllers.linuxcnc_matrixkins import MATRIXKINS
 
-CONTROLS: dict[str, Controller] = {c.declaration.name: c for c in (LINUXCNC,)}
+CONTROLS: dict[str, Controller] = {c.declaration.name: c for c in (LINUXCNC, MATRIXKINS)}
 
 __all__ = ["CONTROLS", "Controller"]
