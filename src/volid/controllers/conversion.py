@@ -19,12 +19,11 @@ from volid.compensation.grids.grid import Grid
 from volid.compensation.on_top import add_compensations
 from volid.compensation.package import Compensation
 from volid.controllers import Controller
-from volid.controllers.base import EQUAL, Declaration, Job, options_of, sign_of
+from volid.controllers.base import Declaration, Job, options_of, sign_of
 from volid.controllers.contents import nodes_by_axis, types_of
 from volid.controllers.exported import Export, write
 from volid.controllers.forms import in_form, one_direction
 from volid.controllers.reading import ExistingCompensation, control_called
-from volid.controllers.steps import with_equal_steps
 from volid.exceptions import InputError
 from volid.model.machine import Machine
 
@@ -98,8 +97,6 @@ def fitted(chosen: Controller, job: Job) -> Export:
     made = in_form(before, job.machine, declared, job.tool)
     types = carried(made, job.machine, declared)
     made = replace(made, names=types)
-    if declared.spacing == EQUAL:
-        made = with_equal_steps(made, declared.most_points)[0]
     found = write(chosen, replace(job, compensation=made), types)
     _refuse_change(before, found, job.tool)
     return found
@@ -124,9 +121,6 @@ def on_top(chosen: Controller, job: Job, existing: Sequence[ExistingCompensation
         job = replace(job, compensation=_by_axis(job, declared))
     both = in_form(add_compensations(job.compensation, held), job.machine, declared, job.tool)
     notes = [f"sum with {e.words}" for e in existing]
-    if declared.spacing == EQUAL:
-        both, loss = with_equal_steps(both, declared.most_points)
-        notes += [f"in equal steps the sum is at most {1e3 * loss:.3g} µm off"] if loss > EXACT else []
     return Sum(replace(job, compensation=replace(both, names=job.compensation.names)), old, tuple(notes))
 
 
