@@ -14,22 +14,20 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from volid.backend.even_points import even_points
 from volid.compensation.grids.grid import Grid
 from volid.compensation.on_top import add_compensations
 from volid.compensation.package import Compensation
 from volid.controllers import Controller
 from volid.controllers.base import Declaration, Job, options_of, sign_of
-from volid.controllers.contents import nodes_by_axis, types_of
+from volid.controllers.contents import types_of
 from volid.controllers.exported import Export, write
 from volid.controllers.forms import in_form, one_direction
 from volid.controllers.reading import ExistingCompensation, control_called
+from volid.controllers.sameness import EXACT, largest_change, refuse_change, shift_notes
 from volid.exceptions import InputError
 from volid.model.machine import Machine
 
-EXACT = 1e-6  # mm or °: two forms of one compensation may differ so much by the digits of the files
 BESIDE = 100.0 * np.eye(3)  # mm, of other tools
-SAMPLES = 400  # positions between the nodes at which both are compared
 # types that hold what is said at the left: a control that carries one of them can carry it
 _CONTAINED = {
     "L-POS": ("L-POS", "L-VOL", "L-VOL+"),
@@ -98,8 +96,8 @@ def fitted(chosen: Controller, job: Job) -> Export:
     types = carried(made, job.machine, declared)
     made = replace(made, names=types)
     found = write(chosen, replace(job, compensation=made), types)
-    _refuse_change(before, found, job.tool)
-    return found
+    refuse_change(before, found, declared, job.tool)
+    return replace(found, notes=(*found.notes, *shift_notes(before, found, declared, job.tool)))
 
 
 class Sum(NamedTuple):
@@ -136,7 +134,8 @@ def _tool_of(made: Compensation) -> tuple[float, float, float]:
 
 def _for_one_tool(before: Compensation, found: Export, tool: np.ndarray) -> list[str]:
     """A note where the two forms move the axes otherwise with another tool, because rotations act through its vector."""
-    others = [largest_change(before, found, tool + beside)[0] for beside in BESIDE]
+    shifted = found.declaration.zero_fixed
+    others = [largest_change(before, found, tool + beside, shifted=shifted)[0] for beside in BESIDE]
     if max(others) <= EXACT + found.written.rounding:
         return []
     at = ", ".join(f"{v:g}" for v in tool)
@@ -158,48 +157,3 @@ def carried(made: Compensation, machine: Machine, declared: Declaration) -> tupl
             )
         found.append(fits)
     return tuple(dict.fromkeys(found))
-
-
-def _refuse_change(before: Compensation, found: Export, tool: np.ndarray) -> None:
-    """Raises `InputError` where the converted files move an axis otherwise than the old ones, beyond what rounding explains."""
-    apart, at = largest_change(before, found, tool)
-    count = len(before.axis_tables) + len(before.tables) + len(before.grids)
-    if not apart <= EXACT + max(count, 1) * found.written.rounding:
-        raise InputError(
-            f"{found.declaration.name} would move the axes otherwise than these files: by up to {1e3 * apart:.1f} µm at {at}. "
-            f"{found.declaration.nearest}"
-        )
-
-
-def largest_change(before: Compensation, found: Export, tool: np.ndarray) -> tuple[float, str]:
-    """By how much the commands of two forms of one compensation differ at most [mm or °], and where.
-
-    At all nodes on the axes' own lines, and at positions spread evenly over all of them, in both directions.
-    """
-    machine = found.job.machine
-    q = _places(before, machine)
-    worst, at = 0.0, "any position"
-    for way in (1.0, -1.0):
-        ways = np.full_like(q, way)
-        moves = [c.control(machine).command(q, tool, ways) for c in (before, found.held)]
-        apart = np.abs(moves[0] - moves[1]).max(axis=1)
-        i = int(np.argmax(apart))
-        if not apart[i] <= worst:
-            worst = float(apart[i])
-            places = zip(machine.letters, q[i], strict=True)
-            at = ", ".join(f"{a} {v:g}" for a, v in places) + f", moving in {'+' if way > 0 else '-'}"
-    return worst, at
-
-
-def _places(made: Compensation, machine: Machine) -> np.ndarray:
-    nodes = nodes_by_axis(made)
-    lows, highs = (
-        np.array([nodes[a.letter][end] if a.letter in nodes else a.reference for a in machine.axes]) for end in (0, -1)
-    )
-    q = lows + even_points(SAMPLES, len(machine.axes)) * (highs - lows)
-    lines = []
-    for letter, positions in nodes.items():
-        line = np.tile(q[len(q) // 2], (len(positions), 1))
-        line[:, machine.index(letter)] = positions
-        lines.append(line)
-    return np.concatenate([q, *lines])

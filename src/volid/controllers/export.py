@@ -16,7 +16,7 @@ from volid.compensation.ranges import Ranges, chosen_ranges, cut_notes, refuse_e
 from volid.compensation.tables.sampling import POINTS, Sampling
 from volid.controllers import CONTROLS, Controller
 from volid.controllers.axes import Axes, helping_motions, kept_to, refuse_unsteady
-from volid.controllers.base import EQUAL, Declaration, Job, options_of, sign_of
+from volid.controllers.base import EQUAL, Declaration, Job, Written, options_of, sign_of
 from volid.controllers.choice import Choice, asked_types, most_types
 from volid.controllers.conversion import on_top
 from volid.controllers.exported import Export, write
