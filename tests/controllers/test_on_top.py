@@ -166,3 +166,24 @@ def columns(path):
     names = lines[0].split(",")
     values = np.array([[float(v or "nan") for v in line.split(",")] for line in lines[1:]])
     return dict(zip(names, values.T, strict=True))
+
+
+def test_residual_tells_the_sum_from_the_remainder(tmp_path, capsys):
+    """Files of the control that was active stand in the place of the old ones: the sum leaves nothing, the remainder does."""
+    path = measured(tmp_path, OLD, ENTRY)
+    solution = str(tmp_path / "s.h5")
+    main(["fit", str(path), "-o", solution])
+    for name, more in (("sum", ["--add-active"]), ("remainder", [])):
+        main(["export", solution, "--cnc", "linuxcnc", "--type", "L-POS", "-o", str(tmp_path / name), *more])
+    left = {}
+    for name in ("sum", "remainder"):
+        capsys.readouterr()
+        files = ["--compensation", str(tmp_path / name / "x.comp"), "--compensation-cnc", "linuxcnc"]
+        main(["residual", solution, "--tool", "0,0,0", "--repeatability", "0", *files, "-o", str(tmp_path / f"{name}.csv")])
+        assert "the files stand in the place of L-POS: x.comp for linuxcnc" in capsys.readouterr().out
+        lines = (tmp_path / f"{name}.csv").read_text().splitlines()
+        rows = [line.split(",") for line in lines if line.startswith("x.comp")]
+        (left[name],) = [float(row[6]) for row in rows if row[4] == "RMS"]
+    # 50 mm between the points: 4 µm of 333 mm wave miss 0.44 µm at most
+    assert left["sum"] < 0.0005
+    assert left["remainder"] > 0.003

@@ -13,6 +13,8 @@ import numpy as np
 
 from volid.campaign import Campaign
 from volid.compensation.grids.grid import Grid
+from volid.compensation.on_top import with_opposite
+from volid.compensation.package import Compensation
 from volid.compensation.tables.axis_table import AxisTable
 from volid.compensation.tables.error_table import ErrorTable
 from volid.controllers.forms import sum_of_lines
@@ -89,6 +91,26 @@ def not_recorded(campaign: Campaign, existing: Sequence[ExistingCompensation]) -
                 "sum corrects them twice"
             )
     return found
+
+
+def in_place(
+    loaded: Compensation, held: Sequence[ExistingCompensation], active: Sequence[ExistingCompensation]
+) -> tuple[Compensation, list[str]]:
+    """What loaded files do to the machine in the state in which it was measured, for simulation, and sentences that say so.
+
+    Args:
+        loaded: The sum of what the files hold.
+        held: The files.
+        active: What was active while measuring. Files of the same control stand in its place; else the new ones come on top.
+    """
+    notes = []
+    for e in active:
+        if any(h.cnc == e.cnc for h in held):
+            loaded = with_opposite(loaded, e.compensation)
+            notes.append(f"the files stand in the place of {e.words}, which was active while measuring")
+        else:
+            notes.append(f"the files come on top of {e.words}, which was active while measuring")
+    return loaded, notes
 
 
 def not_described(solution: Solution, existing: Sequence[ExistingCompensation]) -> list[str]:
