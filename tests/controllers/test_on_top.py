@@ -1,7 +1,7 @@
 """A machine with an old compensation file: measured with it active, corrected again, and the sum loaded (ISO/TR 16907 10.5).
 
-The machine is the exact chain, the old files are written by hand, and drives go where the lines of a COMP_FILE say: read here with
-NumPy alone, for the old files and for those that volid writes.
+The machine is the exact chain, the old files are written by hand, and drives go where the lines of a COMP_FILE say: read here
+with NumPy alone, for the old files and for those that volid writes.
 """
 
 import numpy as np
@@ -145,7 +145,10 @@ def test_the_commands_do_the_same(tmp_path, capsys):
     assert "x.comp for linuxcnc" in capsys.readouterr().out  # the summary names the state
     command = ["export", solution, "--cnc", "linuxcnc", "--type", "L-POS", "--step", "25", "-o", str(out), "--force"]
     assert main(command) == 1
-    assert "REPLACE it, and its errors come back; add these values to L-POS: x.comp for linuxcnc" in capsys.readouterr().err
+    assert (
+        "REPLACE it, and its errors come back; add these values to L-POS: x.comp for linuxcnc"
+        in capsys.readouterr().err
+    )
     assert main([*command, "--add-active"]) == 0
     assert largest((out / "x.comp").read_text(), TARGETS) < 0.0003
     text = (out / "RECORD.md").read_text()
@@ -179,7 +182,19 @@ def test_residual_tells_the_sum_from_the_remainder(tmp_path, capsys):
     for name in ("sum", "remainder"):
         capsys.readouterr()
         files = ["--compensation", str(tmp_path / name / "x.comp"), "--compensation-cnc", "linuxcnc"]
-        main(["residual", solution, "--tool", "0,0,0", "--repeatability", "0", *files, "-o", str(tmp_path / f"{name}.csv")])
+        main(
+            [
+                "residual",
+                solution,
+                "--tool",
+                "0,0,0",
+                "--repeatability",
+                "0",
+                *files,
+                "-o",
+                str(tmp_path / f"{name}.csv"),
+            ]
+        )
         assert "the files stand in the place of L-POS: x.comp for linuxcnc" in capsys.readouterr().out
         lines = (tmp_path / f"{name}.csv").read_text().splitlines()
         rows = [line.split(",") for line in lines if line.startswith("x.comp")]

@@ -84,7 +84,7 @@ def test_files_of_several_campaigns_are_kept_once(tmp_path):
     ("entry", "message"),
     [
         ('{ file = "y.comp", cnc = "linuxcnc" }', "y.comp: there is no such file"),
-        ('{ file = "../x.comp", cnc = "linuxcnc" }', "file is \"../x.comp\", which is outside the manifest's folder"),
+        ('{ file = "../x.comp", cnc = "linuxcnc" }', 'file is "../x.comp", which is outside the manifest\'s folder'),
         ('{ file = "x.comp", cnc = "linuxnc" }', "`cnc=linuxnc` is no control that volid knows"),
         ('{ file = "x.comp", controller = "linuxcnc" }', "entry 1: unknown key 'controller'"),
         ('{ file = "x.comp", name = "../x.comp", cnc = "linuxcnc" }', "'../x.comp' is no plain name of a file"),

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import PurePosixPath
 
 import numpy as np
 
@@ -87,7 +88,12 @@ def _of_axis(t: AxisTable, found: ExistingCompensation) -> Look:
     unit = "mm" if found.machine.axis(t.output).is_linear and not lever else "rad"
     name = f"{t.output} over {t.argument}" + (f", times {t.factor.axis}" if t.factor else "")
     factor = t.factor.axis if t.factor else ""
-    return Look(name, t.argument, unit, t.positions, t.forward, t.reverse, factor, t.source, t.period)
+    return Look(name, t.argument, unit, t.positions, t.forward, t.reverse, factor, _short(t.source), t.period)
+
+
+def _short(source: str) -> str:
+    """Where a table comes from; of a file its name without the folders."""
+    return PurePosixPath(source).name
 
 
 def oddities(found: ExistingCompensation) -> list[str]:
