@@ -14,6 +14,7 @@ from volid.controllers.contents import moved_axes, nodes_by_axis
 from volid.controllers.reading import OWN, ExistingCompensation, control_called, of_control, read_existing, recognised
 from volid.exceptions import InputError
 from volid.io.basics.encodings import read_bytes
+from volid.io.exports import RECORD, SHEET
 from volid.io.machines import parse_machine
 from volid.io.own_files import is_own, own_compensation
 from volid.model.machine import Machine
@@ -144,10 +145,12 @@ def _own(paths: tuple[Path, ...], machine: Machine | None) -> ExistingCompensati
 
 
 def _in_folder(path: Path) -> list[Path]:
-    """A file, or the files of a folder."""
+    """A file, or the files of a folder without what volid writes for people."""
     if not path.is_dir():
         return [path]
-    return sorted(p for p in path.iterdir() if p.is_file() and not p.name.startswith("."))
+    return sorted(
+        p for p in path.iterdir() if p.is_file() and not p.name.startswith(".") and p.name not in (SHEET, RECORD)
+    )
 
 
 def _contents(paths: tuple[Path, ...], cnc: str | None) -> dict[str, bytes]:
@@ -157,9 +160,16 @@ def _contents(paths: tuple[Path, ...], cnc: str | None) -> dict[str, bytes]:
         inside = {p.as_posix(): read_bytes(p) for p in _in_folder(path)}
         if path.is_dir():
             chosen = control_called(cnc) if cnc else _best(inside)
-            inside = (chosen and of_control(inside, chosen)) or inside
+            inside = (chosen and _with_named(of_control(inside, chosen), inside)) or inside
         found |= inside
     return found
+
+
+def _with_named(known: Mapping[str, bytes], inside: Mapping[str, bytes]) -> dict[str, bytes]:
+    """Files that a control recognises, and those of the same folder whose names stand in them, as in a list of files."""
+    text = b"\n".join(known.values()).lower()
+    named = {n: c for n, c in inside.items() if known and Path(n).name.lower().encode() in text}
+    return {n: c for n, c in inside.items() if n in known or n in named}
 
 
 def _best(files: Mapping[str, bytes]) -> Any:
