@@ -107,6 +107,7 @@ def test_own_tables_are_inspected_and_converted(tmp_path, capsys):
     ("words", "message"),
     [
         (["nowhere.comp"], "nowhere.comp: there is no such file"),
+        (["{x}", "--cnc", "linuxcnc", "--option", "comp_file_type=1"], "if the files need one, name it with --machine"),
         (["pyproject.toml"], "pyproject.toml: looks like a file of no control that volid knows"),
         (["{x}", "--cnc", "linuxnc"], "is no control that volid knows; available: linuxcnc"),
         (["{x}", "--to", "linuxcnc"], "--to linuxcnc writes files; name a folder for them with -o"),

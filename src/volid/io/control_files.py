@@ -45,6 +45,7 @@ def load_compensation(
     Raises:
         InputError: a file is missing or damaged, is of no control that volid knows, or an option or sign is missing or wrong.
 
+    >>> import numpy as np
     >>> import volid
     >>> path = getfixture("tmp_path") / "x.comp"
     >>> _ = path.write_text("0 0.000 0.002\\n500 500.010 500.013\\n1000 999.996 999.999\\n")
@@ -63,9 +64,12 @@ def load_compensation(
     if machine is not None:
         return read_existing(files, machine, cnc, sign=sign, options=options)
     chosen = cnc or recognised(files).declaration.name
-    wide = read_existing(files, _plain(_LETTERS, _WIDE), chosen, sign=sign, options=options)
-    plain, sentence = _plain_of(wide.compensation)
-    found = read_existing(files, plain, cnc, sign=sign, options=options)
+    try:
+        wide = read_existing(files, _plain(_LETTERS, _WIDE), chosen, sign=sign, options=options)
+        plain, sentence = _plain_of(wide.compensation)
+        found = read_existing(files, plain, cnc, sign=sign, options=options)
+    except InputError as error:
+        raise InputError(f"{error}. No machine was given; if the files need one, name it with `machine`") from None
     return ExistingCompensation(
         found.cnc, plain, found.compensation, files, found.sign, found.options, (*found.assumed, sentence)
     )

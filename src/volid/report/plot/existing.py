@@ -52,7 +52,7 @@ def existing_figure(found: ExistingCompensation, *, texts: Texts = ENGLISH) -> F
     >>> _ = path.write_text("0 0.000 0.002\\n500 500.010 500.013\\n1000 999.996 999.999\\n")
     >>> figure = volid.plot.existing_figure(volid.load_compensation([path], "linuxcnc"))
     >>> [panel.get_title(loc="left") for panel in figure.axes]
-    ['X over X']
+    ['X over X (x.comp)']
     """
     tables = looks(found)
     pieces = [(g, k, plane) for g in found.compensation.grids for k in range(3) for plane in _planes(g)]
