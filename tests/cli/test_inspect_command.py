@@ -58,7 +58,8 @@ def test_values_in_micrometres_are_no_deviations(tmp_path, capsys):
 
 def test_values_at_positions_and_directions(files, tmp_path, capsys):
     (tmp_path / "points.csv").write_text("X,X_dir\n500,1\n500,-1\n250,0\n2000,1\n")
-    _, out, _ = run(capsys, "inspect", files / "x.comp", "--cnc", "linuxcnc", "--at", tmp_path / "points.csv")
+    _, out, err = run(capsys, "inspect", files / "x.comp", "--cnc", "linuxcnc", "--at", tmp_path / "points.csv")
+    assert "1 of 4 points lie beyond X over X (0 … 1000): the end value is held" in err
     names, *rows = [line for line in out.splitlines() if not line.startswith("#")]
     assert names == "X,X_dir,ex,ey,ez,correction_X"
     found = np.array([[float(v) for v in row.split(",")] for row in rows])

@@ -78,6 +78,12 @@ def test_files_of_several_campaigns_are_kept_once(tmp_path):
     paths[1].write_text(text)
     merged = volid.load_campaign(*paths)
     assert len(merged.active_files) == 1
+    assert not [w for w in merged.warnings if "were active" in w]
+    (tmp_path / "b" / "x.comp").write_text(COMP.replace("500.010", "500.011"))
+    merged = volid.load_campaign(*paths)
+    assert len(merged.active_files) == 2
+    (said,) = [w for w in merged.warnings if "different files of a control were active while measuring" in w]
+    assert "Fit them one by one" in said
 
 
 @pytest.mark.parametrize(

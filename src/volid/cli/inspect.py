@@ -131,12 +131,13 @@ def _draw(found: ExistingCompensation, args: argparse.Namespace) -> None:
 
 
 def _values(found: ExistingCompensation, args: argparse.Namespace) -> None:
+    from volid.controllers.looks import points_beyond
     from volid.io.existing_values import values_sheet
     from volid.io.functions_csv import read_points
 
     points = read_points(args.at, found.machine, tools=False)
     write_sheet(values_sheet(found, points), args)
-    tell(args, points.notes)
+    tell(args, [*points.notes, *points_beyond(found, points.positions)])
 
 
 def _convert(found: ExistingCompensation, args: argparse.Namespace) -> Export:

@@ -118,7 +118,7 @@ def on_top(chosen: Controller, job: Job, existing: Sequence[ExistingCompensation
     if held.axis_tables and job.compensation.tables and not declared.model:
         job = replace(job, compensation=_by_axis(job, declared))
     both = in_form(add_compensations(job.compensation, held), job.machine, declared, job.tool)
-    notes = [f"sum with {e.words}" for e in existing]
+    notes = [f"sum with {e.words}: load it in the place of these files, not beside them" for e in existing]
     return Sum(replace(job, compensation=replace(both, names=job.compensation.names)), old, tuple(notes))
 
 

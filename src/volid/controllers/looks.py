@@ -164,17 +164,32 @@ def _out_of_line(look: Look, way: str, values: np.ndarray) -> Iterator[str]:
 def beyond(found: ExistingCompensation) -> list[str]:
     """Where axes travel beyond the positions of a table or grid, and what the control does there, one sentence each."""
     said = []
-    made = found.compensation
-    spans = [(k.name, k.argument, k.positions, k.period) for k in looks(found) if k.argument != SPINDLE]
-    spans += [
-        (f"{g.type} grid", a, n, p) for g in made.grids for a, n, p in zip(g.axes, g.nodes, g.periods, strict=True)
-    ]
-    for name, letter, positions, period in spans:
+    for name, letter, positions, period in _spans(found):
         low, high = found.machine.axis(letter).travel
         ends = [f"below {positions[0]:g}"] if low < positions[0] - BEYOND else []
         ends += [f"above {positions[-1]:g}"] if high > positions[-1] + BEYOND else []
         if ends and not period:
             said.append(f"{name}: {letter} travels from {low:g} to {high:g}; {' and '.join(ends)} {_does(found)}")
+    return said
+
+
+def _spans(found: ExistingCompensation) -> list[tuple[str, str, np.ndarray, float]]:
+    """Of every table, and every axis of a grid: name, letter, positions, and 360 where they close a turn."""
+    spans = [(k.name, k.argument, k.positions, k.period) for k in looks(found) if k.argument != SPINDLE]
+    grids = found.compensation.grids
+    return spans + [
+        (f"{g.type} grid", a, n, p) for g in grids for a, n, p in zip(g.axes, g.nodes, g.periods, strict=True)
+    ]
+
+
+def points_beyond(found: ExistingCompensation, positions: np.ndarray) -> list[str]:
+    """How many of some positions, machine axis order, lie beyond a table or grid, and what the control does there."""
+    said = []
+    for name, letter, nodes, period in _spans(found):
+        q = positions[:, found.machine.index(letter)]
+        count = 0 if period else int(((q < nodes[0] - BEYOND) | (q > nodes[-1] + BEYOND)).sum())
+        if count:
+            said.append(f"{count} of {len(q)} points lie beyond {name} ({nodes[0]:g} … {nodes[-1]:g}): {_does(found)}")
     return said
 
 
