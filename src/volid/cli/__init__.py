@@ -57,6 +57,10 @@ VERBS = {
         "a field measured point by point as a spatial grid, without kinematic model, and the model tested by it",
     ),
     "export": ("export", "the files that a control loads, from a solution, with a commissioning sheet and the record"),
+    "inspect": (
+        "inspect",
+        "an existing compensation of a control: what its files hold, values, figure, conversion to another control",
+    ),
     "residual": (
         "residual",
         "what each compensation type leaves over the working volume, side by side, with intervals",

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from volid.compensation.on_top import summed
 from volid.compensation.package import Compensation
 from volid.compensation.tables.axis_table import AxisTable
 from volid.compensation.tables.by_axis import axis_tables
@@ -147,7 +148,7 @@ class Job:
     def axis_tables(self, *, products: bool = False) -> tuple[AxisTable, ...]:
         """All tables as tables of axes, for a control without a kinematic model."""
         made = axis_tables(self.machine, self.compensation.tables, self.at, self.tool, products=products)
-        return (*made, *self.compensation.axis_tables)
+        return summed((*made, *self.compensation.axis_tables))
 
 
 @dataclass(frozen=True)
