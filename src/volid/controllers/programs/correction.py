@@ -1,0 +1,214 @@
+"""A polyline corrected: where its lines are cut so that the corrected path is followed within a tolerance, and where it lies then.
+
+Along a line, the correction c(t) of grids (trilinear, with rotations through the lever arm of a constant tool vector) and of
+tables (linear, times a lever arm or a factor that is linear itself) is a polynomial of degree three between the places where the
+line crosses a node. Four values give its control points, and no point of it departs from the chord between its ends by more than
+the largest distance of a control point from that chord: Bernstein polynomials are positive and add up to 1. So the bound is one,
+not an estimate from samples. Chords of a smooth part fall with the square of their number, those about a node with the number.
+
+Not modelled: a smoothing or rounding control; of second order, that the correction is looked up at the programmed position.
+
+Source: G. Farin, Curves and Surfaces for CAGD, 5th ed. 2002, 4.3 (convex hull), 5.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from volid.backend.steps import Step
+from volid.compensation.control import Control
+from volid.exceptions import InputError
+
+LETTERS = "XYZ"
+_MOST = 64  # parts into which a line is cut at once
+_ROUNDS = 40
+_NEGLIGIBLE = 1e-12  # of a line: pieces below are rounding
+CHUNK = 50_000  # lines at once
+
+
+class Lines(NamedTuple):
+    """Lines of a polyline. `owner`: index of its motion, (m,). `start`, `end`: (m, 3) [mm]. `tool`: (m, 3) [mm]. `way`: directions
+    of X, Y, Z, +1, -1 or 0, (m, 3). `tolerance`: of the correction along it, inf for none (m,) [mm]."""
+
+    owner: np.ndarray
+    start: np.ndarray
+    end: np.ndarray
+    tool: np.ndarray
+    way: np.ndarray
+    tolerance: np.ndarray
+
+    def rows(self, which: np.ndarray | slice) -> Lines:
+        """Some of them."""
+        return Lines(*(a[which] for a in self))
+
+
+class Corrected(NamedTuple):
+    """Lines cut so that their corrected ends carry the path. `lines`: the cut lines. `first`, `last`: corrected ends, (m, 3) [mm].
+    `bound`: largest distance of a corrected line from the corrected curve, (m,) [mm]. `outside`: whether an end lies outside the
+    nodes of a table or grid, (m,)."""
+
+    lines: Lines
+    first: np.ndarray
+    last: np.ndarray
+    bound: np.ndarray
+    outside: np.ndarray
+
+
+def nodes_of(control: Control) -> dict[str, np.ndarray]:
+    """Positions of X, Y and Z at which tables and grids of a control bend, rising, by letter."""
+    found: dict[str, list[np.ndarray]] = {letter: [np.zeros(0)] for letter in LETTERS}
+    for grid in control.grids:
+        for letter, nodes in zip(grid.axes, grid.nodes, strict=True):
+            found[letter].append(np.asarray(nodes))
+    for table in control.tables:
+        if table.axis in found:
+            found[table.axis].append(table.positions)
+    for moved in control.axis_tables:
+        found[moved.argument].append(moved.positions)
+        if moved.factor:
+            found[moved.factor.axis].append(moved.factor.positions)
+    return {letter: np.unique(np.concatenate(parts)) for letter, parts in found.items()}
+
+
+def ask_followable(control: Control) -> None:
+    """Raises `InputError` where the correction along a line is not of the form that this module bounds."""
+    letters = [a.letter for a in control.machine.axes]
+    if sorted(letters) != list(LETTERS):
+        raise InputError(
+            f"machine '{control.machine.name}' has the axes {', '.join(letters)}; a program is corrected on X, Y and Z. With rotary "
+            "axes that stand still, leave `machine` out and give the grid of the linear axes, with the turned tool vector as `tool`"
+        )
+    if control.increment or control.smoothing or control.clamped:
+        raise InputError("control: increments, smoothing and clamped axes are a control's own; a program is corrected without them")
+
+
+class Corrector:
+    """Corrects lines as a simulated control does."""
+
+    def __init__(self, control: Control) -> None:
+        ask_followable(control)
+        self.control = control
+        self.nodes = nodes_of(control)
+        self._columns = [control.machine.index(a) for a in LETTERS]
+
+    def shift(self, places: np.ndarray, tool: np.ndarray, way: np.ndarray) -> np.ndarray:
+        """Corrections of X, Y, Z at places, with tool vectors and directions, all (m, 3); (m, 3) [mm]."""
+        q, d = np.empty_like(places), np.empty_like(places)
+        q[:, self._columns], d[:, self._columns] = places, way
+        return np.asarray((self.control.command(q, tool, d) - q)[:, self._columns])
+
+    def bounds(self, lines: Lines) -> np.ndarray:
+        """Largest distance of the correction along each line from its chord, (m,) [mm]."""
+        owner, t0, t1 = self._pieces(lines)
+        share = np.stack([t0, (2.0 * t0 + t1) / 3.0, (t0 + 2.0 * t1) / 3.0, t1], axis=1)
+        span = (lines.end - lines.start)[owner]
+        places = lines.start[owner][:, None, :] + share[:, :, None] * span[:, None, :]
+        tool, way = (np.repeat(a[owner], 4, axis=0) for a in (lines.tool, lines.way))
+        p = self.shift(places.reshape(-1, 3), tool, way).reshape(-1, 4, 3)
+        inner = (-5 * p[:, 0] + 18 * p[:, 1] - 9 * p[:, 2] + 2 * p[:, 3], 2 * p[:, 0] - 9 * p[:, 1] + 18 * p[:, 2] - 5 * p[:, 3])
+        points = np.stack([p[:, 0], inner[0] / 6.0, inner[1] / 6.0, p[:, 3]], axis=1)
+        new = np.r_[True, owner[1:] != owner[:-1]] if len(owner) else np.zeros(0, dtype=bool)
+        begins = np.flatnonzero(new)
+        a, b = points[begins, 0], points[np.r_[begins[1:], len(owner)] - 1, 3]  # ends of each line
+        apart = points - a[owner][:, None] - share[:, :, None] * (b - a)[owner][:, None]
+        return np.maximum.reduceat(np.linalg.norm(apart, axis=2).max(axis=1), begins)
+
+    def _pieces(self, lines: Lines) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Line, and shares of it between which it crosses no node: every line has at least one."""
+        m = np.arange(len(lines.start))
+        owner, share = [m, m], [np.zeros(len(m)), np.ones(len(m))]
+        for k, letter in enumerate(LETTERS):
+            which, t = _crossings(lines.start[:, k], lines.end[:, k], self.nodes[letter])
+            owner.append(which)
+            share.append(t)
+        line, t = np.concatenate(owner), np.concatenate(share)
+        order = np.lexsort((t, line))
+        line, t = line[order], t[order]
+        piece = (line[1:] == line[:-1]) & (t[1:] - t[:-1] > _NEGLIGIBLE)
+        return line[:-1][piece], t[:-1][piece], t[1:][piece]
+
+    def outside(self, places: np.ndarray) -> np.ndarray:
+        """Whether places (m, 3) lie outside the nodes of an axis, (m,)."""
+        ends = [(n[0], n[-1]) if len(n) else (-np.inf, np.inf) for n in self.nodes.values()]
+        low, high = np.array(ends).T
+        return np.asarray(((places < low - 1e-6) | (places > high + 1e-6)).any(axis=1))
+
+    def correct(self, lines: Lines, progress: Callable[[Step], None] | None = None) -> Corrected:
+        """Lines cut to their tolerance, and corrected.
+
+        Args:
+            lines: The lines of a path, in its order.
+            progress: Is told about every chunk of lines.
+        """
+        parts = []
+        for begin in range(0, len(lines.start), CHUNK):
+            if progress is not None:
+                progress(Step(begin, len(lines.start), "lines", of="correcting"))
+            parts.append(self._part(lines.rows(slice(begin, begin + CHUNK))))
+        if not parts:
+            parts = [self._part(lines)]
+        return Corrected(Lines(*map(np.concatenate, zip(*(p.lines for p in parts), strict=True))), *(
+            np.concatenate(column) for column in list(zip(*parts, strict=True))[1:]
+        ))  # fmt: skip
+
+    def _part(self, lines: Lines) -> Corrected:
+        cut, bound = self._cut(lines)
+        first, last = (places + self.shift(places, cut.tool, cut.way) for places in (cut.start, cut.end))
+        return Corrected(cut, first, last, bound, self.outside(cut.start) | self.outside(cut.end))
+
+    def _cut(self, lines: Lines) -> tuple[Lines, np.ndarray]:
+        """Lines in parts whose bound is below the tolerance, in their order, and the bounds."""
+        bound = np.zeros(len(lines.start))
+        index, at = np.arange(len(lines.start)), np.zeros(len(lines.start))
+        open_ = np.isfinite(lines.tolerance)
+        closed: list[tuple[Lines, np.ndarray, np.ndarray, np.ndarray]] = [_kept(lines, bound, index, at, ~open_)]
+        lines, index, at = lines.rows(open_), index[open_], at[open_]
+        length = np.ones(len(index))
+        for _ in range(_ROUNDS):
+            if not len(index):
+                break
+            bound = self.bounds(lines)
+            good = bound <= lines.tolerance
+            closed.append(_kept(lines, bound, index, at, good))
+            bad = ~good
+            parts = np.clip(np.ceil(np.sqrt(bound[bad] / lines.tolerance[bad])), 2, _MOST).astype(int)
+            lines, index, at, length = _divided(lines.rows(bad), index[bad], at[bad], length[bad], parts)
+        else:
+            raise InputError("the correction jumps between two places of a line; look at the nodes of its tables and grids")
+        cut = Lines(*map(np.concatenate, zip(*(c[0] for c in closed), strict=True)))
+        bound, index, at = (np.concatenate([c[i] for c in closed]) for i in (1, 2, 3))
+        order = np.lexsort((at, index))
+        return cut.rows(order), bound[order]
+
+
+def _kept(
+    lines: Lines, bound: np.ndarray, index: np.ndarray, at: np.ndarray, which: np.ndarray
+) -> tuple[Lines, np.ndarray, np.ndarray, np.ndarray]:
+    return lines.rows(which), bound[which], index[which], at[which]
+
+
+def _divided(
+    lines: Lines, index: np.ndarray, at: np.ndarray, length: np.ndarray, parts: np.ndarray
+) -> tuple[Lines, np.ndarray, np.ndarray, np.ndarray]:
+    """Every line in so many equal parts; `at` and `length`: share of the first line at which a line begins, and its own."""
+    row = np.repeat(np.arange(len(parts)), parts)
+    k = np.arange(len(row)) - np.repeat(np.cumsum(parts) - parts, parts)
+    low, high = k / parts[row], (k + 1) / parts[row]
+    span = (lines.end - lines.start)[row]
+    last = (k + 1 == parts[row])[:, None]
+    begin = lines.start[row] + low[:, None] * span
+    end = np.where(last, lines.end[row], lines.start[row] + high[:, None] * span)
+    cut = lines.rows(row)._replace(start=begin, end=end)
+    return cut, index[row], at[row] + low * length[row], length[row] / parts[row]
+
+
+def _crossings(start: np.ndarray, end: np.ndarray, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Lines and shares of them at which one coordinate, from `start` to `end` (m,), passes nodes (n,)."""
+    first = np.searchsorted(nodes, np.minimum(start, end), side="right")
+    count = np.maximum(np.searchsorted(nodes, np.maximum(start, end), side="left") - first, 0)
+    line = np.repeat(np.arange(len(start)), count)
+    which = np.arange(len(line)) - np.repeat(np.cumsum(count) - count, count) + first[line]
+    return line, (nodes[which] - start[line]) / (end - start)[line]
