@@ -71,7 +71,8 @@ M_REFUSED = {98.0: _SUB, 99.0: _SUB, 97.0: _SUB}
 
 LETTERS = {
     **dict.fromkeys(
-        "ABCUVW", "is a word of a rotary or a parallel axis; programs of X, Y and Z are corrected, with other axes clamped"
+        "ABCUVW",
+        "is a word of a rotary or a parallel axis; programs of X, Y and Z are corrected, with other axes clamped",
     ),
     "D": "is a word of cutter compensation; let the post-processor write the tool's centre path",
     "E": "is a word whose meaning differs from control to control; leave it out",

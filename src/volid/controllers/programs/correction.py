@@ -1,4 +1,4 @@
-"""A polyline corrected: where its lines are cut so that the corrected path is followed within a tolerance, and where it lies then.
+"""A polyline corrected: where its lines are cut so that the corrected path is followed within a tolerance.
 
 Along a line, the correction c(t) of grids (trilinear, with rotations through the lever arm of a constant tool vector) and of
 tables (linear, times a lever arm or a factor that is linear itself) is a polynomial of degree three between the places where the
@@ -30,8 +30,8 @@ CHUNK = 50_000  # lines at once
 
 
 class Lines(NamedTuple):
-    """Lines of a polyline. `owner`: index of its motion, (m,). `start`, `end`: (m, 3) [mm]. `tool`: (m, 3) [mm]. `way`: directions
-    of X, Y, Z, +1, -1 or 0, (m, 3). `tolerance`: of the correction along it, inf for none (m,) [mm]."""
+    """Lines of a polyline. `owner`: index of its motion, (m,). `start`, `end`: (m, 3) [mm]. `tool`: (m, 3) [mm]. `way`:
+    directions of X, Y, Z, +1, -1 or 0, (m, 3). `tolerance`: of the correction along it, inf for none (m,) [mm]."""
 
     owner: np.ndarray
     start: np.ndarray
@@ -46,8 +46,8 @@ class Lines(NamedTuple):
 
 
 class Corrected(NamedTuple):
-    """Lines cut so that their corrected ends carry the path. `lines`: the cut lines. `first`, `last`: corrected ends, (m, 3) [mm].
-    `bound`: largest distance of a corrected line from the corrected curve, (m,) [mm]. `outside`: whether an end lies outside the
+    """Lines cut so that their corrected ends carry the path. `lines`: the cut lines. `first`, `last`: corrected ends, (m, 3)
+    [mm]. `bound`: largest distance of a corrected line from the corrected curve, (m,) [mm]. `outside`: whether an end lies outside the
     nodes of a table or grid, (m,)."""
 
     lines: Lines
@@ -78,11 +78,14 @@ def ask_followable(control: Control) -> None:
     letters = [a.letter for a in control.machine.axes]
     if sorted(letters) != list(LETTERS):
         raise InputError(
-            f"machine '{control.machine.name}' has the axes {', '.join(letters)}; a program is corrected on X, Y and Z. With rotary "
-            "axes that stand still, leave `machine` out and give the grid of the linear axes, with the turned tool vector as `tool`"
+            f"machine '{control.machine.name}' has the axes {', '.join(letters)}; a program is corrected on X, Y and Z. "
+            "With rotary axes that stand still, leave `machine` out and give the grid of the linear axes, with the turned tool "
+            "vector as `tool`"
         )
     if control.increment or control.smoothing or control.clamped:
-        raise InputError("control: increments, smoothing and clamped axes are a control's own; a program is corrected without them")
+        raise InputError(
+            "control: increments, smoothing and clamped axes are a control's own; a program is corrected without them"
+        )
 
 
 class Corrector:
@@ -108,7 +111,10 @@ class Corrector:
         places = lines.start[owner][:, None, :] + share[:, :, None] * span[:, None, :]
         tool, way = (np.repeat(a[owner], 4, axis=0) for a in (lines.tool, lines.way))
         p = self.shift(places.reshape(-1, 3), tool, way).reshape(-1, 4, 3)
-        inner = (-5 * p[:, 0] + 18 * p[:, 1] - 9 * p[:, 2] + 2 * p[:, 3], 2 * p[:, 0] - 9 * p[:, 1] + 18 * p[:, 2] - 5 * p[:, 3])
+        inner = (
+            -5 * p[:, 0] + 18 * p[:, 1] - 9 * p[:, 2] + 2 * p[:, 3],
+            2 * p[:, 0] - 9 * p[:, 1] + 18 * p[:, 2] - 5 * p[:, 3],
+        )
         points = np.stack([p[:, 0], inner[0] / 6.0, inner[1] / 6.0, p[:, 3]], axis=1)
         new = np.r_[True, owner[1:] != owner[:-1]] if len(owner) else np.zeros(0, dtype=bool)
         begins = np.flatnonzero(new)
@@ -177,7 +183,9 @@ class Corrector:
             parts = np.clip(np.ceil(np.sqrt(bound[bad] / lines.tolerance[bad])), 2, _MOST).astype(int)
             lines, index, at, length = _divided(lines.rows(bad), index[bad], at[bad], length[bad], parts)
         else:
-            raise InputError("the correction jumps between two places of a line; look at the nodes of its tables and grids")
+            raise InputError(
+                "the correction jumps between two places of a line; look at the nodes of its tables and grids"
+            )
         cut = Lines(*map(np.concatenate, zip(*(c[0] for c in closed), strict=True)))
         bound, index, at = (np.concatenate([c[i] for c in closed]) for i in (1, 2, 3))
         order = np.lexsort((at, index))

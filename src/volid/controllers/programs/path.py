@@ -88,7 +88,9 @@ class Reader:
             self._percents += 1
             self.ended = self.ended or self._begun
         if any(MADE_BY_VOLID in c for c in block.comments):
-            raise InputError(f"{self.name}, line {block.number}: the program is corrected already; correct the original instead")
+            raise InputError(
+                f"{self.name}, line {block.number}: the program is corrected already; correct the original instead"
+            )
         if self.ended or not block.words or self.is_skipped(block):
             return True
         if block.deleted and self.setting.block_delete != RUN:
@@ -138,7 +140,9 @@ class Reader:
         base, unit = self.state.base(where), self.state.unit_known(where)
         start, target = self.place, self._target(block, base, unit)
         if not self.state.absolute and np.isnan(target[list(named)]).any():
-            raise InputError(f"{where}: {self._unknown(start)}, so an incremental motion (G91) leads nowhere that is known; {_KNOW}")
+            raise InputError(
+                f"{where}: {self._unknown(start)}, so an incremental motion (G91) cannot be followed; {_KNOW}"
+            )
         if self.state.motion == 0:
             return self._rapid(block, named, target, where)
         self._ask_known(start, where)
@@ -198,7 +202,7 @@ class Reader:
         """G28, G30: to a place that the control keeps."""
         self._only(block, "GMNXYZPS", where, "a motion to the reference has no such word")
         words = block.values(LETTERS)
-        if self.state.absolute and words or any(words.values()):
+        if (self.state.absolute and words) or any(words.values()):
             raise InputError(
                 f"{where}: a motion to the reference leads over a place between; write G91 G28 with X0, Y0 or Z0, or G28 alone"
             )

@@ -1,7 +1,7 @@
 """A program of G-code corrected in advance, for a control that holds no table: LinuxCNC, grbl and the like.
 
-The program's path is followed in machine coordinates, its arcs become lines, and its lines are cut where the correction bends; the
-ends of all lines then go to where a simulated control (`volid.Control`) would send the axes. What the machine does with the new
+The program's path is followed in machine coordinates, its arcs become lines, and its lines are cut where the correction bends;
+the ends of all lines then go to where a simulated control (`volid.Control`) would send the axes. What the machine does with the new
 program is what a control with the tables and grids would do with the old one, up to the chord tolerance.
 """
 
@@ -17,11 +17,10 @@ from volid.backend.steps import Step
 from volid.compensation.control import Control
 from volid.compensation.grids.grid import Grid
 from volid.controllers.programs.correction import Corrected, Corrector, Lines
-from volid.controllers.programs.path import AS_IS, CUT, LOST, MADE_BY_VOLID, RAPID, Motion, Reader
+from volid.controllers.programs.path import AS_IS, CUT, LETTERS, LOST, MADE_BY_VOLID, RAPID, Motion, Reader
 from volid.controllers.programs.setting import ProgramSetting
 from volid.controllers.programs.words import Block, blocks
 from volid.controllers.programs.writer import Cut, Writer
-from volid.exceptions import InputError
 from volid.model.machine import Axis, Machine
 
 REPORTED = 20_000  # blocks between two words about the progress
@@ -31,8 +30,8 @@ class Counted(NamedTuple):
     """What has been done to a program, in numbers.
 
     `blocks`: lines before and after. `arcs`, `lines`, `rapids`: motions that were corrected. `as_they_are`: numbers of the lines
-    whose rapid was not. `taken_up`: blocks that lead to the corrected start, after reversal or a rapid. `largest`: largest |correction|
-    of X, Y, Z [mm]. `chord`: bound of the distance between the new path and the corrected path [mm]. `outside`: numbers of the
+    whose rapid was not. `taken_up`: blocks that lead to the corrected start, after reversal or a rapid. `largest`: largest
+    |correction| of X, Y, Z [mm]. `chord`: bound of the distance between the new path and the corrected path [mm]. `outside`: numbers of the
     lines with a point outside the tables and grids. `length`: of motions in feed [mm]. `minutes`: time of those whose feed is
     known. `shortest`: time of the shortest block in feed [s], NaN where no feed is known.
     """
@@ -134,20 +133,31 @@ def apply_to_program(
     counted = _counted((len(program), len(lines)), moving, found, writer, setting)
     cutting = np.array([moving[i].act == CUT for i in found.lines.owner], dtype=bool)
     nominal = np.stack([found.lines.start, found.lines.end], axis=1)[cutting]
-    return CorrectedProgram("\n".join(lines) + "\n", counted, nominal, np.stack([found.first, found.last], axis=1)[cutting])
+    return CorrectedProgram(
+        "\n".join(lines) + "\n", counted, nominal, np.stack([found.first, found.last], axis=1)[cutting]
+    )
 
 
 def _control(control: Control | Grid) -> Control:
     """The control, or one with a grid alone: linear axes that need no kinematic chain."""
     if isinstance(control, Control):
         return control
-    axes = tuple(Axis(a, False, (-1e5, 1e5), 0.0) for a in "XYZ")
-    return Control(Machine("of the grid", "w b X Y Z t", axes), grids=(control,))
+    return Control(plain_machine(), grids=(control,))
+
+
+def plain_machine() -> Machine:
+    """Three linear axes and nothing else: all that a grid needs, which holds the whole chain's deviation already.
+
+    >>> plain_machine().letters
+    ('X', 'Y', 'Z')
+    """
+    axes = tuple(Axis(a, False, (-1e5, 1e5), 0.0) for a in LETTERS)
+    return Machine("of the grid", "w b X Y Z t", axes)
 
 
 def _has_reversal(control: Control) -> bool:
-    tables = (*control.tables, *control.axis_tables)
-    return any(bool(np.any(t.forward != t.reverse)) for t in tables)
+    of_functions = any(bool(np.any(t.forward != t.reverse)) for t in control.tables)
+    return of_functions or any(t.has_reversal for t in control.axis_tables)
 
 
 def _lines(motions: Sequence[Motion], setting: ProgramSetting) -> Lines:
@@ -237,9 +247,3 @@ def _minutes(motions: Sequence[Motion], lines: Lines) -> np.ndarray:
     inverse = np.array([m.inverse if m.inverse > 0.0 else np.nan for m in motions])
     by_time = length / np.where(total > 0.0, total, 1.0)[lines.owner] / inverse[lines.owner]
     return np.asarray(np.where(np.isnan(by_time), length / feed[lines.owner], by_time))
-
-
-def ask_grid(grid: object) -> None:
-    """Raises `InputError` for what is no grid of the linear axes."""
-    if not isinstance(grid, Grid):
-        raise InputError("the grid is one of rotary axes; a program of X, Y and Z is corrected by a grid of the linear axes")

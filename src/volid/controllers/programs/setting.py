@@ -72,7 +72,9 @@ class ProgramSetting:
             if np.shape(vector) != (3,) or not np.isfinite(vector).all():
                 raise InputError(f"{name}: {vector} is no place; expected three numbers in mm")
         if wrong := [name for name in self.offsets if not SYSTEM.fullmatch(name)]:
-            raise InputError(f"`offset={wrong[0]}`: there is no such work offset; expected G54 … G59, G59.1, G59.2 or G59.3")
+            raise InputError(
+                f"`offset={wrong[0]}`: there is no such work offset; expected G54 … G59, G59.1, G59.2 or G59.3"
+            )
 
     @property
     def rounding(self) -> float:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from volid.controllers.programs import codes
-from volid.controllers.programs.codes import ALONE, FEED, GROUPS, LENGTH, REFUSED
+from volid.controllers.programs.codes import FEED, GROUPS, LENGTH, REFUSED
 from volid.controllers.programs.setting import INCH, ProgramSetting, Vector
 from volid.controllers.programs.words import Block
 from volid.exceptions import InputError
@@ -30,9 +30,13 @@ def codes_of(block: Block, where: str) -> dict[str, int]:
         code = round(10 * value)
         group = GROUPS.get(code)
         if group is None or abs(10 * value - code) > 1e-6:
-            raise InputError(f"{where}: {text} {REFUSED.get(code, 'is not known; only codes that are understood are carried out')}")
+            raise InputError(
+                f"{where}: {text} {REFUSED.get(code, 'is not known, so nobody knows what it moves; leave it out')}"
+            )
         if group in found and group != codes.NOTHING:
-            raise InputError(f"{where}: {text} and G{found[group] / 10:g} are both codes of one group ({group}); write one")
+            raise InputError(
+                f"{where}: {text} and G{found[group] / 10:g} are both codes of one group ({group}); write one"
+            )
         found[group] = code
     return found
 
@@ -63,7 +67,7 @@ def _check_company(block: Block, found: Mapping[str, int], where: str) -> None:
         if letter == "Q" and any(w.letter == "M" and w.value == _Q_M for w in block.words):
             continue
         company = ", ".join(f"G{c / 10:g}" for c in wanted)
-        raise InputError(f"{where}: {word.text} stands without {company}, and means something else on each control; write it with one")
+        raise InputError(f"{where}: {word.text} stands without {company}, and is not followed then; write it with one")
 
 
 @dataclass
@@ -129,7 +133,9 @@ class Modal:
             self.length = 0.0
             return
         if number is None or number not in self.setting.lengths:
-            named = "G43 without H, and no tool is loaded" if number is None else f"G43 takes the length of number {number}"
+            named = (
+                "G43 without H, and no tool is loaded" if number is None else f"G43 takes the length of number {number}"
+            )
             raise InputError(f"{where}: {named}; state it as `length`, such as H{number or 1}=150 in mm")
         self.length = float(self.setting.lengths[number])
 
@@ -152,8 +158,8 @@ class Modal:
             return 0.0, 0.0, -self.length
         number = "" if self.loaded is None else f" (T{self.loaded})"
         raise InputError(
-            f"{where}: the tool vector is not known{number}, and rotations act through it; state `tool`, such as 0,0,-150 in mm, or "
-            "lengths of tools for G43"
+            f"{where}: the tool vector is not known{number}, and rotations act through it; state `tool`, such as 0,0,-150 in mm, "
+            "or the lengths of tools for G43"
         )
 
     def unit_known(self, where: str) -> float:
@@ -161,4 +167,3 @@ class Modal:
         if self.unit is None:
             raise InputError(f"{where}: the axes move before G20 or G21 says whether in inches or mm; state `units`")
         return self.unit
-

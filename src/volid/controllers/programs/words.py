@@ -1,7 +1,7 @@
 """Blocks of a program: the words of each line, its comments and its block delete, as RS274 and ISO 6983-1 write them.
 
-Blanks mean nothing outside comments and lower case is upper case, as in RS274/NGC. A number is counted in the program's unit, with
-or without a decimal point; controls that count a number without a point in increments of a micrometre are not meant.
+Blanks mean nothing outside comments and lower case is upper case, as in RS274/NGC. A number is counted in the program's unit,
+with or without a decimal point; controls that count a number without a point in increments of a micrometre are not meant.
 """
 
 from __future__ import annotations

@@ -117,8 +117,6 @@ class Writer:
             text[-1] += f" {end}"
         if block.comments:
             text[0] += " " + " ".join(block.comments)
-            if len(text) == 1 or not block.comments[-1].startswith(";"):
-                return text
         return text
 
     def _around(self, block: Block, motion: Motion, several: bool) -> tuple[str, str]:
@@ -146,8 +144,8 @@ class Writer:
         """Raises `InputError` for an M code that acts before the motion on one control, after it on another."""
         if several and word.letter == "M" and word.value not in codes.BEFORE:
             raise InputError(
-                f"{self.name}, line {block.number}: {word.text} stands in a block whose motion becomes several, and acts before it on "
-                "one control, after it on another; write it in a block of its own"
+                f"{self.name}, line {block.number}: {word.text} stands in a block whose motion becomes several, and acts "
+                "before it on one control, after it on another; write it in a block of its own"
             )
 
 
@@ -156,7 +154,11 @@ _HERE = "\0"  # where the coordinates of a block stand
 
 def _is_replaced(word: Word, motion: Motion) -> bool:
     """Whether the new coordinates stand for a word."""
-    return word.letter in LETTERS or (motion.arc and word.letter in "IJKRP") or (motion.inverse > 0.0 and word.letter == "F")
+    return (
+        word.letter in LETTERS
+        or (motion.arc and word.letter in "IJKRP")
+        or (motion.inverse > 0.0 and word.letter == "F")
+    )
 
 
 def _number(ticks: int, digits: int) -> str:
