@@ -47,8 +47,8 @@ class Lines(NamedTuple):
 
 class Corrected(NamedTuple):
     """Lines cut so that their corrected ends carry the path. `lines`: the cut lines. `first`, `last`: corrected ends, (m, 3)
-    [mm]. `bound`: largest distance of a corrected line from the corrected curve, (m,) [mm]. `outside`: whether an end lies outside the
-    nodes of a table or grid, (m,)."""
+    [mm]. `bound`: largest distance of a corrected line from the corrected curve, (m,) [mm]. `outside`: whether an end lies
+    outside the nodes of a table or grid, (m,)."""
 
     lines: Lines
     first: np.ndarray

@@ -1,8 +1,8 @@
 """A program of G-code corrected in advance, for a control that holds no table: LinuxCNC, grbl and the like.
 
 The program's path is followed in machine coordinates, its arcs become lines, and its lines are cut where the correction bends;
-the ends of all lines then go to where a simulated control (`volid.Control`) would send the axes. What the machine does with the new
-program is what a control with the tables and grids would do with the old one, up to the chord tolerance.
+the ends of all lines then go to where a simulated control (`volid.Control`) would send the axes. What the machine does with the
+new program is what a control with the tables and grids would do with the old one, up to the chord tolerance.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ class Counted(NamedTuple):
 
     `blocks`: lines before and after. `arcs`, `lines`, `rapids`: motions that were corrected. `as_they_are`: numbers of the lines
     whose rapid was not. `taken_up`: blocks that lead to the corrected start, after reversal or a rapid. `largest`: largest
-    |correction| of X, Y, Z [mm]. `chord`: bound of the distance between the new path and the corrected path [mm]. `outside`: numbers of the
-    lines with a point outside the tables and grids. `length`: of motions in feed [mm]. `minutes`: time of those whose feed is
-    known. `shortest`: time of the shortest block in feed [s], NaN where no feed is known.
+    |correction| of X, Y, Z [mm]. `chord`: bound of the distance of the new path from the corrected path [mm]. `outside`:
+    numbers of the lines with a point outside the tables and grids. `length`: of motions in feed [mm]. `minutes`: time of those
+    whose feed is known. `shortest`: time of the shortest block in feed [s], NaN where no feed is known.
     """
 
     blocks: tuple[int, int]
