@@ -90,7 +90,7 @@ def _arc(numbers, axes, start, frame) -> np.ndarray:
     if abs(sweep) < 1e-4:
         sweep = 2 * np.pi * np.sign(turns)
     sweep += 2 * np.pi * (turns - np.sign(turns))
-    share = np.linspace(0.0, 1.0, 2001)
+    share = np.linspace(0.0, 1.0, 8001)
     points = start + share[:, None] * (end - start)
     radius = np.hypot(start[a] - centre[0], start[b] - centre[1])
     points[:, a] = centre[0] + radius * np.cos(begin + share * sweep)

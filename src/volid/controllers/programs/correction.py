@@ -103,8 +103,9 @@ class Corrector:
         q[:, self._columns], d[:, self._columns] = places, way
         return np.asarray((self.control.command(q, tool, d) - q)[:, self._columns])
 
-    def bounds(self, lines: Lines) -> np.ndarray:
-        """Largest distance of the correction along each line from its chord, (m,) [mm]."""
+    def bounds(self, lines: Lines) -> tuple[np.ndarray, np.ndarray]:
+        """Largest distance of the correction along each line from its chord, (m,) [mm], and the share of the line at which it
+        crosses a node and is farthest from the chord, where that is the larger part of it; else NaN."""
         owner, t0, t1 = self._pieces(lines)
         share = np.stack([t0, (2.0 * t0 + t1) / 3.0, (t0 + 2.0 * t1) / 3.0, t1], axis=1)
         span = (lines.end - lines.start)[owner]
@@ -120,7 +121,13 @@ class Corrector:
         begins = np.flatnonzero(new)
         a, b = points[begins, 0], points[np.r_[begins[1:], len(owner)] - 1, 3]  # ends of each line
         apart = points - a[owner][:, None] - share[:, :, None] * (b - a)[owner][:, None]
-        return np.maximum.reduceat(np.linalg.norm(apart, axis=2).max(axis=1), begins)
+        size = np.linalg.norm(apart, axis=2)
+        bound = np.maximum.reduceat(size.max(axis=1), begins)
+        at_node = np.maximum.reduceat(size[:, 0], begins)
+        farthest = np.full(len(bound), np.nan)
+        chosen = (size[:, 0] == at_node[owner]) & (2.0 * at_node > bound)[owner] & (t0 > 0.0)
+        farthest[owner[chosen]] = t0[chosen]
+        return bound, farthest
 
     def _pieces(self, lines: Lines) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Line, and shares of it between which it crosses no node: every line has at least one."""
@@ -176,12 +183,14 @@ class Corrector:
         for _ in range(_ROUNDS):
             if not len(index):
                 break
-            bound = self.bounds(lines)
+            bound, node = self.bounds(lines)
             good = bound <= lines.tolerance
             closed.append(_kept(lines, bound, index, at, good))
             bad = ~good
             parts = np.clip(np.ceil(np.sqrt(bound[bad] / lines.tolerance[bad])), 2, _MOST).astype(int)
-            lines, index, at, length = _divided(lines.rows(bad), index[bad], at[bad], length[bad], parts)
+            parts = np.where(np.isnan(node[bad]), parts, 2)
+            places = _Places(index[bad], at[bad], length[bad])
+            lines, (index, at, length) = _divided(lines.rows(bad), places, parts, node[bad])
         else:
             raise InputError(
                 "the correction jumps between two places of a line; look at the nodes of its tables and grids"
@@ -198,19 +207,27 @@ def _kept(
     return lines.rows(which), bound[which], index[which], at[which]
 
 
-def _divided(
-    lines: Lines, index: np.ndarray, at: np.ndarray, length: np.ndarray, parts: np.ndarray
-) -> tuple[Lines, np.ndarray, np.ndarray, np.ndarray]:
-    """Every line in so many equal parts; `at` and `length`: share of the first line at which a line begins, and its own."""
+class _Places(NamedTuple):
+    """Where lines lie on those of which they are parts: `index` of it, share `at` which they begin, and their `length` of it."""
+
+    index: np.ndarray
+    at: np.ndarray
+    length: np.ndarray
+
+
+def _divided(lines: Lines, places: _Places, parts: np.ndarray, node: np.ndarray) -> tuple[Lines, _Places]:
+    """Every line in so many equal parts (m,), or in two at the share `node` (m,) where that is a number."""
     row = np.repeat(np.arange(len(parts)), parts)
     k = np.arange(len(row)) - np.repeat(np.cumsum(parts) - parts, parts)
-    low, high = k / parts[row], (k + 1) / parts[row]
+    even = np.isnan(node[row])
+    low = np.where(even | (k == 0), k / parts[row], node[row])
+    high = np.where(even | (k == 1), (k + 1) / parts[row], node[row])
     span = (lines.end - lines.start)[row]
     last = (k + 1 == parts[row])[:, None]
     begin = lines.start[row] + low[:, None] * span
     end = np.where(last, lines.end[row], lines.start[row] + high[:, None] * span)
-    cut = lines.rows(row)._replace(start=begin, end=end)
-    return cut, index[row], at[row] + low * length[row], length[row] / parts[row]
+    at, length = places.at[row] + low * places.length[row], (high - low) * places.length[row]
+    return lines.rows(row)._replace(start=begin, end=end), _Places(places.index[row], at, length)
 
 
 def _crossings(start: np.ndarray, end: np.ndarray, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -61,7 +61,7 @@ class Writer:
         """The blocks that a corrected motion becomes."""
         targets = self._targets(motion, cut)
         rows = [self._coordinates(motion, target, i == len(targets) - 1) for i, (target, _) in enumerate(targets)]
-        self.taken_up += len(targets) > len(cut.last)
+        self.taken_up += len(targets) - len(cut.last)
         feeds = [f" F{motion.inverse / share:.6g}" if motion.inverse else "" for _, share in targets]
         kept = [(row, feed) for row, feed in zip(rows, feeds, strict=True) if row]
         if not kept:
@@ -76,16 +76,16 @@ class Writer:
             self.place[k] = float(self.place[k] + end[k] - start[k] if incremental else end[k])
 
     def _targets(self, motion: Motion, cut: Cut) -> list[tuple[np.ndarray, float]]:
-        """Places to which the blocks lead, with their shares of the length; first the corrected start, where the machine stands
-        somewhere else because an axis has turned, or a rapid has left it alone."""
-        ends = list(zip(cut.last, cut.share, strict=True))
-        if motion.act != CUT:
-            return ends
-        apart = np.abs(np.subtract(cut.first[0], self.place)).max()
-        if apart <= 2.0 * self._tick(motion):
-            return ends
-        way = float(np.linalg.norm(np.subtract(cut.first[0], self.place)))
-        return [(cut.first[0], way / max(cut.length, way)), *ends]
+        """Places to which the blocks lead, with their shares of the length; also the corrected start of a line, where the machine
+        stands somewhere else because an axis has turned, or a rapid has left it alone."""
+        stands, tick, found = np.array(self.place), self._tick(motion), []
+        for first, last, share in zip(cut.first, cut.last, cut.share, strict=True):
+            if motion.act == CUT and np.abs(first - stands).max() > 2.0 * tick:
+                way = float(np.linalg.norm(first - stands))
+                found.append((first, way / max(cut.length, way)))
+            found.append((last, share))
+            stands = last
+        return found
 
     def _tick(self, motion: Motion) -> float:
         return motion.unit * 10.0 ** -self.setting.digits_in(motion.unit)
