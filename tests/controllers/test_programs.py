@@ -1,6 +1,7 @@
 """Programs of G-code corrected in advance: what is followed, what is written, what is refused with its line."""
 
 import re
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -127,7 +128,7 @@ def test_a_circle_turns_where_its_axes_do():
     ]
     program = made("G0 X100 Y100 Z0\nG0 X150 Y100\nG3 I-50 F100", volid.Control(machine, tuple(tables)))
     corners = [b for code, _, b in lines_of(program.text, OFFSETS, {}) if code == 1]
-    for a, b in zip(corners, corners[1:], strict=False):
+    for a, b in pairwise(corners):
         if np.linalg.norm(b - a) < 0.05:  # taken up
             continue
         middle = 0.5 * (a + b) - 200.0
@@ -155,9 +156,13 @@ def test_machine_coordinates_and_the_reference_are_left_alone():
 
 
 def test_real_looking_text_is_read_as_it_is_meant():
-    text = "%\r\nO0001 (PART)\r\n\r\nn10g21g90g17g40g49g80\r\nn20 t1m6\r\ng0x+0.y0.z50.\r\ng1 x 200 . 0 f100. ;end\r\n/m8\r\nM30\r\n%\r\nbeyond\r\n"
+    lines = [
+        "%", "O0001 (PART)", "", "n10g21g90g17g40g49g80", "n20 t1m6", "g0x+0.y0.z50.", "g1 x 200 . 0 f100. ;end", "/m8", "M30",
+        "%",
+    ]  # fmt: skip
+    text = "\r\n".join(lines)
     setting = volid.ProgramSetting(offsets=OFFSETS, tool=(0, 0, 0), block_delete="run")
-    rows = volid.apply_to_program(grid(), text.replace("beyond\r\n", ""), setting).text.splitlines()
+    rows = volid.apply_to_program(grid(), text, setting).text.splitlines()
     assert rows[:3] == ["%", "O0001 (PART)", "(CORRECTED BY VOLID)"]
     assert rows[6:] == ["G0 X-0.01 Y0. Z50.", "G1 X199.97 F100. ;end", " m8", "M30", "%"]
 
@@ -258,7 +263,7 @@ def test_a_start_makes_the_first_motion_known():
 
 
 def test_settings_are_checked():
-    with pytest.raises(volid.InputError, match="`chord` is 0.0001 mm, and coordinates are rounded"):
+    with pytest.raises(volid.InputError, match="`chord` is 0\\.0001 mm, and coordinates are rounded"):
         volid.ProgramSetting(chord=0.0001)
     with pytest.raises(volid.InputError, match="`offset=G60`: there is no such work offset"):
         volid.ProgramSetting(offsets={"G60": (0, 0, 0)})

@@ -3,6 +3,7 @@
 import re
 import shutil
 import subprocess
+from itertools import pairwise
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -12,7 +13,7 @@ _PLANES = {"XY": (0, 1, 2), "XZ": (2, 0, 1), "YZ": (1, 2, 0)}
 
 
 def lines_of(text: str, offsets: dict, lengths: dict, start=(np.nan,) * 3) -> list[tuple[int, np.ndarray, np.ndarray]]:
-    """Motions of a program of G0 and G1: (code, start, end) in machine coordinates [mm], for lines, offsets, units, G90, G91, G43."""
+    """Motions of a program of G0 and G1: (code, start, end) in machine coordinates [mm]; offsets, units, G90, G91, G43."""
     place, base, unit, absolute, code = np.array(start, float), np.array(offsets["G54"], float), 1.0, True, None
     length, found = 0.0, []
     for row in re.sub(r"\([^)]*\)|;.*", "", text).upper().splitlines():
@@ -101,7 +102,7 @@ def _arc(numbers, axes, start, frame) -> np.ndarray:
 def dense(polyline: np.ndarray, step: float = 0.5) -> np.ndarray:
     """Places on a polyline (k, 3), at most `step` mm apart, its corners among them."""
     parts = [polyline[:1]]
-    for a, b in zip(polyline[:-1], polyline[1:], strict=True):
+    for a, b in pairwise(polyline):
         n = max(4, int(np.ceil(np.linalg.norm(b - a) / step)))
         parts.append(a + np.arange(1, n + 1)[:, None] / n * (b - a))
     return np.concatenate(parts)

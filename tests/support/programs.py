@@ -1,6 +1,7 @@
 """Programs of G-code with the path that they mean, written out in closed form."""
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 
@@ -14,7 +15,7 @@ FINE = 20_001
 def line(*corners) -> np.ndarray:
     """A polyline in the coordinates of the program, finely."""
     corners = np.array(corners, float)
-    parts = [a + np.linspace(0, 1, FINE)[:, None] * (b - a) for a, b in zip(corners[:-1], corners[1:], strict=True)]
+    parts = [a + np.linspace(0, 1, FINE)[:, None] * (b - a) for a, b in pairwise(corners)]
     return np.concatenate(parts)
 
 
@@ -88,5 +89,6 @@ CASES = {
         ["G54", "G55"],
     ),
     "absolute centres": Case("G0 X0 Y100 Z0\nG90.1 G2 X100 Y0 I0 J0 F500", [arc("XY", (0, 0), 100, (90, 0))]),
-    "inverse time": Case("G0 X0 Y100 Z0\nG93 G2 X100 Y0 J-100 F2\nG1 X300 F3", [arc("XY", (0, 0), 100, (90, 0)), line((100, 0, 0), (300, 0, 0))]),
+    "inverse time": Case("G0 X0 Y100 Z0\nG93 G2 X100 Y0 J-100 F2\nG1 X300 F3",
+        [arc("XY", (0, 0), 100, (90, 0)), line((100, 0, 0), (300, 0, 0))]),
 }  # fmt: skip

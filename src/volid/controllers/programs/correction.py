@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from volid.backend.steps import Step
-from volid.compensation.control import Control
+from volid.compensation.control import TURNING, Control
 from volid.exceptions import InputError
 
 LETTERS = "XYZ"
@@ -57,9 +57,9 @@ class Corrected(NamedTuple):
     outside: np.ndarray
 
 
-def nodes_of(control: Control) -> dict[str, np.ndarray]:
-    """Positions of X, Y and Z at which tables and grids of a control bend, rising, by letter."""
-    found: dict[str, list[np.ndarray]] = {letter: [np.zeros(0)] for letter in LETTERS}
+def nodes_of(control: Control) -> dict[str, list[np.ndarray]]:
+    """Positions of X, Y and Z at which each table and grid of a control bends, rising, by letter."""
+    found: dict[str, list[np.ndarray]] = {letter: [] for letter in LETTERS}
     for grid in control.grids:
         for letter, nodes in zip(grid.axes, grid.nodes, strict=True):
             found[letter].append(np.asarray(nodes))
@@ -70,7 +70,7 @@ def nodes_of(control: Control) -> dict[str, np.ndarray]:
         found[moved.argument].append(moved.positions)
         if moved.factor:
             found[moved.factor.axis].append(moved.factor.positions)
-    return {letter: np.unique(np.concatenate(parts)) for letter, parts in found.items()}
+    return found
 
 
 def ask_followable(control: Control) -> None:
@@ -81,6 +81,11 @@ def ask_followable(control: Control) -> None:
             f"machine '{control.machine.name}' has the axes {', '.join(letters)}; a program is corrected on X, Y and Z. "
             "With rotary axes that stand still, leave `machine` out and give the grid of the linear axes, with the turned tool "
             "vector as `tool`"
+        )
+    turning = [g.type for g in control.grids if g.type in TURNING]
+    if turning:
+        raise InputError(
+            f"control: a grid of {turning[0]} turns rotary axes; give one of L-VOL, which moves X, Y and Z alone"
         )
     if control.increment or control.smoothing or control.clamped:
         raise InputError(
@@ -94,7 +99,10 @@ class Corrector:
     def __init__(self, control: Control) -> None:
         ask_followable(control)
         self.control = control
-        self.nodes = nodes_of(control)
+        found = nodes_of(control)
+        self.nodes = {a: np.unique(np.concatenate([np.zeros(0), *parts])) for a, parts in found.items()}
+        self._low = np.array([max((n[0] for n in found[a]), default=-np.inf) for a in LETTERS])
+        self._high = np.array([min((n[-1] for n in found[a]), default=np.inf) for a in LETTERS])
         self._columns = [control.machine.index(a) for a in LETTERS]
 
     def shift(self, places: np.ndarray, tool: np.ndarray, way: np.ndarray) -> np.ndarray:
@@ -144,10 +152,8 @@ class Corrector:
         return line[:-1][piece], t[:-1][piece], t[1:][piece]
 
     def outside(self, places: np.ndarray) -> np.ndarray:
-        """Whether places (m, 3) lie outside the nodes of an axis, (m,)."""
-        ends = [(n[0], n[-1]) if len(n) else (-np.inf, np.inf) for n in self.nodes.values()]
-        low, high = np.array(ends).T
-        return np.asarray(((places < low - 1e-6) | (places > high + 1e-6)).any(axis=1))
+        """Whether places (m, 3) lie outside the nodes of a table or grid, (m,)."""
+        return np.asarray(((places < self._low - 1e-6) | (places > self._high + 1e-6)).any(axis=1))
 
     def correct(self, lines: Lines, progress: Callable[[Step], None] | None = None) -> Corrected:
         """Lines cut to their tolerance, and corrected.
@@ -166,6 +172,24 @@ class Corrector:
         return Corrected(Lines(*map(np.concatenate, zip(*(p.lines for p in parts), strict=True))), *(
             np.concatenate(column) for column in list(zip(*parts, strict=True))[1:]
         ))  # fmt: skip
+
+    def first_refused(self, lines: Lines) -> int:
+        """The owner of the first line whose ends the control cannot correct, as where a grid is blank; -1 where it can."""
+        low, high = 0, len(lines.owner)
+        if high == 0 or self._can(lines):
+            return -1
+        while high - low > 1:  # the first one lies in low … high
+            middle = (low + high) // 2
+            low, high = (middle, high) if self._can(lines.rows(slice(low, middle))) else (low, middle)
+        return int(lines.owner[low])
+
+    def _can(self, lines: Lines) -> bool:
+        try:
+            for places in (lines.start, lines.end):
+                self.shift(places, lines.tool, lines.way)
+        except InputError:
+            return False
+        return True
 
     def _part(self, lines: Lines) -> Corrected:
         cut, bound = self._cut(lines)
@@ -208,9 +232,9 @@ def _kept(
 
 
 class _Places(NamedTuple):
-    """Where lines lie on those of which they are parts: `index` of it, share `at` which they begin, and their `length` of it."""
+    """Where lines lie on those of which they are parts: `line`, the share `at` which they begin, and their `length` of it."""
 
-    index: np.ndarray
+    line: np.ndarray
     at: np.ndarray
     length: np.ndarray
 
@@ -227,7 +251,7 @@ def _divided(lines: Lines, places: _Places, parts: np.ndarray, node: np.ndarray)
     begin = lines.start[row] + low[:, None] * span
     end = np.where(last, lines.end[row], lines.start[row] + high[:, None] * span)
     at, length = places.at[row] + low * places.length[row], (high - low) * places.length[row]
-    return lines.rows(row)._replace(start=begin, end=end), _Places(places.index[row], at, length)
+    return lines.rows(row)._replace(start=begin, end=end), _Places(places.line[row], at, length)
 
 
 def _crossings(start: np.ndarray, end: np.ndarray, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

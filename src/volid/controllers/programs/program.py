@@ -21,6 +21,7 @@ from volid.controllers.programs.path import AS_IS, CUT, LETTERS, LOST, MADE_BY_V
 from volid.controllers.programs.setting import ProgramSetting
 from volid.controllers.programs.words import Block, blocks
 from volid.controllers.programs.writer import Cut, Writer
+from volid.exceptions import InputError
 from volid.model.machine import Axis, Machine
 
 REPORTED = 20_000  # blocks between two words about the progress
@@ -119,7 +120,7 @@ def apply_to_program(
             progress(Step(i, len(program), "lines", of="reading"))
         motions.append(reader.take(block))
     moving = [m for m in motions if m is not None]
-    found = corrector.correct(_lines(moving, setting), progress)
+    found = _corrected(corrector, _lines(moving, setting), [f"{name}, line {m.index + 1}" for m in moving], progress)
     writer, cuts = Writer(setting, name), _cuts(found, moving)
     lines: list[str] = []
     for block, motion in zip(program, motions, strict=True):
@@ -136,6 +137,19 @@ def apply_to_program(
     return CorrectedProgram(
         "\n".join(lines) + "\n", counted, nominal, np.stack([found.first, found.last], axis=1)[cutting]
     )
+
+
+def _corrected(
+    corrector: Corrector, lines: Lines, places: Sequence[str], progress: Callable[[Step], None] | None
+) -> Corrected:
+    """The lines corrected. Raises `InputError` with the line of the program where the control cannot."""
+    try:
+        return corrector.correct(lines, progress)
+    except InputError as error:
+        owner = corrector.first_refused(lines)
+        if owner < 0:
+            raise
+        raise InputError(f"{places[owner]}: {error}") from None
 
 
 def _control(control: Control | Grid) -> Control:

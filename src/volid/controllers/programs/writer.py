@@ -78,14 +78,19 @@ class Writer:
     def _targets(self, motion: Motion, cut: Cut) -> list[tuple[np.ndarray, float]]:
         """Places to which the blocks lead, with their shares of the length; also the corrected start of a line, where the machine
         stands somewhere else because an axis has turned, or a rapid has left it alone."""
-        stands, tick, found = np.array(self.place), self._tick(motion), []
+        stands, found = np.array(self.place), []
         for first, last, share in zip(cut.first, cut.last, cut.share, strict=True):
-            if motion.act == CUT and np.abs(first - stands).max() > 2.0 * tick:
+            if motion.act == CUT and np.abs(first - stands).max() > self._near:
                 way = float(np.linalg.norm(first - stands))
                 found.append((first, way / max(cut.length, way)))
             found.append((last, share))
             stands = last
         return found
+
+    @property
+    def _near(self) -> float:
+        """How near a start is taken as reached [mm]: a little more than half the last digit in mm."""
+        return 0.6 * 10.0**-self.setting.digits
 
     def _tick(self, motion: Motion) -> float:
         return motion.unit * 10.0 ** -self.setting.digits_in(motion.unit)

@@ -32,6 +32,7 @@ _FIGURES = {  # name: module of this folder
     "coverage_bands": "coverage",
     "volume_distribution": "coverage",
     "forecast_figure": "forecast",
+    "program_figure": "program",
     "validation_figure": "validation",
     "changes_figure": "comparison",
     "series_figure": "comparison",
