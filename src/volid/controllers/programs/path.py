@@ -11,7 +11,7 @@ import numpy as np
 
 from volid.controllers.programs import codes
 from volid.controllers.programs.arcs import AXES, CENTRE, Arc, arc_of, centre_by_radius, centre_by_words
-from volid.controllers.programs.setting import RUN, SKIP, ProgramSetting, Vector
+from volid.controllers.programs.setting import ARC_SHARE, RUN, SKIP, ProgramSetting, Vector
 from volid.controllers.programs.state import Modal, check_words, codes_of
 from volid.controllers.programs.words import Block, Word
 from volid.exceptions import InputError
@@ -162,7 +162,7 @@ class Reader:
         arc = self._found_arc(block, start, target, where)
         if isinstance(arc, str):
             raise InputError(f"{where}: the arc cannot be made: {arc}")
-        tolerance = 0.5 * self.setting.curve_tolerance
+        tolerance = ARC_SHARE * self.setting.curve_tolerance
         share = arc.shares(tolerance, self.quadrants)
         return self._made(block, CUT, arc.points(start, target, axes, share), named, where, arc.deviation(share))
 

@@ -18,7 +18,7 @@ from volid.compensation.control import Control
 from volid.compensation.grids.grid import Grid
 from volid.controllers.programs.correction import Corrected, Corrector, Lines
 from volid.controllers.programs.path import AS_IS, CUT, LETTERS, LOST, MADE_BY_VOLID, RAPID, Motion, Reader
-from volid.controllers.programs.setting import ProgramSetting
+from volid.controllers.programs.setting import ARC_SHARE, ProgramSetting
 from volid.controllers.programs.words import Block, blocks
 from volid.controllers.programs.writer import Cut, Writer
 from volid.exceptions import InputError
@@ -60,6 +60,15 @@ class CorrectedProgram:
         counted: What has been done, in numbers.
         nominal: Programmed ends of all lines in feed, (m, 2, 3) [mm], machine coordinates.
         corrected: Where they are sent, (m, 2, 3) [mm].
+
+    >>> import numpy as np
+    >>> import volid
+    >>> x, values = np.array([0.0, 1000.0]), np.array([[0.0] * 6, [0.010] + [0.0] * 5])
+    >>> grid = volid.Grid("L-POS", ("X",), (x,), x[:, None], values, values, x > 1e4, (0.0, 0.0, 0.0), "machine", "")
+    >>> setting = volid.ProgramSetting(offsets={"G54": (100.0, 0.0, 0.0)}, tool=(0.0, 0.0, 0.0))
+    >>> made = volid.apply_to_program(grid, "G21 G90 G0 X0 Y0 Z5" + chr(10) + "G1 X400 F500", setting)
+    >>> made.counted.lines, round(1e3 * made.counted.largest[0], 6), made.nominal.shape
+    (1, 5.0, (1, 2, 3))
     """
 
     text: str
@@ -190,7 +199,7 @@ def _lines(motions: Sequence[Motion], setting: ProgramSetting) -> Lines:
 
 def _tolerance(motion: Motion, setting: ProgramSetting) -> float:
     if motion.act == CUT:
-        return setting.curve_tolerance * (0.5 if motion.arc else 1.0)
+        return setting.curve_tolerance * (1.0 - ARC_SHARE if motion.arc else 1.0)
     known = not np.isnan(motion.points).any()
     return setting.curve_tolerance if setting.straight_rapids and known and motion.act == RAPID else np.inf
 

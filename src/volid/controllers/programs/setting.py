@@ -15,6 +15,7 @@ Vector = tuple[float, float, float]
 INCH = 25.4  # mm
 SKIP, RUN = "skip", "run"
 SYSTEM = re.compile(r"G5[4-9]|G59\.[123]")
+ARC_SHARE = 0.75  # of the tolerance of an arc: what its chords may take
 _LEAST = 4.0  # a chord tolerance below this many roundings of a coordinate is mostly rounding
 
 
@@ -83,8 +84,8 @@ class ProgramSetting:
 
     @property
     def curve_tolerance(self) -> float:
-        """What of `chord` is left for curves, rounding taken off [mm]. Lines spend it on the correction's own curvature; of arcs,
-        one half goes to their chords and one half to the correction."""
+        """What of `chord` is left for curves, rounding taken off [mm]. Lines spend it on the correction's own curvature; arcs
+        give `ARC_SHARE` of it to their chords, the rest to the correction, which bends less."""
         return self.chord - self.rounding
 
     def digits_in(self, unit: float) -> int:
