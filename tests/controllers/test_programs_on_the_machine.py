@@ -5,7 +5,7 @@ import pytest
 from exact_chain import ExactMachine, random_truth
 from scipy.interpolate import RegularGridInterpolator
 from support.gcode import RS274, dense, distances, interpreted, lines_of
-from support.programs import CASES, LENGTHS, OFFSETS, TOOL
+from support.programs import CAM, CASES, LENGTHS, OFFSETS, TOOL, random_program
 
 import volid
 
@@ -13,6 +13,7 @@ MACHINE = ExactMachine("w Y' X' b Z t", {"X": (0.0, 1000.0), "Y": (0.0, 600.0), 
 TRUTH = random_truth(MACHINE, np.random.default_rng(20), scale=4.0)
 GRID_TOOL = (0.0, 0.0, -100.0)  # not the one of the programs: rotations act through the lever arm between them
 NODES = [np.linspace(*MACHINE.travel[a], n) for a, n in zip("XYZ", (21, 13, 11), strict=True)]
+PRINTED = 0.01  # mm: inches are printed with four decimals, 2.2 µm in space, twice; an arc turns both about its centre
 SECOND_ORDER = 2e-5  # mm: a correction of 0.1 mm where errors change by 1e-4, and rotations of 1e-4 squared times 50 mm
 
 
@@ -90,7 +91,34 @@ def test_linuxcnc_reads_both_programs_as_they_are_meant(name, tmp_path):
     """Coordinates are printed with four decimals: half of it is 0.05 µm, or 1.3 µm in inches."""
     case, rounding = CASES[name], 1.3e-3 if name == "inches" else 1e-4
     for text, wanted in ((case.text, case.ideal()), (corrected(case), None)):
-        found = np.concatenate([dense(p, 5.0) for code, p in interpreted(text, tmp_path, OFFSETS, LENGTHS) if code])
+        found = np.concatenate([p for code, p in interpreted(text, tmp_path, OFFSETS, LENGTHS) if code])
         wanted = feed_points(text) if wanted is None else wanted
         assert distances(found, wanted).max() < 2.0 * rounding
         assert distances(wanted[::97], dense(found, 0.5)).max() < 2.0 * rounding + 1e-4
+
+
+def feed_by_rs274(text, folder) -> np.ndarray:
+    moves = [p for code, p in interpreted(text, folder, OFFSETS, LENGTHS) if code]
+    return np.concatenate([dense(p, 1.0) if len(p) == 2 else p for p in moves])
+
+
+def nearness(lines, found) -> float:
+    """Largest distance between lines (m, 2, 3) and places of a path, either way."""
+    own = np.concatenate([dense(pair, 1.0) for pair in lines])
+    return max(distances(own[::3], found, 12).max(), distances(found[::7], own, 12).max())
+
+
+@pytest.mark.skipif(RS274 is None, reason="LinuxCNC's interpreter rs274 is not installed")
+def test_linuxcnc_reads_a_program_as_cam_writes_it_and_its_correction(tmp_path):
+    made = volid.apply_to_program(GRID, CAM, volid.ProgramSetting(offsets=OFFSETS, lengths=LENGTHS))
+    assert nearness(made.nominal, feed_by_rs274(CAM, tmp_path)) < PRINTED
+    assert nearness(made.corrected, feed_by_rs274(made.text, tmp_path)) < PRINTED
+
+
+@pytest.mark.skipif(RS274 is None, reason="LinuxCNC's interpreter rs274 is not installed")
+@pytest.mark.parametrize("seed", range(6))
+def test_linuxcnc_follows_every_mode_as_volid_does(seed, tmp_path):
+    text = random_program(np.random.default_rng(seed))
+    made = volid.apply_to_program(GRID, text, volid.ProgramSetting(offsets=OFFSETS, tool=TOOL))
+    assert nearness(made.nominal, feed_by_rs274(text, tmp_path)) < PRINTED
+    assert nearness(made.corrected, feed_by_rs274(made.text, tmp_path)) < PRINTED

@@ -91,7 +91,7 @@ def _arc(numbers, axes, start, frame) -> np.ndarray:
     if abs(sweep) < 1e-4:
         sweep = 2 * np.pi * np.sign(turns)
     sweep += 2 * np.pi * (turns - np.sign(turns))
-    share = np.linspace(0.0, 1.0, 8001)
+    share = np.linspace(0.0, 1.0, 2 + int(1000 * abs(sweep)))
     points = start + share[:, None] * (end - start)
     radius = np.hypot(start[a] - centre[0], start[b] - centre[1])
     points[:, a] = centre[0] + radius * np.cos(begin + share * sweep)
@@ -99,7 +99,7 @@ def _arc(numbers, axes, start, frame) -> np.ndarray:
     return points
 
 
-def dense(polyline: np.ndarray, step: float = 0.5) -> np.ndarray:
+def dense(polyline: np.ndarray, step: float = 1.0) -> np.ndarray:
     """Places on a polyline (k, 3), at most `step` mm apart, its corners among them."""
     parts = [polyline[:1]]
     for a, b in pairwise(polyline):
@@ -108,11 +108,12 @@ def dense(polyline: np.ndarray, step: float = 0.5) -> np.ndarray:
     return np.concatenate(parts)
 
 
-def distances(points: np.ndarray, polyline: np.ndarray) -> np.ndarray:
-    """Distance of each point (m, 3) from a fine polyline (k, 3): from the lines that meet at its nearest corners."""
+def distances(points: np.ndarray, polyline: np.ndarray, corners: int = 3) -> np.ndarray:
+    """Distance of each point (m, 3) from a fine polyline (k, 3): from the lines that meet at its nearest corners;
+    more of them where other parts of it pass nearby."""
     new = np.r_[True, np.abs(np.diff(polyline, axis=0)).max(axis=1) > 0.0]
     polyline = polyline[new]
-    nearest = cKDTree(polyline).query(points, k=3)[1]
+    nearest = cKDTree(polyline).query(points, k=corners)[1]
     best = np.full(len(points), np.inf)
     for corner, shift in ((c, s) for c in nearest.T for s in (-1, 0)):
         i = np.clip(corner + shift, 0, len(polyline) - 2)

@@ -9,7 +9,7 @@ OFFSETS = {"G54": (400.0, 200.0, -420.0), "G55": (600.0, 300.0, -400.0)}
 LENGTHS = {1: 150.0}
 TOOL = (0.0, 0.0, -150.0)
 HEAD = "G21 G90 G17 G54\nG0 X0 Y0\nG43 H1 Z50\n"
-FINE = 20_001
+FINE = 6_001
 
 
 def line(*corners) -> np.ndarray:
@@ -92,3 +92,98 @@ CASES = {
     "inverse time": Case("G0 X0 Y100 Z0\nG93 G2 X100 Y0 J-100 F2\nG1 X300 F3",
         [arc("XY", (0, 0), 100, (90, 0)), line((100, 0, 0), (300, 0, 0))]),
 }  # fmt: skip
+
+
+CAM = """\
+%
+(BRACKET, OP 10)
+N10 G21 G90 G17 G40 G49 G80 G94
+N20 T1 M6
+N30 S8000 M3
+N40 G54 G0 X-60. Y-40.
+N50 G43 H1 Z25. M8
+N60 Z2.
+N70 G1 Z-4. F300.
+n80x60.f900.
+N90 G3 X80. Y-20. I0. J20. (corner)
+N100 G1 Y40.
+N110 G2 X60. Y60. R20.
+N120 G1 X-60. Y60. ; back
+N130 X-80. Y-20.
+N140 G3 X-60. Y-40. R20.
+N150 G0 Z5.
+N160 G4 P0.5
+N170 G55 X-30. Y0.
+N180 G1 Z-1. F200.
+N190 G3 I30. Z-8. P3 F600.
+N200 G53 G0 Z0. M9
+N210 M5
+N220 G91 G28 Z0.
+N230 G90
+N240 G54 G0 X0. Y0.
+N250 G0 Z10.
+N260 G20 G1 X1. Z.2 F20.
+N270 G91 G19 G2 Y.5 Z.5 J.5
+N280 M30
+%
+"""
+
+
+def random_program(rng: np.random.Generator, blocks: int = 25) -> str:
+    """Lines and arcs in every mode, changed at random; all positions stay within half a metre of the work offsets."""
+    rows, place, unit, absolute, centres, plane = (
+        ["G54 G21 G90 G17 F500", "G0 X0 Y0 Z0"],
+        np.zeros(3),
+        1.0,
+        True,
+        False,
+        17,
+    )
+    base = np.array(OFFSETS["G54"])
+    machine = base.copy()
+    for _ in range(blocks):
+        words = []
+        if rng.random() < 0.3:
+            unit = [1.0, 25.4][rng.integers(2)]
+            words.append("G21" if unit == 1.0 else "G20")
+        if rng.random() < 0.3:
+            absolute = bool(rng.integers(2))
+            words.append("G90" if absolute else "G91")
+        if rng.random() < 0.2:
+            centres = bool(rng.integers(2))
+            words.append("G90.1" if centres else "G91.1")
+        if rng.random() < 0.3:
+            plane = int(rng.integers(17, 20))
+            words.append(f"G{plane}")
+        if rng.random() < 0.15:
+            name = ["G54", "G55"][rng.integers(2)]
+            base = np.array(OFFSETS[name])
+            words.append(name)
+        place = machine - base
+        axes = {17: (0, 1, 2), 18: (2, 0, 1), 19: (1, 2, 0)}[plane]
+        target = rng.uniform(-80, 80, 3)
+        zero = np.zeros(3) if absolute else place
+        to = np.round((target - zero) / unit, 5)
+        target = zero + to * unit
+        shape = rng.integers(4)
+        words.append(["G0", "G1", "G2", "G3"][shape])
+        words += [f"{a}{v:.5f}" for a, v in zip("XYZ", to, strict=True)]
+        if shape > 1:
+            words += _arc_words(rng, (place, target), axes, (unit, centres))
+        machine = target + base
+        rows.append(" ".join(words))
+    return "\n".join([*rows, "M2", ""])
+
+
+def _arc_words(rng, ends, axes, modes) -> list[str]:
+    """R of either sign, or a centre anywhere on the bisector of the chord."""
+    place, target = ends
+    unit, centres = modes
+    p, q = place[list(axes[:2])], target[list(axes[:2])]
+    chord = q - p
+    if rng.random() < 0.4:
+        radius = np.linalg.norm(chord) * rng.uniform(0.6, 1.5) * rng.choice([-1, 1])
+        return [f"R{radius / unit:.6f}"]
+    middle = 0.5 * (p + q) + rng.uniform(-1, 1) * np.array([-chord[1], chord[0]])
+    offset = (middle if centres else middle - p) / unit
+    return [f"{'IJK'[a]}{v:.6f}" for a, v in zip(axes[:2], offset, strict=True)]
