@@ -45,6 +45,22 @@ def test_a_line_is_corrected_at_its_ends():
     assert program.counted.blocks == (3, 4)
 
 
+def test_corrections_count_from_an_origin_that_was_touched():
+    """What was touched at the position 100 that the control shows lies at 100.01: X0 stays, X200 is 20 µm less, not 30."""
+    setting = volid.ProgramSetting(offsets=OFFSETS, tool=(0.0, 0.0, 0.0), touched=True)
+    assert made("G1 X200 F100", setting=setting).text.splitlines()[2:] == ["G0 X0. Y0. Z50.", "G1 X199.98 F100"]
+
+
+def test_rapids_are_cut_where_they_must_be_straight():
+    """A grid that bends at the machine's 500: 10 µm per 100 mm up to there, then back."""
+    x, values = np.array([0.0, 500.0, 1000.0]), np.zeros((3, 6))
+    values[1, 0] = 0.05
+    bent = volid.Grid("L-VOL", ("X",), (x,), x[:, None], values, values * np.nan, x > 1e9, (0, 0, 0), "machine", "")
+    setting = volid.ProgramSetting(offsets=OFFSETS, tool=(0, 0, 0), straight_rapids=True)
+    assert body_of(made("G0 X800", bent)) == ["G0 X799.99"]
+    assert body_of(made("G0 X800", bent, setting)) == ["G0 X399.95", "X799.99"]
+
+
 def test_axes_that_rest_are_named_where_their_correction_changes():
     assert body_of(made("G1 X200 F100\nX100 Y10", grid((0.0, 2e-5, 0.0), (0.001, 0.0, 0.0)))) == [
         "G1 X199.999 Y-0.006 F100",

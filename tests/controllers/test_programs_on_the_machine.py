@@ -65,6 +65,18 @@ def test_the_functional_point_follows_the_programmed_path(name, chord):
     assert distances(ideal, reached(driven)).max() < chord + grid_error + SECOND_ORDER, "all of the path is there"
 
 
+def test_a_part_lies_where_its_origin_was_touched():
+    """Touched at the position that the control shows, the origin lies beside it by the machine's error there."""
+    case, origin = CASES["lines"], np.add([OFFSETS["G54"]], [[0.0, 0.0, LENGTHS[1]]])
+    driven = feed_points(corrected(case, touched=True))
+    ideal = case.ideal()
+    beside = exact(origin)[:, :3]
+    grid_error = np.linalg.norm(exact(ideal)[:, :3] - by_grid(ideal), axis=1).max()
+    grid_error += np.linalg.norm(beside - by_grid(origin))
+    assert np.linalg.norm(beside) > 0.015
+    assert distances(reached(driven), ideal + beside).max() < 0.001 + grid_error + SECOND_ORDER
+
+
 @pytest.mark.parametrize("chord", [0.0004, 0.01])
 @pytest.mark.parametrize("name", CASES)
 def test_the_new_path_lies_within_the_chord_of_the_path_that_the_grid_asks_for(name, chord):

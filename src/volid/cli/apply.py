@@ -26,6 +26,9 @@ subprograms, variables, probing, rotary axes, moved origins. Offsets and tools a
   --offset G54=400,200,-300   machine position of the origin of G54, mm, for every offset that is used
   --tool 0,0,-150             tool vector, mm; for one tool of several: --tool T3=0,0,-120
   --length H1=150             length that G43 H1 takes, mm; without --tool the tool vector is 0,0,-150 then
+  --touched                   an origin that was touched on the machine as it is lies beside the position shown
+
+The control itself must not apply the same compensation. Not modelled: how it rounds corners (G64), its dynamics.
 
 example:
   volid grid solution.h5 --type L-VOL --step 50 -o grid.csv
@@ -77,6 +80,11 @@ def _add_rules(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--digits", metavar="N", type=count(0, 9), default=4, help="decimals in mm; default 4")
     parser.add_argument("--block-delete", choices=("skip", "run"), help="what the control does with blocks with /")
     parser.add_argument("--passing", metavar="M,M", type=_codes, default=(), help="further M codes that move no axis")
+    parser.add_argument(
+        "--touched",
+        action="store_true",
+        help="the origins were touched on this machine, uncompensated: corrections count from that at the origin",
+    )
     parser.add_argument("--straight-rapids", action="store_true", help="cut rapids as well; else their ends count")
     parser.add_argument(
         "--allow-beyond", action="store_true", help="points outside the grid are no reason for status 1"
@@ -163,6 +171,7 @@ def _setting(args: argparse.Namespace) -> ProgramSetting:
         block_delete=args.block_delete,
         passing=args.passing,
         straight_rapids=args.straight_rapids,
+        touched=args.touched,
     )
 
 
@@ -178,10 +187,13 @@ def _header(args: argparse.Namespace, control: Control, setting: ProgramSetting)
     tools |= {f"T{n}": v for n, v in setting.tools.items()}
     words = [f"volid {version()} apply, chord {setting.chord:g} mm, original {Path(args.program).name}"]
     words += [f"sha256 {sha256(args.program)[:32]}", f"compensation {Path(args.grid).name}"]
-    if Path(args.grid).is_file():
-        words.append(f"sha256 {sha256(args.grid)[:32]}")
+    files = (
+        [Path(args.grid)] if Path(args.grid).is_file() else sorted(f for f in Path(args.grid).iterdir() if f.is_file())
+    )
+    words += [f"{'sha256' if len(files) == 1 else f.name} {sha256(f)[:32]}" for f in files]
     words += [text[:200] for text in control.active]
     words += [f"offset {name} {vector_words(v)}" for name, v in setting.offsets.items()]
+    words += ["corrections count from those at the origins, which were touched"] if setting.touched else []
     words += [f"tool {name} {vector_words(v)}" for name, v in tools.items()]
     return words + [f"length {n} {v:g} mm" for n, v in setting.lengths.items()]
 

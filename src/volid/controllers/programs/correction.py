@@ -31,7 +31,8 @@ CHUNK = 50_000  # lines at once
 
 class Lines(NamedTuple):
     """Lines of a polyline. `owner`: index of its motion, (m,). `start`, `end`: (m, 3) [mm]. `tool`: (m, 3) [mm]. `way`:
-    directions of X, Y, Z, +1, -1 or 0, (m, 3). `tolerance`: of the correction along it, inf for none (m,) [mm]."""
+    directions of X, Y, Z, +1, -1 or 0, (m, 3). `tolerance`: of the correction along it, inf for none (m,) [mm]. `origin`: where
+    the correction counts as 0, NaN for nowhere, (m, 3) [mm]."""
 
     owner: np.ndarray
     start: np.ndarray
@@ -39,6 +40,7 @@ class Lines(NamedTuple):
     tool: np.ndarray
     way: np.ndarray
     tolerance: np.ndarray
+    origin: np.ndarray
 
     def rows(self, which: np.ndarray | slice) -> Lines:
         """Some of them."""
@@ -194,6 +196,11 @@ class Corrector:
     def _part(self, lines: Lines) -> Corrected:
         cut, bound = self._cut(lines)
         first, last = (places + self.shift(places, cut.tool, cut.way) for places in (cut.start, cut.end))
+        touched = ~np.isnan(cut.origin[:, 0])
+        if touched.any():
+            zero = self.shift(cut.origin[touched], cut.tool[touched], np.zeros_like(cut.way[touched]))
+            first[touched] -= zero
+            last[touched] -= zero
         return Corrected(cut, first, last, bound, self.outside(cut.start) | self.outside(cut.end))
 
     def _cut(self, lines: Lines) -> tuple[Lines, np.ndarray]:

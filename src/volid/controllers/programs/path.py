@@ -63,7 +63,6 @@ class Reader:
         self.place = np.array(setting.start if setting.start is not None else [np.nan] * 3, dtype=float)
         self.ended = False
         self._begun = False
-        self._percents = 0
 
     def take(self, block: Block) -> Motion | None:
         """What a block moves; None where it moves nothing. Raises `InputError` for what cannot be followed."""
@@ -85,7 +84,6 @@ class Reader:
     def _passes(self, block: Block) -> bool:
         """Whether a block is outside the program, empty, or left out. Raises `InputError` where that is not known."""
         if block.percent:
-            self._percents += 1
             self.ended = self.ended or self._begun
         if any(MADE_BY_VOLID in c for c in block.comments):
             raise InputError(

@@ -194,7 +194,8 @@ def _lines(motions: Sequence[Motion], setting: ProgramSetting) -> Lines:
     tolerance = np.array([_tolerance(m, setting) for m in motions])[owner]
     acts = np.array([m.act in (RAPID, CUT) for m in motions], dtype=bool)[owner]
     start = np.where(np.isnan(start), end, start)
-    return Lines(owner, start, end, tool, _directions(start, end), tolerance).rows(acts)
+    base = np.array([m.base if setting.touched else (np.nan,) * 3 for m in motions]).reshape(-1, 3)
+    return Lines(owner, start, end, tool, _directions(start, end), tolerance, base[owner]).rows(acts)
 
 
 def _tolerance(motion: Motion, setting: ProgramSetting) -> float:

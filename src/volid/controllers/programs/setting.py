@@ -36,6 +36,8 @@ class ProgramSetting:
         block_delete: What the control does with blocks that begin with /: "skip" or "run"; None: such blocks are refused.
         passing: Further M codes that move no axis, such as (100, 101); they pass through.
         straight_rapids: Whether rapid motions are split as well; else their ends alone are corrected.
+        touched: Whether the origins were touched on the machine as it is, with the tools of the program: then corrections are
+            counted from the correction at the origin, because what was touched lies beside the position that the control shows.
 
     Raises:
         InputError: the chord tolerance is not above four roundings of a coordinate, or a value is no finite number.
@@ -55,6 +57,7 @@ class ProgramSetting:
     block_delete: str | None = None
     passing: tuple[float, ...] = ()
     straight_rapids: bool = False
+    touched: bool = False
 
     def __post_init__(self) -> None:
         checked_number("chord", self.chord, above=0.0)

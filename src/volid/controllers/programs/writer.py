@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from volid.controllers.programs import codes
-from volid.controllers.programs.path import AS_IS, CUT, LETTERS, LOST, Motion
+from volid.controllers.programs.path import AS_IS, CUT, LETTERS, Motion
 from volid.controllers.programs.setting import ProgramSetting
 from volid.controllers.programs.words import Block, Word
 from volid.exceptions import InputError
@@ -176,8 +176,3 @@ def _number(ticks: int, digits: int) -> str:
         return str(ticks)
     whole, part = divmod(abs(ticks), 10**digits)
     return f"{'-' if ticks < 0 else ''}{whole}.{part:0{digits}d}".rstrip("0")
-
-
-def lost(motion: Motion | None) -> bool:
-    """Whether a motion leads to a place that the program does not say."""
-    return motion is not None and motion.act == LOST
