@@ -20,6 +20,8 @@ from volid.compensation.types import TYPES as COMPENSATION_TYPES
 from volid.controllers import CONTROLS
 from volid.controllers.export import Export, export
 from volid.controllers.reading import ExistingCompensation
+from volid.controllers.programs.program import CorrectedProgram, apply_to_program
+from volid.controllers.programs.setting import ProgramSetting
 from volid.exceptions import InputError, NotDeterminedError, OutputError, VolidError
 from volid.fitting.datum import parse_datum
 from volid.fitting.fit import fit
@@ -127,6 +129,9 @@ __all__ = [  # noqa: RUF022
     "Export",
     "save_export",
     "CONTROLS",
+    "apply_to_program",
+    "ProgramSetting",
+    "CorrectedProgram",
     "AxisTable",
     "best_rigid",
     "volumetric_summary",
