@@ -64,7 +64,7 @@ def documented(where: str, names: list[str]) -> list[str]:
     for name in names:
         thing = getattr(place, name)
         if isinstance(thing, dict):  # of descriptions, by name
-            lines += [f"## {name}", "", *table(thing), ""]
+            lines += [f"## {name}", "", *TABLES[name](thing), ""]
             continue
         kind = "autoclass" if inspect.isclass(thing) else "autofunction"
         lines += [f"## {name}", "", "```{eval-rst}", f".. {kind}:: {where}.{name}"]
@@ -73,7 +73,7 @@ def documented(where: str, names: list[str]) -> list[str]:
     return lines
 
 
-def table(types: dict) -> list[str]:
+def types_table(types: dict) -> list[str]:
     """`volid.COMPENSATION_TYPES`: what each type corrects, and what it leaves."""
     rows = [f"| `{t.name}` | {', '.join(t.effects)} | {t.based_on} | {t.leaves} |" for t in types.values()]
     return [
@@ -83,3 +83,23 @@ def table(types: dict) -> list[str]:
         "|---|---|---|---|",
         *rows,
     ]
+
+
+def controls_table(controls: dict) -> list[str]:
+    """`volid.CONTROLS`: what each control carries, and how."""
+    rows = []
+    for name, control in controls.items():
+        d = control.declaration
+        limit = "" if d.most_points is None else str(d.most_points)
+        cells = [f"`{name}`", d.title, ", ".join(d.carries), d.sign, d.reversal, d.outside, limit]
+        rows.append(f"| {' | '.join(cells)} |")
+    return [
+        "By name, a `Controller` each; `volid export --cnc NAME --explain` says all of it:",
+        "",
+        "| control | | carries | values | reversal | outside | positions at most |",
+        "|---|---|---|---|---|---|---|",
+        *rows,
+    ]
+
+
+TABLES = {"COMPENSATION_TYPES": types_table, "CONTROLS": controls_table}  # how a dictionary of descriptions is shown
