@@ -99,6 +99,13 @@ def test_a_volume_is_not_claimed_where_positioning_alone_was_measured():
     assert note.endswith("the model has no function of straightness, squareness, angular; smaller types hold the rest")
 
 
+def test_a_grid_of_zeros_is_no_volume():
+    """The R-test campaign models the rotary axes alone: a grid of the linear axes would hold nothing."""
+    solution = volid.fit(volid.load_campaign("datasets/five_axis_rtest/campaign.toml"))
+    made = types(solution, {"L-VOL": GRID, "R-POS": TABLES})
+    assert made.types == ("R-POS",) and "L-VOL left out: the model has no function that it corrects" in made.notes
+
+
 def test_directions_that_the_data_leave_open_are_left_out():
     """With one tool vector the angular errors of a three-axis machine are not all determined; positions along the lines are."""
     solution = volid.fit(volid.load_campaign("tests/cases/30_half_of_a_travel/campaign.h5"))

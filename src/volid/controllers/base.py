@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from volid.compensation.on_top import summed
 from volid.compensation.package import Compensation
 from volid.compensation.tables.axis_table import AxisTable
 from volid.compensation.tables.by_axis import axis_tables
@@ -147,7 +148,7 @@ class Job:
     def axis_tables(self, *, products: bool = False) -> tuple[AxisTable, ...]:
         """All tables as tables of axes, for a control without a kinematic model."""
         made = axis_tables(self.machine, self.compensation.tables, self.at, self.tool, products=products)
-        return (*made, *self.compensation.axis_tables)
+        return summed((*made, *self.compensation.axis_tables))
 
 
 @dataclass(frozen=True)
@@ -251,6 +252,15 @@ def refuse_points(declaration: Declaration, what: str, count: int) -> None:
         raise InputError(
             f"{declaration.name}: {what} has {count} positions; the control holds {most}. Take a larger `step`, "
             f"or `max_points={most}`"
+        )
+
+
+def refuse_grids(declaration: Declaration, made: Compensation, nearest: str) -> None:
+    """Raises `InputError` for spatial grids, which a control of tables of single axes cannot hold."""
+    if made.grids:
+        over = ", ".join(made.grids[0].axes)
+        raise InputError(
+            f"{declaration.name}: it holds tables of single axes, no grid over {over}; {nearest} carries grids"
         )
 
 
