@@ -20,6 +20,8 @@ from volid.compensation.types import TYPES as COMPENSATION_TYPES
 from volid.controllers import CONTROLS
 from volid.controllers.export import Export, export
 from volid.controllers.reading import ExistingCompensation
+from volid.controllers.programs.program import CorrectedProgram, apply_to_program
+from volid.controllers.programs.setting import ProgramSetting
 from volid.exceptions import InputError, NotDeterminedError, OutputError, VolidError
 from volid.fitting.datum import parse_datum
 from volid.fitting.fit import fit
@@ -32,6 +34,7 @@ from volid.io import load_campaign
 from volid.io import read_machine as load_machine
 from volid.io import write_campaign as save_campaign
 from volid.io.campaign.stream import CampaignStream
+from volid.io.compensation_files import compensation_files, compensation_from_files
 from volid.io.compensations import load_control, save_compensation
 from volid.io.control_files import load_compensation, recorded_compensations
 from volid.io.evaluations.evaluate import evaluate
@@ -115,6 +118,8 @@ __all__ = [  # noqa: RUF022
     "ErrorTable",
     "load_table",
     "save_compensation",
+    "compensation_files",
+    "compensation_from_files",
     "load_control",
     "load_compensation",
     "recorded_compensations",
@@ -124,6 +129,9 @@ __all__ = [  # noqa: RUF022
     "Export",
     "save_export",
     "CONTROLS",
+    "apply_to_program",
+    "ProgramSetting",
+    "CorrectedProgram",
     "AxisTable",
     "best_rigid",
     "volumetric_summary",

@@ -182,8 +182,9 @@ def test_the_exact_chain_says_that_the_deviation_is_gone(case):
         if d.reversal != COLUMNS and way.any():
             continue
         rest = np.abs(left(case, control, q, way) - shift).max()
-        # 5e-7 mm: the error at the moved place, slopes up to 40 µrad over 12 µm
-        assert rest <= 3 * allowance(case, job).max() + 5e-7, f"{1e3 * rest:.4f} µm left, direction {way[0, 0]:+g}"
+        # 5e-7 mm: the error at the moved place, slopes up to 40 µrad over 12 µm; where all is shifted, over as much again
+        slope = 5e-7 * (1 + d.zero_fixed)
+        assert rest <= 3 * allowance(case, job).max() + slope, f"{1e3 * rest:.4f} µm left, direction {way[0, 0]:+g}"
 
 
 @pytest.mark.parametrize("case", [c for c in ALL if c.rotary], ids=str)
@@ -232,9 +233,10 @@ def test_too_many_positions_are_refused(name):
     case = next(c for c in ALL if c.control == name)
     n = d.most_points + 1
     x = np.linspace(0.0, 1000.0, n)
-    many = Compensation(("L-POS",), (error_table("EXX", x, 1e-5 * x),), ())
-    if d.carries.get("L-POS") != TABLES:
-        many = spatial((x, (0.0, 600.0), (-500.0, 0.0)))
+    function = next((f for k, f in {"L-POS": "EXX", "L-STR": "EZX"}.items() if d.carries.get(k) == TABLES), None)
+    many = spatial((x, (0.0, 600.0), (-500.0, 0.0)))
+    if function is not None:
+        many = Compensation(("L-POS",), (error_table(function, x, 1e-5 * x),), ())
     with pytest.raises(InputError, match=rf"{name}: .*{n:,}|{name}: .*{n}"):
         CONTROLS[name].write(case.job(many))
 
@@ -302,7 +304,7 @@ def test_files_written_out_by_hand_from_its_documentation_move_the_axes_so(name)
     case = next(
         c for c in ALL if c.control == name and c.make.__name__ == words[0] and c.sign in (words[1:] or [c.sign])
     )
-    files = {p.name: p.read_text(encoding="utf-8") for p in folder.iterdir() if p.name != "case.txt"}
+    files = {p.name: p.read_bytes() for p in folder.iterdir() if p.name != "case.txt"}
     found, q = read(case, files).control(case.machine), places(case.machine)
     tool = case.job().tool
     shift = shifts(case, found.command(q, tool) - asked(case, case.job()).command(q, tool))
@@ -346,7 +348,7 @@ def test_the_sheet_says_everything_that_one_person_needs(case):
         assert part in text
     assert all(f.name in text for f in made.written.files)
     assert all(name in text and value in text for name, value, _ in made.written.parameters)
-    assert all(f.basis in text for f in d.facts) and d.switching[1:] in text
+    assert all(f.basis[1:] in text for f in d.facts) and d.switching[1:] in text
     assert all(len(line) < 1200 for line in text.splitlines())
 
 
@@ -354,7 +356,7 @@ def test_the_sheet_says_everything_that_one_person_needs(case):
 def test_it_is_explained(name):
     d, text = CONTROLS[name].declaration, explained(CONTROLS[name])
     assert text.startswith(f"# {name}: ") and all(kind in text for kind in d.carries) and d.nearest in text
-    assert all(o.name in text for o in d.options) and all(f.basis in text for f in d.facts)
+    assert all(o.name in text for o in d.options) and all(f.basis[1:] in text and f.text in text for f in d.facts)
 
 
 @CONTROL

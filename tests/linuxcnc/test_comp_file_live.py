@@ -39,10 +39,11 @@ def unit(made, letter: str) -> float:
     return 25.4 if made.job.options["units"] == "inch" and made.job.machine.axis(letter).is_linear else 1.0
 
 
-def setup_of(made) -> Setup:
-    """A simulated machine with the files of an export: joints in LinuxCNC's order of the letters."""
-    files = {f.name: f.content for f in made.written.files}
-    lines = sections(files.pop("linuxcnc.ini"))
+def setup_of(made, folder) -> Setup:
+    """A simulated machine with the files of an export as they are saved: joints in LinuxCNC's order of the letters."""
+    volid.save_export(made, folder / "control", predict=False)
+    files = {p.name: p.read_bytes() for p in (folder / "control").iterdir() if p.suffix == ".comp"}
+    lines = sections((folder / "control" / "linuxcnc.ini").read_text(encoding="utf-8"))
     joints = []
     for n, letter in enumerate(letters_of(made)):
         low, high = made.job.machine.axis(letter).travel
@@ -64,18 +65,20 @@ def targets(made) -> np.ndarray:
     return ends[:, 0] + shares[:, None] * np.ptp(ends, axis=1)
 
 
-def moved(made) -> tuple[np.ndarray, np.ndarray]:
+def moved(made, folder) -> tuple[np.ndarray, np.ndarray]:
     """Motor commands of LinuxCNC, and those that volid predicts, both (m, axes) in the order of the joints [mm or °]."""
-    setup, letters, places = setup_of(made), letters_of(made), targets(made)
+    setup, letters, places = setup_of(made, folder), letters_of(made), targets(made)
     units = np.array([unit(made, a) for a in letters])
     steps = [
         {"mdi": "G53 G0 " + " ".join(f"{a}{v:.12f}" for a, v in zip(letters, p, strict=True))} for p in places / units
     ]
-    rows = np.array(
-        run(setup, [{"home": True}, *steps], [f"joint.{n}.motor-pos-cmd" for n in range(len(letters))]).rows
-    )
+    pins = [f"joint.{n}.{pin}" for pin in ("motor-pos-cmd", "pos-fb") for n in range(len(letters))]
+    rows, shown = np.hsplit(np.array(run(setup, [{"home": True}, *steps], pins).rows), 2)
     home = np.array([j.home for j in setup.joints])
     np.testing.assert_allclose(rows[0], home, rtol=0, atol=1e-12, err_msg="nothing is corrected directly after homing")
+    np.testing.assert_allclose(
+        shown[1:] * units, places, rtol=0, atol=ALIKE, err_msg="displays show what was commanded"
+    )
     ways = np.sign(np.diff(np.vstack([home * units, places]), axis=0))
     order = [letters.index(a) for a in made.job.machine.letters]
     predicted = made.control().command(places[:, order], np.zeros(3), ways[:, order])
@@ -83,28 +86,28 @@ def moved(made) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("kind", [0, 1])
-def test_a_fitted_compensation_moves_the_motors_as_predicted(positioned, kind):
+def test_a_fitted_compensation_moves_the_motors_as_predicted(positioned, kind, tmp_path):
     made = volid.export(positioned, "linuxcnc", ["L-POS"], options={"comp_file_type": kind})
-    found, predicted = moved(made)
+    found, predicted = moved(made, tmp_path)
     assert np.abs(found - predicted).max() < ALIKE
     assert np.abs(found - targets(made)).max() > 0.005, "something is corrected"
 
 
-def test_backlash_alone_is_the_mean_reversal(positioned):
+def test_backlash_alone_is_the_mean_reversal(positioned, tmp_path):
     made = volid.export(positioned, "linuxcnc", ["L-POS"], options={"reversal": "backlash"})
-    found, predicted = moved(made)
+    found, predicted = moved(made, tmp_path)
     assert np.abs(found - predicted).max() < ALIKE
 
 
 @pytest.mark.parametrize("kind", [0, 1])
-def test_inches_and_a_rotary_joint(kind):
+def test_inches_and_a_rotary_joint(kind, tmp_path):
     """X is 10 µm too far at 0 in +, 13 µm in -; C is 40 µrad too far at 180°; expected values written out by hand."""
     x = error_table("EXX", [-300, 0, 300], [0.0, 0.010, -0.004], [0.002, 0.013, -0.001])
     made = Compensation(("L-POS", "R-POS"), (x, *turning().tables), ())
     export = write(
         CONTROLS["linuxcnc"], job("linuxcnc", made, machine=TRUNNION, comp_file_type=str(kind), units="inch"), ()
     )
-    found, predicted = moved(export)
+    found, predicted = moved(export, tmp_path)
     assert np.abs(found - predicted).max() < ALIKE
     letters, places = letters_of(export), targets(export)
     at_middle = int(np.argmin(np.abs(places[:, 0])))  # X = 0, C = 180, reached in -

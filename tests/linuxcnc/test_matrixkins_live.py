@@ -14,6 +14,7 @@ from support.control_cases import AT, MACHINE, TOOL, error_table
 from support.linuxcnc_simulator import MODULES, Joint, Setup, needs_compiler, needs_linuxcnc, run
 from support.machines import exact_of
 
+import volid
 from volid.compensation.package import Compensation
 from volid.controllers import CONTROLS
 from volid.controllers.base import Job, options_of
@@ -127,3 +128,63 @@ def test_the_control_moves_as_it_was_read_back(joints):
     order = [LETTERS.index(a) for a in MACHINE.letters]
     predicted = control.command(PLACES[:, order], TOOL)[:, [MACHINE.letters.index(a) for a in LETTERS]]
     assert predicted == pytest.approx(joints["as written"], abs=1e-6)
+
+
+def test_comp_file_acts_on_the_joints_behind_the_matrix():
+    """A table of 1 mm/m for joint 0 is looked up at the joint's position, not at the axis's, which would be 2 µm off.
+
+    So steep a table also shows that LinuxCNC does not look it up again for the last step of a motion, some micrometres long.
+    """
+    written, matrix = files(measured(np.eye(3)))
+    lines = "COMP_FILE_TYPE = 1\nCOMP_FILE = x.comp"
+    joints = [
+        Joint(a, low - 5, high + 5, lines=lines if a == "X" else "")
+        for a in LETTERS
+        for low, high in [MACHINE.axis(a).travel]
+    ]
+    setup = Setup(
+        joints, {"x.comp": "0 0 0\n2000 2 2\n"}, "matrixkins", written["matrixkins.hal"], components=component()
+    )
+    rows = run(setup, [{"home": True}, {"mdi": "G53 G0 X1000 Y600 Z-500"}], ["joint.0.motor-pos-cmd"]).rows
+    joint = float((matrix @ np.array([1000.0, 600.0, -500.0]))[0])
+    assert abs(joint - 1000.0) > 1.0
+    assert rows[1][0] == pytest.approx(joint + 1e-3 * joint, abs=1e-5)
+
+
+def along_the_lines(made) -> np.ndarray:
+    """Four positions on the line of each axis through the places of the tables (axes, 4, 3): X, Y, Z [mm]."""
+    machine, at = made.job.machine, made.job.at
+    found = np.tile([at[machine.index(a)] for a in LETTERS], (3, 4, 1))
+    for j, a in enumerate(LETTERS):
+        found[j, :, j] = np.linspace(*machine.axis(a).travel, 4)
+    return found
+
+
+def deformation(virtual, made, joints: np.ndarray) -> np.ndarray:
+    """Scale errors and half the squareness errors of the lines, from the exact chain: symmetric part of the slopes [mm/mm]."""
+    machine, commanded = made.job.machine, along_the_lines(made)
+    order = [LETTERS.index(a) for a in machine.letters]
+    found = np.zeros((3, 3))
+    for j in range(3):
+        actual = virtual.machine.functional_point(joints[j][:, order], made.job.tool, virtual.truth)
+        wanted = virtual.machine.functional_point(commanded[j][:, order], made.job.tool)
+        found[:, j] = np.polyfit(commanded[j, :, j], actual - wanted, 1)[0]
+    return 0.5 * (found + found.T)
+
+
+def test_a_fitted_machine_becomes_square_and_to_scale(virtual, solution):
+    """Synthetic tracker readings of a machine of exact matrices, fitted; its rotation in space is nobody's error and left out."""
+    made = volid.export(solution, "linuxcnc-matrixkins", ["L-SQU", "L-POS"])
+    hal = {f.name: f.content for f in made.written.files}["matrixkins.hal"]
+    commanded = along_the_lines(made)
+    moves = [
+        {"mdi": "G53 G0 " + " ".join(f"{a}{v:.9f}" for a, v in zip(LETTERS, q, strict=True))}
+        for q in commanded.reshape(-1, 3)
+    ]
+    joints = [Joint(a, low - 5, high + 5) for a in LETTERS for low, high in [made.job.machine.axis(a).travel]]
+    setup = Setup(joints, kinematics="matrixkins", hal=hal, components=component())
+    rows = run(setup, [{"home": True}, *moves], [f"joint.{n}.motor-pos-cmd" for n in range(3)]).rows[1:]
+    before = deformation(virtual, made, commanded)
+    after = deformation(virtual, made, np.array(rows).reshape(commanded.shape))
+    assert np.abs(before).max() > 5e-6
+    assert np.abs(after).max() < 1e-6  # u of a reading: 0.3 µm and 0.3 µm/m; lines of 0.5 to 1 m

@@ -29,7 +29,9 @@ from volid.controllers.base import COMPENSATION, ERROR, ONE_VALUE, OPEN, Declara
 BY_HAND = ROOT / "tests" / "controllers" / "by_hand"
 TRUNNION = volid.load_machine("models/wCAYXbZt_trunnion.toml")  # X, Y -300..300, Z 0..550, A -120..30, C 0..360
 ROTARY_AT = TRUNNION.order(X=0.0, Y=0.0, Z=275.0, A=0.0, C=0.0)
-NEEDED: dict[str, dict[str, Any]] = {}  # options without which a control writes nothing, by its name
+NEEDED: dict[str, dict[str, Any]] = {
+    "pmac": {"counts": "10000000"}
+}  # options without which a control writes nothing, by its name
 SIGNS = (ERROR, COMPENSATION)
 
 

@@ -27,6 +27,7 @@ PRIVATE = ("unshare", "--mount", "--propagation", "private")
 NOBODY = 65534  # rtapi_app refuses to run as root without another user
 LOCK = Path(tempfile.gettempdir()) / "volid-linuxcnc.lock"
 SECONDS = 60  # a run that takes longer is stopped
+OWN_LOCK = Path("/tmp/linuxcnc.lock")  # LinuxCNC's, there while it runs
 PATIENCE = 90  # s that an instance of somebody else may take to end
 PROGRAMS = ("milltask", "rtapi_app", "linuxcncsvr")
 SCREEN = Path(__file__).with_name("linuxcnc_ui.py")
@@ -120,11 +121,19 @@ class LinuxCNCError(Exception):
 
 
 def run(
-    setup: Setup, steps: Sequence[Mapping], pins: Sequence[str], *, keep: Sequence[str] = (), seconds: float = SECONDS
+    setup: Setup,
+    steps: Sequence[Mapping],
+    pins: Sequence[str],
+    *,
+    keep: Sequence[str] = (),
+    seconds: float = SECONDS,
+    stop_after: float | None = None,
 ) -> Answer:
-    """The values of `pins` after each of the `steps` (see `linuxcnc_ui`); `keep`: files of its folder that are wanted afterwards.
+    """The values of `pins` after each of the `steps` (see `linuxcnc_ui`).
 
-    Raises `LinuxCNCError` where LinuxCNC does not start or a step fails; nothing keeps running afterwards.
+    `keep`: files of its folder that are wanted afterwards. `seconds`: what the screen may take. `stop_after`: seconds after which
+    everything is stopped, by default half a minute more. Raises `LinuxCNCError` where LinuxCNC does not start or a step fails;
+    nothing keeps running afterwards.
     """
     # not pytest's folder: the real-time program runs as another user, who may not enter it
     with tempfile.TemporaryDirectory(prefix="volid-linuxcnc-") as place, alone():
@@ -134,7 +143,7 @@ def run(
         task = {"steps": list(steps), "pins": list(pins), "seconds": seconds}
         (folder / "task.json").write_text(json.dumps(task), encoding="utf-8")
         compile_components(setup.components, folder)
-        printed = start(folder, seconds + 30, bool(setup.components))
+        printed = start(folder, seconds + 30 if stop_after is None else stop_after, bool(setup.components))
         return answered(folder, printed, keep)
 
 
@@ -142,7 +151,7 @@ def answered(folder: Path, printed: str, keep: Sequence[str]) -> Answer:
     """What the screen wrote down."""
     result = folder / "answer.json"
     if not result.exists():
-        raise LinuxCNCError(f"LinuxCNC did not start its screen; it printed:\n{printed[-4000:]}")
+        raise LinuxCNCError(f"LinuxCNC did not start its screen, or was stopped; it printed:\n{printed[-4000:]}")
     answer = json.loads(result.read_text(encoding="utf-8"))
     if answer["error"]:
         raise LinuxCNCError(f"{answer['error']}\n{answer['messages']}\n{printed[-4000:]}")
@@ -223,7 +232,7 @@ def environment(folder: Path) -> dict[str, str]:
     """Variables of LinuxCNC's own programs: nothing of the interpreter that runs the tests."""
     kept = {n: v for n, v in os.environ.items() if not n.startswith(("PYTHON", "VIRTUAL_ENV", "DISPLAY"))}
     pipes = folder / "pipes"
-    pipes.mkdir()
+    pipes.mkdir(exist_ok=True)
     kept |= {"HOME": str(folder), "RTAPI_FIFO_PATH": str(pipes / "rtapi"), "PATH": "/usr/bin:/bin:/usr/sbin:/sbin"}
     if os.geteuid() == 0:
         kept["RTAPI_UID"] = str(NOBODY)
@@ -234,15 +243,18 @@ def environment(folder: Path) -> dict[str, str]:
 def stop(process: subprocess.Popen, folder: Path) -> None:
     """Ends what this start of LinuxCNC left: its session's processes, and what has its folder as the working directory."""
     if process.poll() is None:
-        process.send_signal(signal.SIGTERM)
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGTERM)
         with suppress(subprocess.TimeoutExpired):
             process.wait(20)
-    for number in [n for n in left_over(process.pid, folder) if n != os.getpid()]:
-        try:
+    killed = left_over(process.pid, folder)
+    for number in killed:
+        with suppress(ProcessLookupError):
             os.kill(number, signal.SIGKILL)
-        except ProcessLookupError:
-            continue
     process.wait(5)
+    if killed:  # shared memory and LinuxCNC's own lock outlive a program that is killed
+        subprocess.run(["halrun", "-U"], env=environment(folder), capture_output=True, check=False, timeout=20)
+        OWN_LOCK.unlink(missing_ok=True)
 
 
 def left_over(session: int, folder: Path) -> list[int]:
@@ -254,7 +266,7 @@ def left_over(session: int, folder: Path) -> list[int]:
                 here = os.getsid(int(entry.name)) == session or Path(os.readlink(entry / "cwd")) == folder.resolve()
             except OSError:
                 continue
-            if here:
+            if here and int(entry.name) != os.getpid():
                 found.append(int(entry.name))
     return found
 

@@ -10,7 +10,6 @@ A step may also have {"set": {"matrixkins.C_xy": 1e-3}} (halcmd setp; "after": t
 """
 
 import json
-import subprocess
 import sys
 import time
 
@@ -68,10 +67,15 @@ class Screen:
 
     def mdi(self, line):
         """One line of G-code, done and at rest."""
+        self.listen()
+        before = len(self.messages)
         self.command.mdi(line)
         self.command.wait_complete(30)
         self.until(lambda s: s.inpos and s.interp_state == linuxcnc.INTERP_IDLE and not s.queue, f"{line} does not end")
         self.rest()
+        self.listen()
+        if self.messages[before:]:
+            raise RuntimeError(f"{line}: {self.messages[before:]}")
 
     def rest(self):
         """Waits until no pin changes."""
@@ -106,7 +110,7 @@ class Screen:
     def setp(values):
         """Sets pins and parameters."""
         for name, value in values.items():
-            subprocess.run(["halcmd", "setp", name, repr(value)], check=True, timeout=10)
+            hal.set_p(name, repr(value))
 
 
 def main():

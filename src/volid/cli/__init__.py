@@ -61,6 +61,7 @@ VERBS = {
         "inspect",
         "an existing compensation of a control: what its files hold, values, figure, conversion to another control",
     ),
+    "apply": ("apply", "a program of G-code corrected in advance, for controls that hold no table, such as grbl"),
     "residual": (
         "residual",
         "what each compensation type leaves over the working volume, side by side, with intervals",

@@ -57,12 +57,16 @@ class Option:
 
 @dataclass(frozen=True)
 class Commissioning:
-    """What a person does at the control, in order, one sentence each; what depends on the values stands in `Written`."""
+    """What a person does at the control, in order, one sentence each; what depends on the values stands in `Written`.
+
+    `watch`: where the control shows the correction of an axis, besides an indicator; () where public sources name no place.
+    """
 
     backup: tuple[str, ...]
     load: tuple[str, ...]
     activate: tuple[str, ...]
     remove: tuple[str, ...] = ()
+    watch: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -248,6 +252,15 @@ def refuse_points(declaration: Declaration, what: str, count: int) -> None:
         raise InputError(
             f"{declaration.name}: {what} has {count} positions; the control holds {most}. Take a larger `step`, "
             f"or `max_points={most}`"
+        )
+
+
+def refuse_grids(declaration: Declaration, made: Compensation, nearest: str) -> None:
+    """Raises `InputError` for spatial grids, which a control of tables of single axes cannot hold."""
+    if made.grids:
+        over = ", ".join(made.grids[0].axes)
+        raise InputError(
+            f"{declaration.name}: it holds tables of single axes, no grid over {over}; {nearest} carries grids"
         )
 
 

@@ -8,9 +8,24 @@ from typing import NamedTuple
 import numpy as np
 
 from volid.compensation.package import Compensation
-from volid.compensation.types import compensation_type, select
+from volid.compensation.types import (
+    ANG,
+    ORIENTATION,
+    POR,
+    POS,
+    RAX,
+    ROTARY_ANG,
+    ROTARY_POS,
+    SQU,
+    STR,
+    TYPES,
+    compensation_type,
+    select,
+)
 from volid.controllers.base import Declaration
 from volid.exceptions import InputError, NotDeterminedError
+from volid.fitting.solution import Solution
+from volid.model.iso230 import LINEAR_AXES, SPINDLE, ErrorName, parse
 from volid.model.machine import Machine
 
 BLANK = "the data do not determine its values everywhere"
@@ -39,15 +54,18 @@ def asked_types(declared: Declaration, types: Sequence[str], machine: Machine) -
 
 def most_types(
     declared: Declaration,
-    machine: Machine,
+    solution: Solution,
     functions: Sequence[str],
     make: Callable[[Sequence[str]], Compensation],
 ) -> Choice:
     """The most complete types that the control carries on this machine and the data determine.
 
+    A type whose effects are partly not in the model at all, such as L-VOL where nothing but positioning was measured, gives way
+    to smaller ones that say what there is.
+
     Args:
         declared: What the control declares; its types stand in the order of completeness.
-        machine: The machine.
+        solution: The solution.
         functions: Functions that L-SPEC and R-SPEC use; without them these types are left out.
         make: Makes and writes types, coarsely, to see whether the data determine them and the control holds them together.
 
@@ -56,19 +74,20 @@ def most_types(
         InputError: the machine has no axis for any of them, or the control refuses all.
     """
     found: list[str] = []
-    left: list[str] = []
-    refused = False
+    why_not: dict[str, list[str]] = {}
+    machine, refused, present = solution.machine, False, effects_in(solution.model.names)
     for name in declared.carries:
         if not _fits(name, found, machine) or (compensation_type(name).is_chosen and not functions):
             continue
-        why = _obstacle([*found, name], make)
+        why = _in_model(name, declared, present) or _obstacle([*found, name], make)
         if why:
-            left.append(f"{name} is left out: {why.text}")
+            why_not.setdefault(why.text.removeprefix(f"{declared.name}: "), []).append(name)
             refused = refused or not why.of_the_data
         else:
             found.append(name)
+    left = tuple(f"{', '.join(names)} left out: {text}" for text, names in why_not.items())
     if found:
-        return Choice(tuple(found), tuple(left))
+        return Choice(tuple(found), left)
     if left:
         kind = InputError if refused else NotDeterminedError
         raise kind(f"{declared.name}: nothing that it carries can be made. {'. '.join(left)}")
@@ -89,6 +108,37 @@ def _fits(name: str, found: Sequence[str], machine: Machine) -> bool:
 class _Obstacle(NamedTuple):
     text: str
     of_the_data: bool = True
+
+
+def effects_in(names: Sequence[str]) -> set[str]:
+    """The effects of ISO/TR 16907 of which a model has functions; `names`: ISO 230-1 symbols.
+
+    >>> sorted(effects_in(["EXX", "EC0Y", "EA0S"]))
+    ['positioning', 'squareness']
+    """
+    found = {_effect(error) for error in map(parse, names) if error.axis != SPINDLE}
+    return found | ({ORIENTATION} if found & {ANG, ROTARY_ANG} else set())
+
+
+def _effect(error: ErrorName) -> str:
+    """The effect that an error function belongs to."""
+    linear, own = error.axis in LINEAR_AXES, error.direction == error.axis
+    if linear:
+        return SQU if error.location else POS if own else ANG if error.is_rotation else STR
+    return ROTARY_POS if own else POR if error.location else ROTARY_ANG if error.is_rotation else RAX
+
+
+def _in_model(name: str, declared: Declaration, present: set[str]) -> _Obstacle | None:
+    """A type of which the model has nothing, or lacks effects where smaller types of the control hold what it has."""
+    effects = set(TYPES[name].effects)
+    if not TYPES[name].is_chosen and not effects & present:
+        return _Obstacle(NOTHING)
+    lacking = [e for e in TYPES[name].effects if e not in present]
+    smaller = [set(TYPES[n].effects) for n in declared.carries if set(TYPES[n].effects) < effects]
+    covered = set().union(*(s for s in smaller if s <= present))
+    if not lacking or TYPES[name].is_chosen or not covered or not effects & present <= covered:
+        return None
+    return _Obstacle(f"the model has no function of {', '.join(lacking)}; smaller types hold the rest")
 
 
 def _obstacle(names: Sequence[str], make: Callable[[Sequence[str]], Compensation]) -> _Obstacle | None:

@@ -28,7 +28,7 @@ def explained(control: Controller) -> str:
     if d.options:
         rows = [[o.name, o.meaning, "" if o.default is None else str(o.default)] for o in d.options]
         lines += [*heading("Options"), *table(["option", "meaning", "default"], rows)]
-    lines += [*heading("What is known, and on what it rests"), *fact_table(d.facts)]
+    lines += [*heading("What is known, and on what it rests"), *fact_lines(d.facts)]
     for title, texts in commissioning(d):
         lines += [*heading(title), *steps(texts)]
     return text_of(lines)
@@ -37,13 +37,23 @@ def explained(control: Controller) -> str:
 def commissioning(d: Declaration) -> list[tuple[str, Sequence[str]]]:
     """Titles and steps of what a person does at the control; without what there is nothing to do for."""
     c = d.commissioning
-    found = (("Back up", c.backup), ("Load", c.load), ("Activate", c.activate), ("Remove again", c.remove))
+    found = (
+        ("Back up", c.backup),
+        ("Load", c.load),
+        ("Activate", c.activate),
+        ("Where it is shown", c.watch),
+        ("Remove again", c.remove),
+    )
     return [(title, texts) for title, texts in found if texts]
 
 
-def fact_table(facts: Sequence[Fact]) -> list[str]:
-    """Facts with basis and source."""
-    return table(["fact", "basis", "source"], [[f.text, f.basis, f.source or "none found"] for f in facts])
+def fact_lines(facts: Sequence[Fact]) -> list[str]:
+    """Facts under their basis, each with its source."""
+    lines: list[str] = []
+    for basis in dict.fromkeys(f.basis for f in facts):
+        told = (f"{f.text} ({f.source or 'no source found'})" for f in facts if f.basis == basis)
+        lines += ["", f"{basis[:1].upper()}{basis[1:]}:", "", *bullets(told)]
+    return lines
 
 
 def properties_of_files(d: Declaration, sign: str) -> list[list[str]]:

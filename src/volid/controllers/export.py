@@ -146,11 +146,11 @@ def _without_tool_frame(made: Compensation, declared: Declaration, base: Base) -
     if not constants:
         return made, []
     values = np.array([constants.get(f"E{d}0{SPINDLE}", 0.0) for d in DIRECTIONS])
-    moved = 1e3 * (values[:3] + np.cross(values[3:], base.tool))
+    moved = 1e3 * float(np.linalg.norm(values[:3] + np.cross(values[3:], base.tool)))
+    longer = 1e3 * 100.0 * float(np.linalg.norm(values[3:]))
     note = (
-        f"{', '.join(constants)}: constants of the tool frame are left out, because {declared.name} has no kinematic model. "
-        f"With the base tool they move the functional point by {', '.join(f'{v:.2f}' for v in moved)} µm everywhere (tool "
-        "frame); a work offset or the tool data take that"
+        f"{', '.join(constants)}: constants of the tool frame are left out, because {declared.name} has no kinematic model: the "
+        f"base tool is displaced by {moved:.2f} µm everywhere, and 100 mm of another tool by up to {longer:.2f} µm more"
     )
     return replace(made, tables=tuple(t for t in made.tables if t.axis != SPINDLE)), [note]
 
@@ -177,9 +177,8 @@ class _Work:
 
     def choice(self, write: Callable[[Job], Written]) -> Choice:
         """The types asked for, or the most complete that the control can hold together."""
-        machine = self.solution.machine
         if self.request.types:
-            return asked_types(self.declared, self.request.types, machine)
+            return asked_types(self.declared, self.request.types, self.solution.machine)
 
         def probe(names: Sequence[str]) -> Compensation:
             made = self.compensation(names, replace(self.sampling, step=None, max_error=None, max_points=COARSE))
@@ -187,7 +186,7 @@ class _Work:
                 write(self.job(made)[0])
             return made
 
-        return most_types(self.declared, machine, self.base.functions, probe)
+        return most_types(self.declared, self.solution, self.base.functions, probe)
 
     def job(self, made: Compensation) -> tuple[Job, list[str]]:
         """What is to be written, and what is left out because a control without a model has no place for it."""

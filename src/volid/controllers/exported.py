@@ -47,7 +47,7 @@ class Export:
     @property
     def declaration(self) -> Declaration:
         """What the control declares."""
-        return self.controller.declaration
+        return self.controller.declared_for(self.job.machine, self.job.options)
 
     def control(self, **options: Any) -> Control:
         """The simulated control with these files loaded; `options`: those of `volid.Control`."""

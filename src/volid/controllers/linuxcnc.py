@@ -35,9 +35,10 @@ from volid.controllers.base import (
     Option,
     Written,
     refuse_points,
+    text_of,
 )
 from volid.controllers.joints import comp_file
-from volid.controllers.joints.ini import MM, coordinates, joints_of, units
+from volid.controllers.joints.ini import MM, coordinates, joints_of, states_compensation, units
 from volid.controllers.joints.loaded import tables_of
 from volid.controllers.joints.prepared import left_by_backlash, one_per_axis, scales, step_at_home
 from volid.model.machine import Machine
@@ -139,9 +140,10 @@ DECLARATION = Declaration(
         Fact("rows that do not rise and those beyond 256 are left out with a message", RUN, f"{_SIMULATOR}; {_SOURCE}"),
         Fact("a line is read up to 254 characters", DOCUMENTED, _SOURCE),
         Fact(
-            "rotary joints count in degrees and do not roll over: the file covers all turns of the travel",
-            DOCUMENTED,
-            _CONTROL,
+            "rotary joints count in degrees, and beyond the rows the end value is held there too: a file covers all turns of the "
+            "travel",
+            RUN,
+            _SIMULATOR,
         ),
     ),
 )
@@ -169,7 +171,9 @@ class LinuxCNC(Controller):
         return Compensation((), (), (), tables_of(files, machine, options))
 
     def recognises(self, name: str, content: str | bytes) -> bool:
-        """Three numbers in the first line of a file that is called .comp."""
+        """Three numbers in the first line of a .comp file, or joints with COMP_FILE or BACKLASH in an .ini file."""
+        if name.lower().endswith(".ini"):
+            return states_compensation(text_of(name, content))
         return name.lower().endswith(".comp") and comp_file.looks_like_one(content)
 
 

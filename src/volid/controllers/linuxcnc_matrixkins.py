@@ -29,7 +29,6 @@ from volid.controllers.base import (
     CONTINUES,
     DOCUMENTED,
     FREE,
-    INFERRED,
     NO_REVERSAL,
     RUN,
     Commissioning,
@@ -42,6 +41,7 @@ from volid.controllers.base import (
     Written,
     text_of,
 )
+from volid.controllers.joints.comp_file import plain
 from volid.controllers.straight import left_beside, line_of
 from volid.exceptions import InputError
 from volid.model.machine import Machine
@@ -53,13 +53,12 @@ SMALL = 0.1  # a machine whose matrix is further from the identity is no machine
 _SOURCE = "LinuxCNC source, src/hal/components/matrixkins.comp"
 _SIMULATOR = "LinuxCNC 2.9.0~pre1 (Debian 12) in simulation"
 _SETP = re.compile(r"\s*setp\s+matrixkins\.C_([xyz])([xyz])\s*=?\s*(\S+)")
-_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,2})?")
 
 
 def _nine(text: str) -> np.ndarray:
     """Nine numbers, row after row. Raises `ValueError` for anything else."""
-    values = text.replace(",", " ").split()
-    if len(values) != 9 or not all(_NUMBER.fullmatch(v) for v in values):
+    values = [plain(v) for v in text.replace(",", " ").split()]
+    if len(values) != 9 or None in values:
         raise ValueError("expected nine numbers, xx xy xz yx yy yz zx zy zz")
     found = np.array(values, dtype=float).reshape(3, 3)
     if np.abs(found - np.eye(3)).max() > SMALL:
@@ -129,9 +128,9 @@ DECLARATION = Declaration(
             "linuxcnc-uspace 2.9.0~pre1+git20230208",
         ),
         Fact(
-            "COMP_FILE acts on the joints after the matrix, so that both go together",
-            INFERRED,
-            "order of kinematics and motor command",
+            "COMP_FILE acts on the joints behind the matrix, at their positions, so that both go together",
+            RUN,
+            _SIMULATOR,
         ),
     ),
 )
@@ -238,9 +237,10 @@ def _matrix(texts: Mapping[str, str]) -> np.ndarray:
 
 
 def _value(where: str, text: str) -> float:
-    if not _NUMBER.fullmatch(text):
+    value = plain(text)
+    if value is None:
         raise InputError(f"{where}: '{text}'; expected a number with a decimal point")
-    return float(text)
+    return value
 
 
 def _tables(errors: np.ndarray, machine: Machine) -> Sequence[AxisTable]:

@@ -12,7 +12,7 @@ from volid.compensation.active import axis_table_words, grid_words
 from volid.compensation.helping_axes import helping_words
 from volid.compensation.package import Compensation
 from volid.controllers.base import COLUMNS, HELD, NO_REVERSAL, ONE_VALUE, OPEN
-from volid.controllers.explain import commissioning, fact_table, properties_of_files
+from volid.controllers.explain import commissioning, fact_lines, properties_of_files
 from volid.controllers.export import Export
 from volid.controllers.markdown import bullets, heading, steps, table, text_of
 from volid.controllers.sign_check import SignCheck, sign_checks, with_unit
@@ -38,7 +38,7 @@ def commissioning_sheet(made: Export) -> str:
     lines += [*heading("6. Switch each compensation on and off"), *_switching(made)]
     lines += [*heading("7. What the control does with these values"), *_behaviour(made)]
     lines += [*heading("8. Remove again"), *steps(done.get("Remove again", ("Restore the backup of section 1.",)))]
-    lines += [*heading("9. What is known of this control, and on what it rests"), *fact_table(d.facts)]
+    lines += [*heading("9. What is known of this control, and on what it rests"), *fact_lines(d.facts)]
     if made.notes:
         lines += [*heading("Notes"), *bullets(made.notes)]
     return text_of(lines)
@@ -60,10 +60,12 @@ def _signs(made: Export) -> list[str]:
     checks = sign_checks(made.held, made.job, made.declaration.reversal == COLUMNS)
     lines = [
         "For each row: with the compensation off, go to the position, all axes coming from the stated side (from below: in +),",
-        "and read the position of the drive in the service display, or set an indicator at the axis to zero. Switch the",
-        "compensation on, leave the position and come back from the same side. The axis must now stand off by what the row says,",
-        "as a command of this size would move it. 'Alone' holds where the other tables are off or zero, 'all loaded' for all of",
-        "them together.",
+        "and set an indicator at the axis to zero, or read where the control shows the position of the drive with the correction",
+        "in it. Switch the compensation on, leave the position and come back from the same side. The axis must now stand off by",
+        "what the row says, as a command of this size would move it. 'Alone' holds where the other tables are off or zero, 'all",
+        "loaded' for all of them together. Most position displays show the programmed position and never the correction.",
+        "",
+        *bullets(f"Shown by the control: {text}" for text in made.declaration.commissioning.watch),
         "",
     ]
     if made.declaration.sign == OPEN:
@@ -85,7 +87,7 @@ def _signs(made: Export) -> list[str]:
     if any(c.is_small for c in checks):
         lines += [
             "",
-            "Motions below 0.001 are too small for a dial: take the service display, or a laser interferometer.",
+            "Motions below 0.001 are too small for a dial: take what the control shows, or an interferometer.",
         ]
     return [*lines, "", f"Tool vector of these numbers: {', '.join(f'{v:g}' for v in made.job.tool)} mm."]
 

@@ -39,6 +39,13 @@ def lines_of(what: str, positions: np.ndarray, columns: np.ndarray) -> str:
     return "".join(" ".join(_written(v) for v in row) + "\n" for row in rows)
 
 
+def plain(text: str) -> float | None:
+    """A number as LinuxCNC's files have it, with a decimal point, of at most 1e6; None for anything else."""
+    if not (text.isascii() and _NUMBER.fullmatch(text)):
+        return None
+    return value if abs(value := float(text)) <= LARGEST else None
+
+
 def _written(value: float) -> str:
     """A number with a decimal point, without exponent and without zeros that say nothing."""
     text = f"{value:.{DIGITS}f}".rstrip("0")
@@ -81,15 +88,14 @@ def _row(where: str, line: str, before: int) -> list[float]:
     )
     if len(line) > LINE:
         raise InputError(f"{where}: {len(line)} characters; LinuxCNC reads at most {LINE} of a line")
-    if len(found) < 3 or not all(_NUMBER.fullmatch(v) and v.isascii() for v in found):
+    values = [plain(v) for v in found]
+    if len(values) < 3 or None in values:
         shown = line.strip()[:60] or "blank"
         raise InputError(
-            f"{where}: '{shown}'; expected three numbers with a decimal point, nothing before them. {stops}"
+            f"{where}: '{shown}'; expected three numbers with a decimal point, of at most {LARGEST:g}, and nothing before "
+            f"them. {stops}"
         )
-    values = [float(v) for v in found]
-    if max(abs(v) for v in values) > LARGEST:
-        raise InputError(f"{where}: {max(values, key=abs):g} is no position of a machine; expected at most {LARGEST:g}")
-    return values
+    return [v for v in values if v is not None]
 
 
 def errors_of(name: str, rows: np.ndarray, kind: int) -> np.ndarray:
@@ -110,4 +116,4 @@ def errors_of(name: str, rows: np.ndarray, kind: int) -> np.ndarray:
 def looks_like_one(content: str | bytes) -> bool:
     """Whether a file begins with three numbers, and nothing else in its first line."""
     first = text_of("", content[:400]).split("\n", 1)[0].split()
-    return len(first) == 3 and all(_NUMBER.fullmatch(v) for v in first)
+    return len(first) == 3 and all(plain(v) is not None for v in first)

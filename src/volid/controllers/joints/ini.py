@@ -11,6 +11,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from volid.controllers.joints.comp_file import plain
 from volid.exceptions import InputError
 from volid.model.machine import Machine
 
@@ -66,9 +67,10 @@ class Stated:
     def number(self, section: str, key: str) -> float:
         """A number, 0 where there is none. Raises `InputError` for anything else."""
         text = self.get(section, key) or "0"
-        if not re.fullmatch(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d)?", text):
-            raise InputError(f"{self.name}, [{section}] {key}: '{text}'; expected a number")
-        return float(text)
+        value = plain(text)
+        if value is None:
+            raise InputError(f"{self.name}, [{section}] {key}: '{text}'; expected a number with a decimal point")
+        return value
 
     @property
     def joints(self) -> list[int]:
@@ -89,3 +91,9 @@ def stated(name: str, text: str) -> Stated:
         elif pair:
             section.setdefault(pair[1], pair[2])
     return Stated(name, found)
+
+
+def states_compensation(text: str) -> bool:
+    """Whether an INI file names a COMP_FILE or a BACKLASH of a joint."""
+    ini = stated("", text)
+    return any(ini.get(f"JOINT_{n}", key) for n in ini.joints for key in ("COMP_FILE", "BACKLASH"))

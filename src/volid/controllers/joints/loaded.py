@@ -9,7 +9,7 @@ import numpy as np
 
 from volid.compensation.tables.axis_table import AxisTable
 from volid.controllers.base import text_of
-from volid.controllers.joints.comp_file import errors_of, rows_of
+from volid.controllers.joints.comp_file import SHARE, errors_of, rows_of
 from volid.controllers.joints.ini import Stated, coordinates, joints_of, stated, units
 from volid.controllers.joints.prepared import scales
 from volid.exceptions import InputError
@@ -99,16 +99,28 @@ def _of_joint(ini: Stated, joint: int, letter: str | None, loading: Loading) -> 
     if letter is None:
         raise InputError(f"{ini.name}, [{section}]: no axis of the machine has joint {joint}; state `coordinates`")
     if named is None:
-        travel = np.array(loading.machine.axis(letter).travel)
-        half = np.full(2, 0.5 * backlash / scales(loading.machine, letter, loading.linear_units)[1])
-        return AxisTable(letter, letter, travel, -half, half, source="BACKLASH")
+        return _of_backlash(f"{ini.name}, [{section}] BACKLASH", backlash, letter, loading)
     given = {_last(n): (n, c) for n, c in loading.files.items()}
     if _last(named) not in given:
         raise InputError(
             f"{ini.name}, [{section}] COMP_FILE: {named} is not among the files; LinuxCNC does not start without it"
         )
-    kind = int(ini.number(section, "COMP_FILE_TYPE")) if ini.get(section, "COMP_FILE_TYPE") else 0
-    return _of_file(*given[_last(named)], letter, loading._replace(kind=kind))
+    kind = ini.number(section, "COMP_FILE_TYPE")
+    if kind not in (0, 1):
+        raise InputError(f"{ini.name}, [{section}] COMP_FILE_TYPE: {kind:g}; expected 0 or 1")
+    return _of_file(*given[_last(named)], letter, loading._replace(kind=int(kind)))
+
+
+def _of_backlash(where: str, backlash: float, letter: str, loading: Loading) -> AxisTable:
+    """The table of a joint without a file: motor = q ± BACKLASH / 2."""
+    travel = np.array(loading.machine.axis(letter).travel)
+    at, size = scales(loading.machine, letter, loading.linear_units)
+    if abs(backlash) > SHARE * at * np.ptp(travel):
+        raise InputError(
+            f"{where}: {backlash:g}, on a travel of {at * np.ptp(travel):g}; expected the reversal of the axis"
+        )
+    half = np.full(2, 0.5 * backlash / size)
+    return AxisTable(letter, letter, travel, -half, half, source="BACKLASH")
 
 
 def _last(path: str) -> str:
