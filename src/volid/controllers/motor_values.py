@@ -17,7 +17,7 @@ from volid.compensation.package import Compensation
 from volid.compensation.tables.axis_table import AxisTable
 from volid.controllers.base import Job
 from volid.controllers.motor_script import BLCOMP, COMP, MotorTable, Script
-from volid.controllers.motor_tables import Motor, Span, rolled, span_of, span_over
+from volid.controllers.motor_tables import Motor, Span, reach, rolled, span_of, span_over
 from volid.controllers.resampling import at_nodes, extended, spacing_of, summed
 from volid.exceptions import InputError
 from volid.model.iso230 import LINEAR_AXES
@@ -226,7 +226,7 @@ def _backlash(number: int, script: Script, machine: Machine, motors: Mapping[int
         span = span_of(motor, len(own[-1].entries) - 1, own[-1].spans[0], low, high)
         q, further = span.positions, held + rolled(own[-1].entries, span)
     elif held:
-        q, further = np.array([low, high]), np.full(2, held)
+        q, further = np.array(reach(motor, low, high, motor.counts)), np.full(2, held)
     else:
         return []
     return [AxisTable(motor.axis, motor.axis, q, np.zeros(len(q)), further / motor.parts)]
