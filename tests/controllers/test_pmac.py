@@ -1,6 +1,7 @@
 """Scripts of DEFINE COMP and DEFINE BLCOMP: written out by hand, and played by a small control of its own in this file."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -122,6 +123,15 @@ def test_the_example_of_the_manual():
     np.testing.assert_allclose(moved, [0, 1, 50, 100, -1, -50, 0.5], atol=1e-9)
 
 
+def test_without_a_machine_the_table_reaches_over_its_span_alone():
+    wide = replace(MACHINE, axes=tuple(replace(a, travel=(-1e5, 1e5)) for a in MACHINE.axes))
+    found = {t.output: t for t in read(script(pitch()), wide).axis_tables}
+    assert found["X"].positions.tolist() == [0, 500, 1000, 1500] and found["Y"].positions.tolist() == [0, 300, 600, 900]
+    np.testing.assert_allclose(found["X"].forward, [0.0, 0.010, -0.004, 0.0], atol=1e-12)
+    (constant,) = read("#1\nI186=16\n", wide).axis_tables
+    assert constant.positions.tolist() == [0, 1] and constant.reversal_value == pytest.approx(-0.001)
+
+
 def test_rows_and_columns_stand_in_the_order_of_the_chart():
     """Columns along the first source motor; row 0 has no entry at 0, each further row has."""
     text = "#1 DEFINE COMP 1.2,#1D,#2D,#3,2000000,600000\n16 32\n160 176 192"
@@ -201,7 +211,7 @@ def test_a_turn_has_as_many_entries_as_sections():
     x, up = np.linspace(0.0, 360.0, 5), np.deg2rad([0.0, 0.001, 0.002, 0.001, 0.0])
     table = ErrorTable("R-POS", "ECC", x, up, up, np.zeros((5, 2)), x > 1e9, ITSELF, 0.0, period=360.0)
     text = script(Compensation(("R-POS",), (table,), ()), TRUNNION, counts="C:10000,X:1,Y:1,Z:1,A:1")
-    assert text.splitlines()[3:5] == ["DEFINE COMP 4,#5D,#5,3600000 ; ECC", "-160 -320 -160 0"]
+    assert text.splitlines()[3:5] == ["DEFINE COMP 4,#6D,#6,3600000 ; ECC", "-160 -320 -160 0"]
     (back,) = read(text, TRUNNION, counts="C:10000,X:1,Y:1,Z:1,A:1").axis_tables
     found = back.of_argument(np.array([90.0, 450.0, -90.0]), np.ones(3))
     np.testing.assert_allclose(np.rad2deg(found), [0.001, 0.001, 0.001], atol=1e-12)
@@ -216,7 +226,7 @@ def test_sixteenths_of_a_count_are_lost_at_most_by_half():
 def test_what_is_left_out_is_said():
     turned = error_table("EXX", [0, 1000], [0.001, 0.002], [-0.001, 0.0])
     notes = PMAC.write(job("pmac", Compensation(("L-POS",), (turned,), ()), counts="1000")).notes
-    assert any("X over X: error values are 0.001 mm less than in the table everywhere" in n for n in notes)
+    assert any("X: error values of all its tables together are 0.001 mm less everywhere" in n for n in notes)
     assert any("runs ahead by 0.002 mm after a reversal; I186 holds no such value" in n for n in notes)
     crossed = error_table("EXY", [0, 600], [0.0, 0.002], [0.001, 0.003], kind="L-SQU")
     notes = PMAC.write(job("pmac", Compensation(("L-SQU",), (crossed,), ()), counts="1000")).notes

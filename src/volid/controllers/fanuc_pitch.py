@@ -145,7 +145,9 @@ class FanucPitch(Controller):
             program = _program_text(made, job.options["data_number"])
             files.append(ControlFile("fanuc_pitch.nc", program, "the same values as lines N…P…"))
         parameters = tuple((n, f"{a}: {v:g}", MEANING[n]) for m in made for n, a, v in m.rows)
-        notes = tuple(note for m in made for note in m.notes)
+        sizes = ", ".join(f"{m.axis} {m.largest:.6g}" for m in made)
+        put_out = f"each value is put out at one place of its section, so that up to all of it is off there; largest: {sizes}"
+        notes = (*(note for m in made for note in m.notes), f"{put_out} (mm or °)")
         return Written(tuple(files), parameters, notes, max((m.loss for m in made), default=0.0))
 
     def read(self, files: Mapping[str, str | bytes], machine: Machine, options: Mapping[str, Any]) -> Compensation:

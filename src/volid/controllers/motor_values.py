@@ -17,7 +17,7 @@ from volid.compensation.package import Compensation
 from volid.compensation.tables.axis_table import AxisTable
 from volid.controllers.base import Job
 from volid.controllers.motor_script import BLCOMP, COMP, MotorTable, Script
-from volid.controllers.motor_tables import Motor, Span, rolled, span_of, span_over
+from volid.controllers.motor_tables import Motor, Span, reach, rolled, span_of, span_over
 from volid.controllers.resampling import at_nodes, extended, spacing_of, summed
 from volid.exceptions import InputError
 from volid.model.iso230 import LINEAR_AXES
@@ -77,11 +77,13 @@ class _Maker:
         self.tables: list[MotorTable] = []
         self.backlash: dict[int, int] = {}
         self.notes: list[str] = []
+        self.shifts: dict[str, float] = {}  # by axis [mm or rad]
         self.rounding = 0.0
 
     def script(self) -> Script:
         """All tables."""
-        return Script(tuple(self.tables), self.backlash, tuple(self.notes), self.rounding)
+        shifted = [_shift_words(self.motors[a], off) for a, off in self.shifts.items() if abs(off) > _NOTHING]
+        return Script(tuple(self.tables), self.backlash, (*shifted, *self.notes), self.rounding)
 
     def over_one(self, table: AxisTable) -> None:
         """A table over one axis; of an axis over itself with its backlash."""
@@ -96,7 +98,7 @@ class _Maker:
                 f"pmac: table of {table.source} differs by {entries[-1]} entries over a turn; expected that it closes"
             )
         self._own(table.source, target, (source,), (span,), entries)
-        self._shifted(target, f"{table.output} over {table.argument}", float(error[span.zero]))
+        self._shift(target, float(error[span.zero]))
         if table.period == 0.0:
             held = extended(table.positions, table.of_argument(q, np.full(len(q), way)), span.positions)
             missed = np.abs(np.interp(q, span.positions, held) - table.of_argument(q, np.full(len(q), way))).max()
@@ -122,7 +124,7 @@ class _Maker:
         zero = float(error[spans[0].zero, spans[1].zero])
         entries = self._entries(error, zero, target)
         self._own(words, target, sources, spans, entries[np.ix_(spans[0].order, spans[1].order)].T)
-        self._shifted(target, f"{output} over {axes[0]} and {axes[1]}", zero)
+        self._shift(target, zero)
 
     def _entries(self, error: np.ndarray, zero: float, target: Motor) -> np.ndarray:
         """What is added to the target [1/16 count]: minus the error, 0 at motor zero."""
@@ -167,17 +169,18 @@ class _Maker:
                 MotorTable(BLCOMP, motor.number, (motor.number,), motor.number, (span.length,), entries, words)
             )
 
-    def _shifted(self, target: Motor, what: str, zero: float) -> None:
-        off, unit = (zero, "mm") if target.linear else (np.rad2deg(zero), "°")
-        if abs(off) > _NOTHING:
-            self.notes.append(
-                f"{what}: error values are {off:.6g} {unit} less than in the table everywhere, so that motor zero is 0"
-            )
+    def _shift(self, target: Motor, zero: float) -> None:
+        self.shifts[target.axis] = self.shifts.get(target.axis, 0.0) + zero
 
     def _missed(self, what: str, missed: float, target: Motor) -> None:
         if missed > _NOTHING:
             size = f"{missed:.3g} mm" if target.linear else f"{np.rad2deg(missed):.3g}°"
             self.notes.append(f"{what}: other positions than those of the table: up to {size} off at these")
+
+
+def _shift_words(motor: Motor, zero: float) -> str:
+    off, unit = (zero, "mm") if motor.linear else (float(np.rad2deg(zero)), "°")
+    return f"{motor.axis}: error values of all its tables together are {off:.6g} {unit} less everywhere, so that motor zero is 0"
 
 
 def _largest(table: AxisTable) -> float:
@@ -226,7 +229,7 @@ def _backlash(number: int, script: Script, machine: Machine, motors: Mapping[int
         span = span_of(motor, len(own[-1].entries) - 1, own[-1].spans[0], low, high)
         q, further = span.positions, held + rolled(own[-1].entries, span)
     elif held:
-        q, further = np.array([low, high]), np.full(2, held)
+        q, further = np.array(reach(motor, low, high, motor.counts)), np.full(2, held)
     else:
         return []
     return [AxisTable(motor.axis, motor.axis, q, np.zeros(len(q)), further / motor.parts)]

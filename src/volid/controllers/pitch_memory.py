@@ -115,18 +115,22 @@ class AxisMemory:
     """The values and parameters of one axis.
 
     Args:
+        axis: Letter of the axis.
         table: Rows number, axis, direction, from, to, value, amount.
         rows: Parameters: name, axis, value.
         last: Highest number that it takes.
         loss: Largest change of a value by rounding and by a limit [mm or rad].
         notes: What a user should know of them.
+        largest: Largest value of one section [mm or °].
     """
 
+    axis: str
     table: tuple[tuple[Any, ...], ...]
     rows: tuple[tuple[str, str, float], ...]
     last: int
     loss: float
     notes: tuple[str, ...]
+    largest: float
 
 
 def memory_of(table: AxisTable, form: Form, first: int) -> AxisMemory:
@@ -156,7 +160,9 @@ def memory_of(table: AxisTable, form: Form, first: int) -> AxisMemory:
     lost = 0 if form.both else _lost(table, form)
     loss = max(h.loss for h in held) / abs(form.scale)
     settings = _settings(form, sections, numbers, held, lost)
-    return AxisMemory(rows, settings, numbers[-1].highest, loss, _notes(table, form, sections, held, shift))
+    largest = max(int(np.abs(h.steps).max(initial=0)) for h in held) * form.quantum
+    notes = _notes(table, form, sections, held, shift)
+    return AxisMemory(form.axis, rows, settings, numbers[-1].highest, loss, notes, largest)
 
 
 def _what(form: Form) -> str:
@@ -226,10 +232,6 @@ def _notes(table: AxisTable, form: Form, sections: Sections, held: list[Incremen
         found.append(
             f"{form.axis}: error values are {off:.6g} {unit} less than in the table everywhere, so that the reference is 0"
         )
-    largest = max(int(np.abs(h.steps).max(initial=0)) for h in held) * form.quantum
-    found.append(
-        f"{form.axis}: the largest value of one section is {largest:.6g} {unit}; it is put out at one place of the section"
-    )
     between = _resampled(table, form, sections)
     if between > 1e-9:
         found.append(f"{form.axis}: other positions than those of the table: up to {between:.3g} {unit} off at these")
