@@ -36,6 +36,7 @@ from volid.io.functions_csv import (
 from volid.io.layouts import ISO, VOLID, check_layout
 from volid.io.record import COMPENSATION, ERROR, SIGN, closing_lines, values_lines
 from volid.model.iso230 import DIRECTIONS
+from volid.model.machine import Machine
 
 FORMAT = "volid-grid/1"
 HDF5 = (".h5", ".hdf5")
@@ -65,15 +66,21 @@ def grid_header(
 
     `values`: "error" or "compensation"; `source`: the solution's file; `command`: the words of the command line.
     """
+    lines = grid_lines(grid, values, solution.machine, reversal_text(solution, grid))
+    return lines | closing_lines(solution, source, grid.datum, command, grid.notes)
+
+
+def grid_lines(grid: AnyGrid, values: str, machine: Machine, reversal: str) -> dict[str, str]:
+    """What the numbers of a grid are; where they come from is for the maker of the grid to say. `reversal`: in words."""
     lines = {
         "format": FORMAT,
         "type": grid.type,
         **values_lines(values),
         "applied": _APPLIED.get(grid.type, _POSITION),
         "absolute": "absolute values, not increments",
-        "reversal": reversal_text(solution, grid),
+        "reversal": reversal,
         "units": f"{_units(grid)} dX, dY, dZ mm; dA, dB, dC degrees; u_… standard uncertainty (k = 1)",
-        **(_rotary_lines(grid) if isinstance(grid, RotaryGrid) else _tool_lines(grid, solution)),
+        **(_rotary_lines(grid) if isinstance(grid, RotaryGrid) else _tool_lines(grid, machine)),
         "frame": grid.frame,
         "limits": "; ".join(
             f"{a} {n[0]:g} … {n[-1]:g}, {len(n)} points" for a, n in zip(grid.axes, grid.nodes, strict=True)
@@ -82,7 +89,7 @@ def grid_header(
     }
     if grid.bands is not None:
         lines["intervals"] = INTERVAL_MEANING
-    return lines | closing_lines(solution, source, grid.datum, command, grid.notes)
+    return lines
 
 
 def _units(grid: AnyGrid) -> str:
@@ -90,8 +97,8 @@ def _units(grid: AnyGrid) -> str:
     return f"{axes} degrees;" if isinstance(grid, RotaryGrid) else f"{axes},"
 
 
-def _tool_lines(grid: Grid, solution: Solution) -> dict[str, str]:
-    rotary = any(not axis.is_linear for axis in solution.machine.axes)
+def _tool_lines(grid: Grid, machine: Machine) -> dict[str, str]:
+    rotary = any(not axis.is_linear for axis in machine.axes)
     return {"tool vector": _TOOL.format(_three(grid.tool)) + (_ROTATED if rotary else "")}
 
 

@@ -89,8 +89,15 @@ def written_values(table: ErrorTable, form: TableForm) -> tuple[tuple[str, ...],
     columns, rows = table.table_1(form.reversal, errors=form.errors)
     exact = rows[:, 1:]
     rounded = round_to(exact, form.least(table))
+    if form.incremental:  # to the digits that are written, before differences are taken, or these digits would add up
+        rounded = np.round(rounded, _digits(table))
     loss = float(np.abs(rounded - exact).max())
     return columns, increments(rounded) if form.incremental else rounded, loss
+
+
+def _digits(table: ErrorTable) -> int:
+    """Decimal places of the values of a table: 1e-9 mm or 1e-12 rad."""
+    return 12 if parse(table.function).is_rotation else 9
 
 
 def table_header(
@@ -158,7 +165,7 @@ def _reversal_text(table: ErrorTable, form: TableForm) -> str:
 def table_sheet(table: ErrorTable, form: TableForm, header: Mapping[str, str]) -> Sheet:
     """The table before it is written; values keep 1e-9 mm or 1e-12 rad."""
     columns, values, _ = written_values(table, form)
-    digits = 12 if parse(table.function).is_rotation else 9
+    digits = _digits(table)
     places = round_position(table.positions).tolist()
     if form.layout == ISO:
         printed = ([q, *v] for q, v in zip(places, values.tolist(), strict=True))
