@@ -178,6 +178,33 @@ def test_a_turn_with_the_reference_elsewhere():
     np.testing.assert_allclose(np.rad2deg(found), [-0.003, -0.002, 0.0, -0.001, -0.006, -0.003], atol=1e-12)
 
 
+def test_a_turn_with_a_table_for_each_direction():
+    x, up = np.linspace(0.0, 360.0, 5), np.deg2rad([0.0, 0.004, 0.007, 0.001, 0.0])
+    down = up + np.deg2rad([0.002, 0.003, 0.001, 0.002, 0.002])
+    table = ErrorTable("R-POS", "ECC", x, up, down, np.zeros((5, 2)), x > 1e9, ITSELF, 0.0, period=360.0)
+    made = Compensation(("R-POS",), (table,), ())
+    files = _rotary_files(made, bidirectional="1")
+    plus, minus = values_of(files, "C", "+"), values_of(files, "C", "-")
+    assert plus == {60: -1, 61: 4, 62: 3, 63: -6, 64: -1} and minus == {65: -1, 66: 5, 67: 1, 68: -5, 69: -1}
+    (back,) = FANUC.read(files, TRUNNION, stated("error")).axis_tables
+    q = np.array([90.0, 180.0, 630.0, -90.0])
+    np.testing.assert_allclose(np.rad2deg(back.of_argument(q, np.ones(4))), [0.004, 0.007, 0.001, 0.001], atol=1e-12)
+    np.testing.assert_allclose(np.rad2deg(back.of_argument(q, -np.ones(4))), [0.007, 0.008, 0.003, 0.003], atol=1e-12)
+
+
+def test_what_3627_means_beside_a_magnification_is_not_guessed():
+    names = {"3605#0": 1, "3620": 0, "3621": 0, "3622": 1, "3623": 2, "3624": 50, "3626": 2, "3627": 4}
+    files = {
+        "parameters.csv": "parameter,axis,value\n" + "".join(f"{n},X,{v}\n" for n, v in names.items()),
+        "pitch.csv": "number,value\n0,0\n1,5\n2,0\n3,5\n",
+    }
+    with pytest.raises(InputError, match="parameters of X: 3623 is 2 and 3627 4; public sources do not say"):
+        FANUC.read(files, MACHINE, stated("error"))
+    files["parameters.csv"] += "3620,X,0\n"
+    with pytest.raises(InputError, match="line 10: parameter 3620 of X stands there a second time"):
+        FANUC.read(files, MACHINE, stated("error"))
+
+
 def test_a_turn_that_does_not_close_is_refused():
     with pytest.raises(InputError, match="table of C: its first and last value, one turn apart, differ by 3 steps"):
         _rotary_files(rotary([0.0, 0.001, 0.003]))

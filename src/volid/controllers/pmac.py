@@ -33,9 +33,10 @@ from volid.controllers.base import (
     text_of,
 )
 from volid.controllers.lists import the_list
-from volid.controllers.motor_script import read_script, script_text
-from volid.controllers.motor_tables import motors_of
-from volid.controllers.motor_values import compensation_of, tables_of
+from volid.controllers.motors.held import compensation_of
+from volid.controllers.motors.making import tables_of
+from volid.controllers.motors.script import read_script, script_text
+from volid.controllers.motors.spans import motors_of
 from volid.model.machine import Machine
 
 _TURBO = "Turbo PMAC software reference, pp. 302-305"
