@@ -217,6 +217,19 @@ def test_only_kinds_know_what_kind_they_are():
     assert lines_with(asks, but=("observations",)) == []
 
 
+def imported(tree: ast.AST) -> set[str]:
+    """First names of the modules that a file imports."""
+    plain = {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
+    plain |= {node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and not node.level}
+    return {name.split(".")[0] for name in plain}
+
+
+def test_modules_under_another_licence_stay_outside():
+    """LinuxCNC's own modules are GPL: tests and examples run them as programs of their own."""
+    assert imported(ast.parse("import hal.x\nfrom linuxcnc import stat")) == {"hal", "linuxcnc"}
+    assert [s.place for s in sources() if imported(s.tree) & {"hal", "linuxcnc", "_hal", "emccanon", "gcode"}] == []
+
+
 def asks_for_engines(tree: ast.AST) -> list[str]:
     """Calls that make an engine (`Compiled(…)`, `Interpreted(…)`), or ask whether something is of its class or its equations'."""
     calls = [ast.unparse(node) for node in ast.walk(tree) if isinstance(node, ast.Call)]

@@ -8,7 +8,7 @@ import sys
 import pytest
 from support.places import ROOT
 
-KEPT = (".ci", "benchmarks", "datasets", "docs", "models", "notebooks", "tests")
+KEPT = (".ci", "benchmarks", "datasets", "docs", "examples", "models", "notebooks", "tests")
 
 
 def kept_files():

@@ -15,6 +15,7 @@ TEXTS = {  # in the repository: page below docs/
     "models/README.md": "_generated/models.md",
     "datasets/README.md": "_generated/datasets.md",
     "benchmarks/README.md": "_generated/benchmarks.md",
+    "examples/linuxcnc/README.md": "_generated/linuxcnc_grid.md",
     "tests/literature/README.md": "_generated/literature.md",
     "CONVENTIONS.md": "_generated/conventions.md",
     "CHANGELOG.md": "_generated/changelog.md",

@@ -1,7 +1,7 @@
 """The public names for type checkers. `_PUBLIC` in `__init__.py` says the same to Python; a test compares the two."""
 
 from volid.backend.consent import accept_unusual
-from volid.campaign import Alignment, Campaign, End, Environment, Expansion, ObservationSet, Station
+from volid.campaign import ActiveFiles, Alignment, Campaign, End, Environment, Expansion, ObservationSet, Station
 from volid.compensation.base import base_of as compensation_base
 from volid.compensation.control import Control
 from volid.compensation.grids.grid import Grid, RotaryGrid
@@ -19,6 +19,9 @@ from volid.compensation.tables.error_table import ErrorTable
 from volid.compensation.types import TYPES as COMPENSATION_TYPES
 from volid.controllers import CONTROLS
 from volid.controllers.export import Export, export
+from volid.controllers.programs.program import CorrectedProgram, apply_to_program
+from volid.controllers.programs.setting import ProgramSetting
+from volid.controllers.reading import ExistingCompensation
 from volid.exceptions import InputError, NotDeterminedError, OutputError, VolidError
 from volid.fitting.datum import parse_datum
 from volid.fitting.fit import fit
@@ -33,6 +36,7 @@ from volid.io import write_campaign as save_campaign
 from volid.io.campaign.stream import CampaignStream
 from volid.io.compensation_files import compensation_files, compensation_from_files
 from volid.io.compensations import load_control, save_compensation
+from volid.io.control_files import load_compensation, recorded_compensations
 from volid.io.evaluations.evaluate import evaluate
 from volid.io.exports import save_export
 from volid.io.fields import save_field
@@ -73,6 +77,7 @@ __all__ = [  # noqa: RUF022
     "Environment",
     "Expansion",
     "ObservationSet",
+    "ActiveFiles",
     "End",
     "check_campaign",
     "closures",
@@ -116,11 +121,17 @@ __all__ = [  # noqa: RUF022
     "compensation_files",
     "compensation_from_files",
     "load_control",
+    "load_compensation",
+    "recorded_compensations",
+    "ExistingCompensation",
     "Control",
     "export",
     "Export",
     "save_export",
     "CONTROLS",
+    "apply_to_program",
+    "ProgramSetting",
+    "CorrectedProgram",
     "AxisTable",
     "best_rigid",
     "volumetric_summary",

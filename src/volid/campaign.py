@@ -324,6 +324,33 @@ def standard_uncertainty(u: float | Mapping[str, float], readings: np.ndarray) -
 
 
 @dataclass(frozen=True, eq=False)
+class ActiveFiles:
+    """Files of a control that were loaded while a campaign was measured: what was active, in full (ISO/TR 16907 9.1, 10.5).
+
+    Args:
+        text: What [conditions] `active_compensations` says of them: types, names, control and hash.
+        cnc: Name of the control, one of `volid.CONTROLS`, or "volid" for volid's own tables and grids.
+        files: Content by the name under which the control knows the file.
+        sign: Sense of the values where the control leaves it open; "" where it does not.
+        options: Options of the control.
+
+    >>> ActiveFiles("L-POS: x.comp for linuxcnc", "linuxcnc", {"x.comp": b"0 0 0\\n"}).types
+    ('L-POS',)
+    """
+
+    text: str
+    cnc: str
+    files: Mapping[str, bytes]
+    sign: str = ""
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def types(self) -> tuple[str, ...]:
+        """Types of ISO/TR 16907 that they hold, as `text` names them."""
+        return tuple(self.text.split(": ")[0].split(" + "))
+
+
+@dataclass(frozen=True, eq=False)
 class Campaign:
     """A measuring campaign, complete in itself: machine, stations, sets of readings, and the record of conditions.
 
@@ -337,6 +364,7 @@ class Campaign:
         source: file that it was read from.
         alignments: Placements of artefacts that lines of readings share.
         environments: The air and the temperatures at which sets were read.
+        active_files: Files of a control that were active while measuring; [conditions] `active_compensations` names them.
 
     >>> import volid
     >>> campaign = volid.load_campaign("datasets/vertical_multilateration/campaign.toml")
@@ -355,6 +383,7 @@ class Campaign:
     source: str = ""
     alignments: tuple[Alignment, ...] = ()
     environments: tuple[Environment, ...] = ()
+    active_files: tuple[ActiveFiles, ...] = ()
 
     def station(self, name: str) -> Station:
         """The station called `name` (KeyError when there is none)."""

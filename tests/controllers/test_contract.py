@@ -32,6 +32,7 @@ from volid.controllers import CONTROLS
 from volid.controllers.base import (
     ABSOLUTE,
     COLUMNS,
+    CONTINUES,
     DOCUMENTED,
     EQUAL,
     FREE,
@@ -81,7 +82,7 @@ def test_it_declares_everything(name):
     d = CONTROLS[name].declaration
     assert d.name == name and d.title and d.units and d.zero and d.switching and d.nearest
     assert d.sign in ("error", "compensation", POSITION, OPEN) and d.rows in (ABSOLUTE, INCREMENTAL)
-    assert d.reversal in (COLUMNS, ONE_VALUE, NO_REVERSAL) and d.outside in (HELD, ROLLS_OVER, NOT_KNOWN)
+    assert d.reversal in (COLUMNS, ONE_VALUE, NO_REVERSAL) and d.outside in (HELD, ROLLS_OVER, CONTINUES, NOT_KNOWN)
     assert d.spacing in (EQUAL, FREE) and all(q is None or q > 0 for q in d.quantum)
     assert d.carries and all(form in TYPES[kind].forms for kind, form in d.carries.items())
     assert d.commissioning.backup and d.commissioning.load and d.commissioning.activate and d.commissioning.remove
@@ -232,9 +233,10 @@ def test_too_many_positions_are_refused(name):
     case = next(c for c in ALL if c.control == name)
     n = d.most_points + 1
     x = np.linspace(0.0, 1000.0, n)
-    many = Compensation(("L-POS",), (error_table("EXX", x, 1e-5 * x),), ())
-    if d.carries.get("L-POS") != TABLES:
-        many = spatial((x, (0.0, 600.0), (-500.0, 0.0)))
+    function = next((f for k, f in {"L-POS": "EXX", "L-STR": "EZX"}.items() if d.carries.get(k) == TABLES), None)
+    many = spatial((x, (0.0, 600.0), (-500.0, 0.0)))
+    if function is not None:
+        many = Compensation(("L-POS",), (error_table(function, x, 1e-5 * x),), ())
     with pytest.raises(InputError, match=rf"{name}: .*{n:,}|{name}: .*{n}"):
         CONTROLS[name].write(case.job(many))
 

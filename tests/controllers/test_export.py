@@ -83,10 +83,10 @@ def test_what_the_data_do_not_determine_is_left_out_with_the_reason():
     solution = volid.fit(volid.load_campaign("datasets/published_positioning/campaign.toml"))
     made = types(solution, {"L-VOL": TABLES, "L-POS": TABLES, "L-STR": TABLES})
     assert made.types == ("L-POS",)
-    left = [note for note in made.notes if "is left out" in note]
-    assert [note.split()[0] for note in left] == ["L-VOL", "L-STR"]
+    left = [note for note in made.notes if " left out: " in note]
+    assert sorted(name for note in left for name in note.split(" left")[0].split(", ")) == ["L-STR", "L-VOL"]
     with pytest.raises(
-        InputError, match=r"toy: nothing that it carries can be made. L-VOL is left out: .*measured 100 mm alone"
+        InputError, match=r"toy: nothing that it carries can be made. L-VOL left out: .*measured 100 mm alone"
     ):
         types(solution, {"L-VOL": GRID})
 
@@ -95,8 +95,15 @@ def test_a_volume_is_not_claimed_where_positioning_alone_was_measured():
     solution = volid.fit(volid.load_campaign("datasets/published_positioning/campaign.toml"))
     made = types(solution, {"L-VOL": TABLES, "L-POS": TABLES})
     assert made.types == ("L-POS",)
-    (note,) = [n for n in made.notes if n.startswith("L-VOL is left out")]
+    (note,) = [n for n in made.notes if n.startswith("L-VOL left out")]
     assert note.endswith("the model has no function of straightness, squareness, angular; smaller types hold the rest")
+
+
+def test_a_grid_of_zeros_is_no_volume():
+    """The R-test campaign models the rotary axes alone: a grid of the linear axes would hold nothing."""
+    solution = volid.fit(volid.load_campaign("datasets/five_axis_rtest/campaign.toml"))
+    made = types(solution, {"L-VOL": GRID, "R-POS": TABLES})
+    assert made.types == ("R-POS",) and "L-VOL left out: the model has no function that it corrects" in made.notes
 
 
 def test_directions_that_the_data_leave_open_are_left_out():
@@ -104,7 +111,7 @@ def test_directions_that_the_data_leave_open_are_left_out():
     solution = volid.fit(volid.load_campaign("tests/cases/30_half_of_a_travel/campaign.h5"))
     open_data = replace(solution, null_space=np.eye(solution.model.n_parameters))
     with pytest.raises(
-        NotDeterminedError, match=r"nothing that it carries can be made. L-POS is left out: the data do not"
+        NotDeterminedError, match=r"nothing that it carries can be made. L-POS left out: the data do not"
     ):
         types(open_data, {"L-POS": TABLES})
 
@@ -114,7 +121,7 @@ def test_what_the_control_cannot_hold_beside_the_rest_is_left_out():
         made_up(MACHINE), {"L-POS": TABLES, "L-STR": TABLES, "L-SQU": TABLES}, refuse=("L-STR", "L-STR + L-SQU")
     )
     assert made.types == ("L-POS", "L-SQU")
-    assert "L-STR is left out: toy: no room for L-STR" in made.notes
+    assert "L-STR left out: no room for L-STR" in made.notes
     with pytest.raises(InputError, match=r"nothing that it carries can be made.*no room"):
         types(made_up(MACHINE), {"L-STR": TABLES}, refuse=("L-STR",))
 

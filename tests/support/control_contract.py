@@ -6,7 +6,7 @@ its documentation stand in `tests/controllers/by_hand/<control>/`, and hold what
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +20,7 @@ from support.places import ROOT
 from volid.compensation.control import Control
 from volid.compensation.package import Compensation
 from volid.compensation.tables.axis_table import AxisTable
+from volid.compensation.tables.by_axis import axis_tables
 from volid.compensation.tables.error_table import ITSELF, ErrorTable
 from volid.compensation.types import GRID, TABLES
 from volid.controllers import CONTROLS
@@ -49,6 +50,16 @@ def turning() -> Compensation:
     x, up = np.array([0.0, 90.0, 180.0, 270.0, 360.0]), np.array([0.0, 20e-6, 40e-6, 20e-6, 0.0])
     table = ErrorTable("R-POS", "ECC", x, up, up, np.zeros((5, 2)), x > 1e9, ITSELF, 0.0, period=360.0)
     return Compensation(("R-POS",), (table,), ())
+
+
+def scaled() -> Compensation:
+    """X goes 20 µm/m too far, counted from the machine's origin."""
+    return Compensation(("L-POS",), (error_table("EXX", [0, 500, 1000], [0.0, 0.010, 0.020]),), ())
+
+
+def skewed() -> Compensation:
+    """Y leans by 20 µrad towards +X, counted from the machine's origin."""
+    return Compensation(("L-SQU",), (error_table("EXY", [0, 300, 600], [0.0, 0.006, 0.012], kind="L-SQU"),), ())
 
 
 @dataclass(frozen=True)
@@ -86,6 +97,11 @@ SMALL: dict[tuple[str, str], tuple[Callable[[], Compensation], ...]] = {
     ("L-VOL", GRID): (spatial,),
 }
 
+STRAIGHT: dict[str, tuple[Callable[[], Compensation], ...]] = {
+    "L-POS": (scaled,),
+    "L-SQU": (skewed,),
+}  # for `linear` controls
+
 
 def signs_of(declared: Declaration) -> tuple[str, ...]:
     """Senses in which the control's files are written: both where public sources leave it open."""
@@ -99,7 +115,8 @@ def cases(name: str) -> list[Case]:
     for sign in signs_of(declared):
         for kind, form in declared.carries.items():
             rotary = kind.startswith("R-")
-            found += [Case(name, kind, make, sign, rotary) for make in SMALL.get((kind, form), ())]
+            small = STRAIGHT.get(kind, ()) if declared.linear else SMALL.get((kind, form), ())
+            found += [Case(name, kind, make, sign, rotary) for make in small]
         if all(declared.carries.get(t) == TABLES for t in crossed().names):
             found.append(Case(name, "L-SQU", crossed, sign))
     return found
@@ -113,7 +130,33 @@ def asked(case: Case, job: Job) -> Control:
     declared = CONTROLS[case.control].declaration
     if declared.model or job.compensation.grids:
         return job.compensation.control(job.machine)
+    if declared.linear:
+        return Control(job.machine, axis_tables=straightened(job))
     return Control(job.machine, axis_tables=job.axis_tables(products=declared.products))
+
+
+def straightened(job: Job) -> tuple[AxisTable, ...]:
+    """What a control with straight lines through the origin alone moves X, Y, Z by: I - (I + M)⁻¹ + E, as tables.
+
+    M and E are slopes of least-squares lines, of tables of error functions and of tables of axes.
+    """
+    made = axis_tables(job.machine, job.compensation.tables, job.at, job.tool, products=False)
+    motion = np.eye(3) - np.linalg.inv(np.eye(3) + slopes(made)) + slopes(job.compensation.axis_tables)
+    travels = [np.array(job.machine.axis(a).travel) for a in "XYZ"]
+    lines = [(a, b, motion[i, j] * travels[j], travels[j]) for i, a in enumerate("XYZ") for j, b in enumerate("XYZ")]
+    return tuple(AxisTable(a, b, x, e, e) for a, b, e, x in lines)
+
+
+def slopes(tables: Sequence[AxisTable]) -> np.ndarray:
+    """Slopes over the range of each table, exact: two Gauss points integrate a parabola between neighbours."""
+    found = np.zeros((3, 3))
+    for t in tables:
+        half, middle = 0.5 * np.diff(t.positions), 0.5 * (t.positions[1:] + t.positions[:-1])
+        x = np.concatenate([middle - half / np.sqrt(3.0), middle + half / np.sqrt(3.0)])
+        y, w = np.interp(x, t.positions, 0.5 * (t.forward + t.reverse)), np.tile(half, 2)
+        s = x - 0.5 * (t.positions[0] + t.positions[-1])
+        found["XYZ".index(t.output), "XYZ".index(t.argument)] += np.sum(w * s * y) / np.sum(w * s * s)
+    return found
 
 
 def held(case: Case, job: Job) -> Compensation:

@@ -8,6 +8,8 @@ import time
 
 import pytest
 
+LIVE = "linuxcnc"
+
 
 def pytest_addoption(parser):
     parser.addoption("--shuffle", type=int, metavar="SEED", help="run files, and the tests of each, in a random order")
@@ -24,7 +26,12 @@ def pytest_collection_modifyitems(config, items):
         if item.get_closest_marker("long"):
             item.add_marker(pytest.mark.timeout(0))
         part = "slow" if is_slow(item) else "quick"
-        item.add_marker(pytest.mark.xdist_group(f"{item.path.stem} {part}"))
+        item.add_marker(pytest.mark.xdist_group(f"{together(item)} {part}"))
+
+
+def together(item) -> str:
+    """What runs on one worker: the tests of a file; all that start LinuxCNC, of which one can run on a computer."""
+    return LIVE if item.path.parent.name == LIVE else item.path.stem
 
 
 class LastWord:

@@ -57,6 +57,11 @@ VERBS = {
         "a field measured point by point as a spatial grid, without kinematic model, and the model tested by it",
     ),
     "export": ("export", "the files that a control loads, from a solution, with a commissioning sheet and the record"),
+    "inspect": (
+        "inspect",
+        "an existing compensation of a control: what its files hold, values, figure, conversion to another control",
+    ),
+    "apply": ("apply", "a program of G-code corrected in advance, for controls that hold no table, such as grbl"),
     "residual": (
         "residual",
         "what each compensation type leaves over the working volume, side by side, with intervals",

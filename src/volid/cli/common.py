@@ -30,6 +30,7 @@ _COMMANDS = {  # function of the library: command that does it and writes a file
     "simulate": "volid simulate",
     "study.run_study": "volid study",
     "save_grid": "volid grid",
+    "recorded_compensations": "--add-active",
     "accept_unusual": "--accept-unusual",
 }
 _PARAMETER = re.compile(r"`(\w+)(?:=([^`]*))?`")
@@ -159,7 +160,15 @@ def input_files(paths: Sequence[str]) -> list[Path]:
         if not is_hdf5(path):
             manifest = read_toml(path)
             found += [path.parent / name for name in (manifest["machine"], *(s["file"] for s in manifest["set"]))]
+            found += [path.parent / name for name in _active_files(manifest.get("conditions", {}))]
     return list(dict.fromkeys(found))
+
+
+def _active_files(conditions: dict[str, Any]) -> list[str]:
+    """Files of a control that a record of conditions names as active."""
+    entries = conditions.get("active_compensations", [])
+    named = [e.get("file", []) for e in entries if isinstance(e, dict)] if isinstance(entries, list) else []
+    return [name for files in named for name in (files if isinstance(files, list) else [files])]
 
 
 def named_by(paths: Sequence[str]) -> list[Path]:

@@ -223,11 +223,11 @@ def prepared(
 
 def _on_top(solution: Solution, args: argparse.Namespace) -> list[str]:
     """A note where a type was active while the campaign was measured: the values do not replace it (ISO/TR 16907 10.5)."""
-    from volid.plausibility.conditions import active_compensations
+    from volid.controllers.state import active_types
 
-    active = {text.split(":")[0].strip() for text in active_compensations(solution.campaign.conditions)}
+    active = active_types(solution.campaign)
     again = [n.strip() for text in args.type for n in text.split(",") if n.strip() in active]
-    if not again or getattr(args, "add_to", None):
+    if not again or getattr(args, "add_to", None) or getattr(args, "add_active", False):
         return []
     written = "; `add_to` writes the sum" if hasattr(args, "add_to") else ""
     return [

@@ -10,6 +10,7 @@ from volid.cli.numbers import number, tool_vector
 
 if TYPE_CHECKING:
     from volid.compensation.control import Control
+    from volid.controllers.reading import ExistingCompensation
     from volid.model.machine import Machine
 
 
@@ -60,8 +61,9 @@ def add_control(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         action="extend",
         default=[],
-        help="tables and grids that are active, or folders of them, as volid tables, grid and field write them",
+        help="tables and grids that are active, or folders of them: of volid tables, grid and field, or files of a control",
     )
+    add_files_of(parser, "compensation-")
     parser.add_argument(
         "--control-tool",
         metavar="x,y,z",
@@ -69,6 +71,34 @@ def add_control(parser: argparse.ArgumentParser) -> None:
         help="tool vector that the control uses, mm; default: the true one of every reading",
     )
     add_control_limits(parser)
+
+
+def add_files_of(parser: argparse.ArgumentParser, before: str = "", of: str = "the files") -> None:
+    """--cnc, --sign and --option of existing files of a control, with a word `before` each."""
+    parser.add_argument(
+        f"--{before}cnc", metavar="NAME", help=f"control whose files {of} are; default: recognised by content"
+    )
+    parser.add_argument(
+        f"--{before}sign",
+        choices=("error", "compensation"),
+        help="sense of their values, where public sources leave it open",
+    )
+    parser.add_argument(
+        f"--{before}option",
+        metavar="K=V",
+        type=one_option,
+        action="append",
+        default=[],
+        help="an option of that control (volid export --cnc NAME --explain); repeat it",
+    )
+
+
+def one_option(text: str) -> tuple[str, str]:
+    """ "comp_file_type=1" as key and value, for argparse."""
+    key, found, value = text.partition("=")
+    if not found or not key.strip():
+        raise argparse.ArgumentTypeError(f"'{text}' is no option of a control; expected KEY=VALUE")
+    return key.strip(), value.strip()
 
 
 def control_from(args: argparse.Namespace, machine: Machine) -> Control | None:
@@ -80,8 +110,10 @@ def control_from(args: argparse.Namespace, machine: Machine) -> Control | None:
     if args.compensation:
         if args.control_tool:
             ask_tools(machine, [args.control_tool], name="`control_tool`")
-        control = load_control(machine, args.compensation, tool=args.control_tool, **control_limits(args))
-        if not control.tables and not control.grids:
+        of = {"cnc": args.compensation_cnc, "sign": args.compensation_sign}
+        of |= {"control_options": dict(args.compensation_option)}
+        control = load_control(machine, args.compensation, tool=args.control_tool, **of, **control_limits(args))
+        if not (control.tables or control.grids or control.axis_tables):
             raise InputError(
                 f"{', '.join(args.compensation)}: holds no table or grid (*.csv, *.h5); expected at least one"
             )
@@ -92,3 +124,11 @@ def control_from(args: argparse.Namespace, machine: Machine) -> Control | None:
             f"`{idle[0]}` says how a control compensates, and no compensation is given; name its files with `compensation`"
         )
     return None
+
+
+def loaded_files(args: argparse.Namespace, machine: Machine) -> tuple[ExistingCompensation, ...]:
+    """The files of --compensation, volid's own and those of a control. Raises `InputError`."""
+    from volid.io.control_files import existing_of
+
+    options = dict(args.compensation_option)
+    return existing_of(machine, args.compensation, args.compensation_cnc, sign=args.compensation_sign, options=options)

@@ -18,6 +18,7 @@ from volid.cli.compensation_options import (
     rule_from,
     sampling_of,
 )
+from volid.cli.existing_options import add_existing, existing_from
 from volid.cli.numbers import add_unusual, count
 from volid.cli.progress import Progress
 
@@ -43,6 +44,9 @@ Axes that move only because another one does lose their own reversal at each tur
 --most-turns N make tables of such axes steady: whole increments and at most N turns along a travel,
 as near to the exact values as that allows; what cannot be kept is refused. --clamp A,C leaves out
 what would move these axes.
+
+What was measured with a compensation active is what remains with it: --add-to OLD (files of any
+control, tables, grids) or --add-active (the files that the campaign names as active) writes the sum.
 
 example:
   volid export solution.h5 --cnc linuxcnc --type L-POS -o control
@@ -75,6 +79,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--zero", metavar="X=..", type=assignments, action=ByAxis, help="where tables of an axis are zero"
     )
     _add_axes(parser)
+    add_existing(parser)
     add_unusual(parser)
     add_output(parser, "DIR", "folder for the files")
 
@@ -147,6 +152,7 @@ def request_from(solution: Solution, args: argparse.Namespace, tool: Any) -> Exp
         extrapolate=args.extrapolate,
         axes=Axes(args.increment or {}, clamped, args.most_turns, args.axis_reversal or {}),
         rule=rule_from(args.rule),
+        add_to=existing_from(solution, args),
     )
 
 
@@ -169,6 +175,7 @@ def _one(solution: Solution, request: ExportRequest, notes: list[str], args: arg
     """One control: its files into the folder, what they are to standard output."""
     from volid.cli.export_all import in_json
     from volid.controllers.export import controller, export_of
+    from volid.controllers.state import NOT_ACTIVE, REPLACED
     from volid.io.exports import RECORD, SHEET, save_export
 
     made = export_of(solution, controller(args.cnc), request)
@@ -181,5 +188,6 @@ def _one(solution: Solution, request: ExportRequest, notes: list[str], args: arg
             print(f"  {file.name}: {file.what}")
         print(f"  {SHEET}: what to do at the machine, with a sign check for each table")
         print(f"  {RECORD}: what the values are, and where they come from")
-    tell(args, (*notes, *made.notes))
-    return conclude(args, attention(solution, named=True))
+    wrong = [n for n in made.notes if REPLACED in n or NOT_ACTIVE in n]
+    tell(args, [n for n in (*notes, *made.notes) if n not in wrong])
+    return conclude(args, attention(solution, named=True) + wrong)

@@ -73,10 +73,18 @@ def export_all(
             progress(f"making the files of {chosen.declaration.name}")
             found.append(_tried(solution, request, chosen, folder, args))
         if not any(o.status == WRITTEN for o in found):
-            raise InputError("no control can be written: " + "; ".join(f"{o.name}: {o.words}" for o in found))
+            raise InputError("no control can be written. " + ". ".join(_reasons(found)))
     _print(found, args)
     tell(args, notes)
     return conclude(args, attention(solution, named=True))
+
+
+def _reasons(found: list[Outcome]) -> list[str]:
+    """Each reason once, with the controls that it holds for."""
+    names: dict[str, list[str]] = {}
+    for o in found:
+        names.setdefault(o.words, []).append(o.name)
+    return [f"{', '.join(n)}: {words}" for words, n in names.items()]
 
 
 def _refuse_strange_options(request: ExportRequest, names: list[str]) -> None:
@@ -107,9 +115,9 @@ def _tried(
     try:
         made = export_of(solution, chosen, asked)
     except NotDeterminedError as error:
-        return Outcome(d.name, OPEN_DATA, in_options(str(error), args))
+        return Outcome(d.name, OPEN_DATA, in_options(str(error).removeprefix(f"{d.name}: "), args))
     except InputError as error:
-        return Outcome(d.name, REFUSED, in_options(str(error), args))
+        return Outcome(d.name, REFUSED, in_options(str(error).removeprefix(f"{d.name}: "), args))
     save_export(made, folder / d.name, source=args.solution, command=args.command_line)
     return Outcome(d.name, WRITTEN, ", ".join(made.types), made)
 

@@ -31,6 +31,7 @@ from volid.cli.compensation_options import (
     rule_from,
     sampling_of,
 )
+from volid.cli.existing_options import add_existing, existing_from, existing_notes, old_grids
 from volid.cli.grid_messages import LINEAR, ROTARY, described, messages_of, reversal_lines
 from volid.cli.numbers import add_unusual, count, place
 from volid.cli.progress import Progress
@@ -38,6 +39,7 @@ from volid.cli.progress import Progress
 if TYPE_CHECKING:
     from volid.compensation.grids.grid import AnyGrid
     from volid.compensation.types import CompensationType
+    from volid.controllers.reading import ExistingCompensation
     from volid.fitting.solution import Solution
 
 HELP = "spatial grid of compensation (or error) values over the working volume"
@@ -93,7 +95,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="95 %% coverage intervals of the values, from Monte Carlo samples; L-VOL, R-VOL",
     )
-    parser.add_argument("--add-to", metavar="OLD", action="append", help="existing grid to superimpose on; repeat it")
+    add_existing(parser)
     add_unusual(parser)
     parser.add_argument(
         "--layout", choices=("volid", "iso"), default="volid", help="columns: volid's, or those of Tables 2 and 3; CSV"
@@ -159,7 +161,7 @@ def _check_intervals(args: argparse.Namespace) -> None:
     """Raises `InputError` for --intervals with what the samples know nothing of."""
     from volid.exceptions import InputError
 
-    asked = {name: getattr(args, name) for name in ("rigid", "add_to", "rule", "zero")}
+    asked = {name: getattr(args, name) for name in ("rigid", "add_to", "add_active", "rule", "zero")}
     asked["align"] = args.align != "axes"
     clash = next((name for name, value in asked.items() if value), None)
     if args.intervals and clash:
@@ -215,31 +217,31 @@ def _grids(solution: Solution, args: argparse.Namespace) -> tuple[tuple[AnyGrid,
         from volid.compensation.grids.intervals import with_intervals
 
         grids = tuple(with_intervals(solution, grid) for grid in grids)
+    existing = existing_from(solution, args)
+    notes += existing_notes(solution, existing)
     angle = None if args.angle_increment is None else radians(args.angle_increment)
-    return tuple(rounded_grid(g, args.increment, angle) for g in _superimposed(grids, args)), notes
+    summed = _superimposed(grids, existing, notes)
+    return tuple(rounded_grid(g, args.increment, angle) for g in summed), notes
 
 
-def _superimposed(grids: tuple[AnyGrid, ...], args: argparse.Namespace) -> tuple[AnyGrid, ...]:
-    """Grids on top of the existing ones of --add-to, matched by side. Raises `InputError` for one that has no partner."""
+def _superimposed(
+    grids: tuple[AnyGrid, ...], existing: tuple[ExistingCompensation, ...], notes: list[str]
+) -> tuple[AnyGrid, ...]:
+    """Grids on top of the existing ones, matched by side. Raises `InputError` for one that has no partner."""
+    from volid.compensation.on_top import are_partners
     from volid.compensation.superposition import add_grid
     from volid.exceptions import InputError
-    from volid.io.grid_reader import read_grid
 
     found = list(grids)
-    for path in args.add_to or []:
-        old = read_grid(path)
-        partner = next((i for i, new in enumerate(found) if _are_partners(new, old)), None)
+    for old, words in old_grids(grids, existing, notes):
+        partner = next((i for i, new in enumerate(found) if are_partners(new, old)), None)
         if partner is None:
             new = ", ".join(f"{g.type} ({g.side})" for g in found)
             raise InputError(
-                f"--add-to {path}: a {old.type} grid ({old.side}) has no partner among the new ones: {new}"
+                f"--add-to: {words}: a {old.type} grid ({old.side}) has no partner among the new ones: {new}"
             )
         found[partner] = add_grid(found[partner], old)
     return tuple(found)
-
-
-def _are_partners(new: AnyGrid, old: AnyGrid) -> bool:
-    return new.side == old.side and (new.type == "FOR") == (old.type == "FOR")
 
 
 def _write(grids: tuple[AnyGrid, ...], solution: Solution, args: argparse.Namespace, notes: list[str]) -> list[Path]:

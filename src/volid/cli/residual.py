@@ -32,11 +32,12 @@ from volid.cli.compensation_options import (
     rule_from,
     scatter,
 )
-from volid.cli.control_options import add_control_limits, control_limits
+from volid.cli.control_options import add_control_limits, add_files_of, control_limits
 from volid.cli.numbers import add_unusual, count, number, seed, tool_vector
 from volid.cli.progress import Progress
 
 if TYPE_CHECKING:
+    from volid.compensation.package import Compensation
     from volid.compensation.residual.forecast import Forecast
     from volid.fitting.solution import Solution
 
@@ -53,6 +54,9 @@ others, all tool vectors of the campaign; RMS and 95 % over the volume. 95 % int
 Monte Carlo samples of the solution (volid uncertainty), else from its covariance. --tools adds other
 tool vectors with the same compensation; --tool-error gives the control a wrong one. --rigid makes
 tables and grids from single-axis functions; what remains is that of the full model.
+
+--compensation is one more row: what existing files leave, of a control or volid's own. Where files of
+the same control were active while measuring, they stand in their place, else they come on top.
 
 The machine's repeatability is in every row: as readings show it that come back to a place from the
 same direction with the same tool, the instrument's u and drift between visits taken out, else as the
@@ -75,8 +79,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     explain(parser, _EPILOG)
     add_solution(parser)
     parser.add_argument(
-        "--type", action="append", metavar="TYPE[,TYPE]", required=True, help="a row of the table; repeat it"
+        "--type", action="append", metavar="TYPE[,TYPE]", default=[], help="a row of the table; repeat it"
     )
+    parser.add_argument(
+        "--compensation",
+        metavar="FILE",
+        action="append",
+        default=[],
+        help="files of a control, or tables and grids, as one more row: what they leave as they are; repeat it",
+    )
+    add_files_of(parser, "compensation-")
     add_base(parser, "base tool vector, mm; default: the most used one of the campaign")
     parser.add_argument(
         "--tools", metavar="x,y,z", type=tool_vector, action="append", help="further tool vectors; repeat it"
@@ -169,9 +181,13 @@ def _forecast(solution: Solution, args: argparse.Namespace, progress: Progress) 
 
     from volid.compensation.residual.forecast import forecast
     from volid.compensation.types import select
+    from volid.exceptions import InputError
     from volid.uncertainty.lack_of_fit import lack_of_fit
 
     lists = [[t.strip() for t in text.split(",")] for text in args.type]
+    loaded, on_files = _loaded(solution, args)
+    if not lists and not loaded:
+        raise InputError("--type TYPE is missing: name the types of the rows, or existing files with --compensation")
     for names in lists:
         select(names, solution.machine)
     tool = solution.most_used_tool() if args.tool is None else args.tool
@@ -182,9 +198,29 @@ def _forecast(solution: Solution, args: argparse.Namespace, progress: Progress) 
         judged, lists, base_from(made_from, args, tool), np.array(tools), points=args.points, rule=rule_from(args.rule),
         form="tables" if args.tables else None, control=control_limits(args), tool_error=args.tool_error, seed=args.seed,
         ranges=ranges_from(made_from, args), made_from=made_from, every_tool=args.tool is None and not args.tools,
-        repeatability=args.repeatability, progress=progress,
+        repeatability=args.repeatability, loaded=loaded, progress=progress,
     )  # fmt: skip
-    return found, [*notes, *([FULL] if args.rigid else []), f"lack of fit: {lack_of_fit(solution)}"]
+    return found, [*notes, *on_files, *([FULL] if args.rigid else []), f"lack of fit: {lack_of_fit(solution)}"]
+
+
+def _loaded(solution: Solution, args: argparse.Namespace) -> tuple[dict[str, Compensation], list[str]]:
+    """The row of --compensation, as it acts on the machine in the state in which it was measured, and what that means."""
+    from functools import reduce
+
+    from volid.compensation.on_top import add_compensations
+    from volid.controllers.state import in_place
+    from volid.io.control_files import existing_of, recorded_compensations
+
+    if not args.compensation:
+        return {}, []
+    of = {"sign": args.compensation_sign, "options": dict(args.compensation_option)}
+    held = existing_of(solution.machine, args.compensation, args.compensation_cnc, **of)
+    if not held:
+        return {}, []
+    names = ", ".join(dict.fromkeys(n.rsplit("/", 1)[-1] for e in held for n in e.files))
+    whole = reduce(add_compensations, (e.compensation for e in held))
+    made, notes = in_place(whole, held, recorded_compensations(solution.campaign))
+    return {names: made}, notes
 
 
 def _judged(solution: Solution, args: argparse.Namespace) -> Solution:

@@ -6,8 +6,8 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from volid.cli.common import HDF5, add_allow_outside, add_output, check_output, conclude, explain, print_json
-from volid.cli.control_options import add_control, control_from
+from volid.cli.common import HDF5, add_allow_outside, add_output, check_output, conclude, explain, print_json, tell
+from volid.cli.control_options import add_control, control_from, loaded_files
 from volid.cli.numbers import add_unusual, seed
 from volid.cli.progress import Progress
 
@@ -63,6 +63,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Simulate, write, summarise; 1 when the plan needs attention. Raises `InputError`, `OutputError`."""
     from volid.io import load_campaign, read_machine
+    from volid.io.campaign.active_files import with_loaded
     from volid.io.simulations import write_simulation
     from volid.plausibility.checks import check_campaign
     from volid.virtual.simulate import simulate
@@ -78,13 +79,27 @@ def run(args: argparse.Namespace) -> int:
         truth, control = _truth(args, machine), control_from(args, machine)
         progress(f"simulating {plan.n_readings} readings")
         campaign, truth = simulate(plan, truth, seed=args.seed, control=control)
+        notes = _not_loaded(plan, args)
+        if control is not None:
+            campaign = with_loaded(campaign, control, loaded_files(args, machine))
         warnings = (*check_campaign(campaign), *([] if control is None else control.corrected_twice))
     write_simulation(campaign, truth, *paths, overwrite=args.force)
     if args.json:
         print_json(_as_json(campaign, truth, args.seed, paths, warnings))
     else:
         print("\n".join(_summary(campaign, plan.machine, truth, args.seed, paths)))
+    tell(args, notes)
     return conclude(args, warnings)
+
+
+def _not_loaded(plan: Campaign, args: argparse.Namespace) -> list[str]:
+    """A note where the plan's record names files of a control as active: they are not loaded for that."""
+    if args.compensation or not plan.active_files or plan.conditions.get("simulated"):
+        return []
+    return [
+        f"the plan says that {', '.join(a.text for a in plan.active_files)} is active; the virtual machine moves without it. "
+        "Load the file with --compensation, unless the truth is that of the machine with it"
+    ]
 
 
 def _truth(args: argparse.Namespace, machine: Machine) -> Truth:

@@ -27,6 +27,7 @@ from volid.cli.compensation_options import (
     ranges_from,
     sampling_of,
 )
+from volid.cli.existing_options import add_existing, existing_from, existing_notes, old_tables
 from volid.cli.numbers import add_unusual
 from volid.cli.progress import Progress
 
@@ -50,7 +51,8 @@ Types that are named together share one table per function.
 Points: --step, --max-points, --max-error (fewest points that keep the bound; with --max-points a
 bound that cannot be kept is refused), --spacing free for tables that need no equal steps. Rounded
 to --increment, also on the running sum of --incremental, so that rounding does not add up.
---add-to sums an existing table or folder of tables (written by volid tables) and the new ones.
+--add-to sums an existing table or folder of tables, or files of a control, and the new ones;
+--add-active takes the files that the campaign names as active.
 
 example:
   volid tables solution.h5 --type L-POS --at X=500,Y=300,Z=-250 -o tables
@@ -92,7 +94,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--layout", choices=("volid", "iso"), default="volid", help="columns: volid's or those of Table 1"
     )
-    parser.add_argument("--add-to", metavar="OLD", help="existing table or folder of tables to superimpose on")
+    add_existing(parser)
     add_range(parser, "points")
     add_unusual(parser)
     add_output(parser, "DIR", "folder for the tables", required=True)
@@ -151,7 +153,6 @@ def _tables(solution: Solution, args: argparse.Namespace) -> tuple[tuple[ErrorTa
     from volid.compensation.superposition import add_tables
     from volid.compensation.tables.by_function import error_tables
     from volid.exceptions import InputError
-    from volid.io.table_reader import tables_in
 
     types = _types(solution, args)
     tool = solution.most_used_tool() if args.tool is None else args.tool
@@ -164,7 +165,9 @@ def _tables(solution: Solution, args: argparse.Namespace) -> tuple[tuple[ErrorTa
     if not args.extrapolate:
         refuse_extrapolation(solution, tables, base, ranges)
     notes += cut_notes(solution, ranges, [t.axis for t in tables])
-    return add_tables(tables, list(tables_in(args.add_to))) if args.add_to else tables, notes
+    existing = existing_from(solution, args)
+    notes += existing_notes(solution, existing)
+    return add_tables(tables, old_tables(solution.machine, existing)), notes
 
 
 def _zero(args: argparse.Namespace, ranges: dict[str, tuple[float, float]]) -> tuple[dict[str, float] | None, float]:

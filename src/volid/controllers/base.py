@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from volid.compensation.on_top import summed
 from volid.compensation.package import Compensation
 from volid.compensation.tables.axis_table import AxisTable
 from volid.compensation.tables.by_axis import axis_tables
@@ -29,6 +30,7 @@ ABSOLUTE, INCREMENTAL = "absolute", "incremental"
 COLUMNS, ONE_VALUE, NO_REVERSAL = "both directions", "one value for the axis", "mean of both directions"
 # what the control does beyond the first and last position
 HELD, ROLLS_OVER, NOT_KNOWN = "end value held", "rolls over", "not stated by public sources"
+CONTINUES = "goes on in a straight line"
 EQUAL, FREE = "equal", "free"
 # on what a fact rests
 DOCUMENTED, RUN, INFERRED = "documented by the vendor", "run on the control", "inferred"
@@ -80,12 +82,13 @@ class Declaration:
         rows: ABSOLUTE or INCREMENTAL values.
         units: Units of arguments and values in words.
         reversal: COLUMNS, ONE_VALUE or NO_REVERSAL.
-        outside: HELD, ROLLS_OVER or NOT_KNOWN.
+        outside: HELD, ROLLS_OVER, CONTINUES or NOT_KNOWN.
         spacing: EQUAL or FREE positions.
         quantum: Steps in which it holds lengths [mm] and angles [rad]; None: as many digits as are written.
         most_points: Most positions of a table, or None.
         products: Whether it multiplies two tables, so that rotations act through lever arms.
         model: Whether it has a kinematic model, so that tables of error functions go in as they are.
+        linear: Whether it holds straight lines through the origin alone, so that only this part of a table goes in.
         zero: Where values must be 0, in words.
         switching: How each compensation is switched on and off.
         options: What the user may state.
@@ -112,6 +115,7 @@ class Declaration:
     most_points: int | None = None
     products: bool = False
     model: bool = False
+    linear: bool = False
     options: tuple[Option, ...] = ()
     zero_fixed: bool = False
 
@@ -144,7 +148,7 @@ class Job:
     def axis_tables(self, *, products: bool = False) -> tuple[AxisTable, ...]:
         """All tables as tables of axes, for a control without a kinematic model."""
         made = axis_tables(self.machine, self.compensation.tables, self.at, self.tool, products=products)
-        return (*made, *self.compensation.axis_tables)
+        return summed((*made, *self.compensation.axis_tables))
 
 
 @dataclass(frozen=True)
@@ -248,6 +252,15 @@ def refuse_points(declaration: Declaration, what: str, count: int) -> None:
         raise InputError(
             f"{declaration.name}: {what} has {count} positions; the control holds {most}. Take a larger `step`, "
             f"or `max_points={most}`"
+        )
+
+
+def refuse_grids(declaration: Declaration, made: Compensation, nearest: str) -> None:
+    """Raises `InputError` for spatial grids, which a control of tables of single axes cannot hold."""
+    if made.grids:
+        over = ", ".join(made.grids[0].axes)
+        raise InputError(
+            f"{declaration.name}: it holds tables of single axes, no grid over {over}; {nearest} carries grids"
         )
 
 

@@ -29,6 +29,7 @@ from volid.model.iso230 import LINEAR_AXES, SPINDLE, ErrorName, parse
 from volid.model.machine import Machine
 
 BLANK = "the data do not determine its values everywhere"
+TURNING = "they would turn rotary axes against the orientation error, which is done where they are asked for by name"
 NOTHING = "the model has no function that it corrects"
 
 
@@ -74,19 +75,20 @@ def most_types(
         InputError: the machine has no axis for any of them, or the control refuses all.
     """
     found: list[str] = []
-    left: list[str] = []
+    why_not: dict[str, list[str]] = {}
     machine, refused, present = solution.machine, False, effects_in(solution.model.names)
     for name in declared.carries:
         if not _fits(name, found, machine) or (compensation_type(name).is_chosen and not functions):
             continue
-        why = _too_much(name, declared, present) or _obstacle([*found, name], make)
+        why = _in_model(name, declared, present) or _obstacle([*found, name], make)
         if why:
-            left.append(f"{name} is left out: {why.text}")
+            why_not.setdefault(why.text.removeprefix(f"{declared.name}: "), []).append(name)
             refused = refused or not why.of_the_data
         else:
             found.append(name)
+    left = tuple(f"{', '.join(names)} left out: {text}" for text, names in why_not.items())
     if found:
-        return Choice(tuple(found), tuple(left))
+        return Choice(tuple(found), left)
     if left:
         kind = InputError if refused else NotDeterminedError
         raise kind(f"{declared.name}: nothing that it carries can be made. {'. '.join(left)}")
@@ -127,9 +129,16 @@ def _effect(error: ErrorName) -> str:
     return ROTARY_POS if own else POR if error.location else ROTARY_ANG if error.is_rotation else RAX
 
 
-def _too_much(name: str, declared: Declaration, present: set[str]) -> _Obstacle | None:
-    """A type of which the model lacks effects, where smaller types of the control hold all that the model has of it."""
+def _in_model(name: str, declared: Declaration, present: set[str]) -> _Obstacle | None:
+    """Why a type is not taken by default: it turns rotary axes, or the model has nothing of it or too little.
+
+    Too little is less than all effects, where smaller types of the control hold those that the model has.
+    """
     effects = set(TYPES[name].effects)
+    if TYPES[name].turns:
+        return _Obstacle(TURNING)
+    if not TYPES[name].is_chosen and not effects & present:
+        return _Obstacle(NOTHING)
     lacking = [e for e in TYPES[name].effects if e not in present]
     smaller = [set(TYPES[n].effects) for n in declared.carries if set(TYPES[n].effects) < effects]
     covered = set().union(*(s for s in smaller if s <= present))

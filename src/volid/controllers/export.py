@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from volid.compensation.base import Base, base_of
-from volid.compensation.control import Control
 from volid.compensation.grids.request import Rule
 from volid.compensation.helping_axes import HelpingMotion, helping_words, model_reversal
 from volid.compensation.package import Compensation, compensate
@@ -19,6 +18,10 @@ from volid.controllers import CONTROLS, Controller
 from volid.controllers.axes import Axes, helping_motions, kept_to, refuse_unsteady
 from volid.controllers.base import EQUAL, Declaration, Job, Written, options_of, sign_of
 from volid.controllers.choice import Choice, asked_types, most_types
+from volid.controllers.conversion import on_top
+from volid.controllers.exported import Export, write
+from volid.controllers.reading import ExistingCompensation
+from volid.controllers.state import not_described, not_recorded, would_replace
 from volid.controllers.unsupported import reason
 from volid.exceptions import InputError
 from volid.fitting.solution import Solution
@@ -28,42 +31,6 @@ from volid.model.machine import Machine
 COARSE = 3  # points of tables and grids: to see whether a type can be made and held at all
 FEW = 3  # notes of one kind
 LEFT_OUT = 1e-6  # mm: what tables miss between their points is worth a word from here on
-
-
-@dataclass(frozen=True, eq=False)
-class Export:
-    """The files of one control, with what they were made from.
-
-    Args:
-        controller: The control.
-        job: The tables and grids that were written, before the control's rounding.
-        written: The files, the parameters and the notes.
-        held: The tables and grids as the control holds them: read back from the files.
-        types: Types of ISO/TR 16907 that they carry.
-        axes: What the axes can do.
-        solution: The solution, where they were made from one.
-        helping: What axes do that move only because another one does.
-        notes: What a user should know, one sentence each: of the choice, of the control, of the files.
-    """
-
-    controller: Controller
-    job: Job
-    written: Written
-    held: Compensation
-    types: tuple[str, ...]
-    axes: Axes = field(default_factory=Axes)
-    solution: Solution | None = None
-    helping: tuple[HelpingMotion, ...] = ()
-    notes: tuple[str, ...] = ()
-
-    @property
-    def declaration(self) -> Declaration:
-        """What the control declares."""
-        return self.controller.declared_for(self.job.machine, self.job.options)
-
-    def control(self, **options: Any) -> Control:
-        """The simulated control with these files loaded; `options`: those of `volid.Control`."""
-        return self.held.control(self.job.machine, **{**self.axes.limits, **options})
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +47,7 @@ class ExportRequest:
     extrapolate: bool = False
     axes: Axes = field(default_factory=Axes)
     rule: Rule | None = None
+    add_to: tuple[ExistingCompensation, ...] = ()
 
 
 def controller(name: str) -> Controller:
@@ -106,6 +74,7 @@ def export(
     extrapolate: bool = False,
     axes: Axes | None = None,
     rule: Rule | None = None,
+    add_to: Sequence[ExistingCompensation] = (),
 ) -> Export:
     """Files that a control loads, from a solution.
 
@@ -122,10 +91,12 @@ def export(
         extrapolate: Whether values beyond what was measured are intended.
         axes: What the axes can do and may be asked for; by default everything.
         rule: Function that computes what L-SPEC and R-SPEC correct, as of `volid.compensate`.
+        add_to: What the control holds already, as `volid.load_compensation` reads it or `volid.recorded_compensations` finds it
+            in the campaign: the files then hold the sum (ISO/TR 16907 10.5). It is right where that was active while measuring.
 
     Raises:
         InputError: the control cannot carry a type, or hold what was made, or its sign must be stated; or positions lie outside
-            what was measured.
+            what was measured; or the control cannot hold exactly what it is added to.
         NotDeterminedError: the data do not determine what a type contains.
 
     >>> import volid
@@ -135,7 +106,9 @@ def export(
     ['x.comp', 'z.comp']
     """
     asked = Axes() if axes is None else axes
-    request = ExportRequest(tuple(types), base, sampling, sign, options or {}, zero, ranges, extrapolate, asked, rule)
+    request = ExportRequest(
+        tuple(types), base, sampling, sign, options or {}, zero, ranges, extrapolate, asked, rule, tuple(add_to)
+    )
     return export_of(solution, controller(cnc), request)
 
 
@@ -148,20 +121,23 @@ def export_of(solution: Solution, chosen: Controller, request: ExportRequest) ->
     found = work.choice(lambda job: chosen.write(job))
     made = work.compensation(found.types, work.sampling)
     job, without = work.job(made)
+    job, old, summed = on_top(chosen, job, request.add_to)
     job, kept = kept_to(request.axes, job, declared)
     written = write(chosen, job, found.types)
     helping = helping_motions(written.held, job, request.axes, model_reversal(solution))
     refuse_unsteady(helping, request.axes, job.machine)
-    notes = (*found.notes, *work.notes(made), *without, *kept, *_helping_notes(helping, job.machine), *written.notes)
-    return replace(written, axes=request.axes, solution=solution, helping=helping, notes=notes)
+    notes = (*found.notes, *work.notes(made), *without, *summed, *kept, *_helping_notes(helping, job.machine))
+    notes = (*notes, *written.notes, *_state_notes(solution, found.types, declared, request))
+    return replace(written, axes=request.axes, solution=solution, helping=helping, notes=notes, existing=old)
 
 
-def write(chosen: Controller, job: Job, types: Sequence[str]) -> Export:
-    """The files of a job, and what the control then holds."""
-    written = chosen.write(job)
-    files = {f.name: f.content for f in written.files}
-    held = chosen.read(files, job.machine, {**job.options, "sign": job.sign})
-    return Export(chosen, job, written, replace(held, names=tuple(types)), tuple(types), notes=tuple(written.notes))
+def _state_notes(
+    solution: Solution, types: Sequence[str], declared: Declaration, request: ExportRequest
+) -> tuple[str, ...]:
+    """To which state of the machine the files belong, and what they would replace (10.5)."""
+    if request.add_to:
+        return (*not_recorded(solution.campaign, request.add_to), *not_described(solution, request.add_to))
+    return tuple(would_replace(solution.campaign, types, declared.name))
 
 
 def _without_tool_frame(made: Compensation, declared: Declaration, base: Base) -> tuple[Compensation, list[str]]:

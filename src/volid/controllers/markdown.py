@@ -10,13 +10,13 @@ LONGEST = 300  # characters of a cell
 
 
 def text_of(lines: Iterable[str]) -> str:
-    """The lines as one text, without two blank lines on end.
+    """The lines as one text, without two blank lines on end; a line stays one, whatever names in it hold.
 
     >>> text_of(["a", "", "", "b"])
     'a\\n\\nb\\n'
     """
     found: list[str] = []
-    for line in lines:
+    for line in (shown(x).replace("\n", " ") for x in lines):
         if line or (found and found[-1]):
             found.append(line)
     return "\n".join(found).rstrip("\n") + "\n"

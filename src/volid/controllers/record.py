@@ -151,6 +151,8 @@ def _rotary_frames(machine: Machine) -> str:
 def _reference(solution: Solution, made: Export) -> list[list[str]]:
     active = active_compensations(solution.campaign.conditions)
     state = f"on top of: {'; '.join(active)}" if active else "no compensation is stated as active while measuring"
+    if made.existing is not None:
+        state += "; these files hold the sum of the existing compensation and what remained with it"
     rows = [
         ["campaign", solution.campaign.title],
         ["verdict", verdict_words(solution)],
@@ -186,7 +188,7 @@ def _remaining(made: Export, solution: Solution) -> list[str]:
     tool = (float(made.job.tool[0]), float(made.job.tool[1]), float(made.job.tool[2]))
     try:
         before = predict_uncompensated(solution, tool, DRAWS)
-        after = predict_left(solution, made.control(), tool, DRAWS)
+        after = predict_left(solution, made.added_control(), tool, DRAWS)
     except (InputError, NotDeterminedError) as error:
         return [f"It cannot be predicted: {error}"]
     return [

@@ -87,23 +87,29 @@ def text_output(path: str | Path, overwrite: bool = False) -> Iterator[TextIO]:
         yield stream
 
 
-def read_points(path: str | Path, machine: Machine) -> Points:
-    """Points to evaluate, from POINTS.csv. Raises `InputError` naming the column, or the row and what it holds."""
+def read_points(path: str | Path, machine: Machine, *, tools: bool = True) -> Points:
+    """Points to evaluate, from POINTS.csv. Raises `InputError` naming the column, or the row and what it holds.
+
+    Without `tools` the tool vector may be left out, and is 0 then.
+    """
     table = read_csv(path).renamed({}, (), str(path))
     table.only(_point_columns(machine))
-    return _points(table, machine)
+    return _points(table, machine, tools)
 
 
 def _point_columns(machine: Machine) -> tuple[str, ...]:
     return (*machine.letters, *TOOL_COLUMNS, *(f"{letter}_dir" for letter in machine.letters))
 
 
-def _points(table: CsvTable, machine: Machine) -> Points:
+def _points(table: CsvTable, machine: Machine, tools: bool = True) -> Points:
     known, purpose = _point_columns(machine), "every point needs one"
     table.require(machine.letters, "a point needs a position of every axis", known)
-    table.require(TOOL_COLUMNS, "a point needs its tool vector in mm, because the deviation depends on it", known)
+    tools = tools or any(name in table for name in TOOL_COLUMNS)
+    if tools:
+        table.require(TOOL_COLUMNS, "a point needs its tool vector in mm, because the deviation depends on it", known)
     positions = np.stack([table.numbers(axis.letter, axis.unit, purpose) for axis in machine.axes], axis=1)
-    tool = np.stack([table.numbers(name, "mm", purpose) for name in TOOL_COLUMNS], axis=1)
+    vectors = [table.numbers(name, "mm", purpose) for name in TOOL_COLUMNS] if tools else np.zeros((3, len(table)))
+    tool = np.stack(list(vectors), axis=1)
     directions = read_directions(table, machine)
     columns = {name: cells for name, cells in table.columns.items() if name in known}
     if table.notes:  # cells in another form are written in the plain one

@@ -93,7 +93,9 @@ def simulate(
     record = {"simulated": True, "simulation_seed": seed, "simulation_truth": truth.source or "given"}
     record |= _active(plan, control)
     approximate = tuple(_approximate(s, seed, station_error) for s in real.stations)
-    campaign = replace(plan, sets=sets, stations=approximate, conditions={**plan.conditions, **record})
+    files = () if plan.conditions.get("simulated") else plan.active_files
+    conditions = {**plan.conditions, **record}
+    campaign = replace(plan, sets=sets, stations=approximate, conditions=conditions, active_files=files)
     campaign = in_air(campaign, drawn.table.starts)
     stations = {s.name: s.position for s in real.stations if s.position is not None}
     instruments = {**truth.instruments, **drawn.recorded()}

@@ -115,6 +115,7 @@ def forecast(
     every_tool: bool = False,
     repeatability: Mapping[str, float] | float | None = None,
     most_draws: int = MOST_SAMPLES,
+    loaded: Mapping[str, Compensation] | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Forecast:
     """Predictions for each list of types, after "none", for each tool vector.
@@ -138,6 +139,8 @@ def forecast(
             place of
             what the campaign shows; 0 leaves it out.
         most_draws: At most so many draws of the parameters.
+        loaded: Further columns by name: compensations as they are, such as those read from files of a control, on the machine in
+            the state in which it was measured.
         progress: Function that is called with messages about the progress.
 
     Raises:
@@ -168,7 +171,8 @@ def forecast(
         progress or (lambda _: None),
     )
     source_of_values = solution if made_from is None else made_from
-    columns = _columns([(names, compensation_of(source_of_values, names, request)) for names in ((), *lists)], task)
+    made = [(names, compensation_of(source_of_values, names, request)) for names in ((), *lists)]
+    columns = _columns([*made, *(((name,), given) for name, given in (loaded or {}).items())], task)
     used = np.array([f.tool for f in fields])
     in_datum = np.array([volumetric_summary(solution, tuple(t)).before_max for t in used.tolist()])
     alone = np.array([_rms_of(repeats, f) for f in fields])

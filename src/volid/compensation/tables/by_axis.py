@@ -7,6 +7,8 @@ The deviation of the functional point that the tables of error functions E_ic (a
 because the influence of an error is affine in the positions of the linear axes. Seen along the direction of each linear axis, the
 first term is a pitch or cross table over q_i, the second a product with a lever arm that grows with q_j. The positions `at` are
 those of the lines; without products the tables are right there. Positions of other rotary axes are held at `at`.
+
+Constants of the tool frame are made so that they do nothing at the tool vector of the base; at that tool they need no table.
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ from volid.model.kinematics import ROWS
 from volid.model.machine import Axis, Machine
 
 NEGLIGIBLE = 1e-9  # mm over the travel: a table that is nowhere larger is left out
+NEGLIGIBLE_SHIFT = 1e-6  # mm: rounding of constants that cancel at the tool vector of the base
 
 
 def axis_tables(
@@ -39,7 +42,7 @@ def axis_tables(
         products: Whether products with lever arms of other linear axes are made; without them they are left out.
 
     Raises:
-        InputError: the machine's linear axes cannot move the functional point in the direction that a table needs.
+        InputError: constants of the tool frame that move the functional point of this tool vector.
     """
     found: list[AxisTable] = []
     for i, axis in enumerate(machine.axes):
@@ -48,12 +51,22 @@ def axis_tables(
         acting = [t for t in own if t.applied == MODEL]
         if acting:
             found += _of_axis(machine, i, acting, np.asarray(at, dtype=float), np.asarray(tool, dtype=float), products)
-    spindle = [t.function for t in tables if t.axis == SPINDLE]
-    if spindle:
-        raise InputError(
-            f"{', '.join(spindle)}: constants of the tool frame have no table; put them into the tool data of the control"
-        )
+    _ask_tool_frame(machine, [t for t in tables if t.axis == SPINDLE], np.asarray(at, dtype=float), np.asarray(tool))
     return tuple(found)
+
+
+def _ask_tool_frame(machine: Machine, tables: Sequence[ErrorTable], at: np.ndarray, tool: np.ndarray) -> None:
+    """Raises `InputError` where constants of the tool frame move the functional point, which no table over a position undoes."""
+    if not tables:
+        return
+    pull = _pull(machine, np.atleast_2d(at), np.asarray(tool, dtype=float), len(machine.axes))[0]
+    shift = sum((pull[:, parse(t.function).component] * t.forward[0] for t in tables), np.zeros(len(pull)))
+    if np.abs(shift).max() > NEGLIGIBLE_SHIFT:
+        names = ", ".join(t.function for t in tables)
+        raise InputError(
+            f"{names}: constants of the tool frame move this tool's point by {1e3 * np.abs(shift).max():.3g} µm everywhere, "
+            "which no table over a position undoes; put them into the tool data of the control, or take the tool of the base"
+        )
 
 
 def _of_itself(axis: Axis, table: ErrorTable) -> AxisTable:

@@ -99,8 +99,9 @@ def _merge(campaigns: list[Campaign]) -> Campaign:
             environments=joined([c.environments for c in campaigns]),
             title="; ".join(dict.fromkeys(c.title for c in campaigns if c.title)),
             conditions=_merge_conditions(campaigns),
-            warnings=tuple(dict.fromkeys(w for c in campaigns for w in c.warnings)),
+            warnings=(*dict.fromkeys(w for c in campaigns for w in c.warnings), *_states(campaigns)),
             source=where,
+            active_files=tuple({f.text: f for c in campaigns for f in c.active_files}.values()),
         )
     )
 
@@ -122,6 +123,18 @@ def _merged(campaigns: list[Campaign], given: Callable[[Campaign], tuple[Any, ..
                     f"use another name for another {what}, or the same definition"
                 )
     return tuple(entry for entry, _ in found.values())
+
+
+def _states(campaigns: list[Campaign]) -> list[str]:
+    """A warning where files of a control were active for some of the campaigns, and not, or others, for the rest."""
+    named = {c.source: ", ".join(a.text for a in c.active_files) or "none" for c in campaigns}
+    if len(set(named.values())) == 1:
+        return []
+    each = "; ".join(f"{source}: {text}" for source, text in named.items())
+    return [
+        f"different files of a control were active while measuring ({each}): the machine had different errors, and one model of "
+        "both is right only for axes that the files do not move. Fit them one by one"
+    ]
 
 
 def _merge_conditions(campaigns: list[Campaign]) -> dict[str, Any]:

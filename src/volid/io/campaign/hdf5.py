@@ -16,6 +16,8 @@ Root attributes: `format`; `title`; `conditions` and `warnings` (JSON texts); `a
   `columns`, and for every column of the log a dataset of its name: `time` [s], `air_temperature_C`, `pressure_hPa`,
 `humidity_percent`, `…_C`. A set whose readings were corrected for air and temperature holds `as_read` (m, k) besides, the
 readings before that. Root attribute `alignments` (JSON text), where there are any: placements that lines share.
+- `active_files/1`, … where there are any: files of a control that were active while measuring, with attributes `text` (as
+  `conditions` name them), `cnc`, `sign`, `options` (JSON text), and the datasets `names` and `content/1`, … (bytes).
 """
 
 from __future__ import annotations
@@ -34,6 +36,7 @@ from volid.io.basics.hdf5_structure import shown
 from volid.io.basics.hdf5_values import check_format, reading, to_json, write_array, write_text
 from volid.io.basics.hdf5_writing import hdf5_output
 from volid.io.basics.toml_table import Table
+from volid.io.campaign.active_files import read_active, write_active
 from volid.io.campaign.effects import check_effect
 from volid.io.campaign.environments import read_environments, write_environments
 from volid.io.campaign.rules import FORMAT, alignments_of, check_consistent, find_kind
@@ -84,6 +87,8 @@ def write_campaign_group(campaign: Campaign, group: h5py.Group) -> None:
     _write_stations(group.create_group("stations"), campaign.stations)
     if campaign.environments:
         write_environments(group.create_group("environments"), campaign.environments)
+    if campaign.active_files:
+        write_active(group.create_group("active_files"), campaign.active_files)
     sets = group.create_group("sets")
     for i, readings in enumerate(campaign.sets, start=1):
         _write_set(sets.create_group(str(i)), readings)
@@ -157,6 +162,7 @@ def read_outline(group: Group) -> Campaign:
         warnings=tuple(warnings),
         source=group.source,
         environments=read_environments(group.group("environments")) if "environments" in group else (),
+        active_files=read_active(group.group("active_files")) if "active_files" in group else (),
         alignments=alignments_of(attributes.json("alignments", list, "[]"), f"{group.where}, attribute alignments"),
     )
 

@@ -18,6 +18,7 @@ from volid.io.basics.cells import CellWriter
 from volid.io.basics.csv_form import CsvForm
 from volid.io.basics.toml_table import Table, check_format, format_lines, read_toml
 from volid.io.campaign import calibration
+from volid.io.campaign.active_files import file_names, find_active, with_files, write_files
 from volid.io.campaign.environments import environment_lines, read_environment, resolved, write_log
 from volid.io.campaign.foreign import IMPORTED
 from volid.io.campaign.named_stations import with_named
@@ -54,6 +55,7 @@ def campaign_of(top: Table, folder: Path, *, plan: bool = False, allow_outside: 
     if not allow_outside:
         refuse_outside(top, folder)
     machine = read_machine_of(top, folder)
+    active = find_active(top, folder, machine, allow_outside)
     sets = top.tables("set")
     if not sets:
         raise InputError(f"{top.where}: there is no [[set]]; add one for each file of readings")
@@ -70,7 +72,8 @@ def campaign_of(top: Table, folder: Path, *, plan: bool = False, allow_outside: 
             alignments=tuple(_alignment(table) for table in top.tables("alignment")),
             sets=readings,
             title=top.text("title", "", one_line=False),
-            conditions=_conditions(top, read),
+            conditions=active.in_words(_conditions(top, read)),
+            active_files=active.files,
             environments=tuple(environment for environment, _ in logs),
             warnings=(
                 *_warnings(top),
@@ -130,6 +133,7 @@ def write_manifest(campaign: Campaign, place: str | Path, *, overwrite: bool = F
     if place.suffix.lower() == ".toml":
         machine, *names = [f"{place.stem}.{name}" for name in (MACHINE, *_file_names(campaign))]
         companions = [machine, *names, *(n for files in _calibrations(campaign, names) for n in files.values())]
+        companions += [n for files in file_names(campaign, f"{place.stem}.") for n in files.values()]
         with atomic_with_companions(place, companions, overwrite) as temporary:
             _write(campaign, temporary, place.name, machine, names)
         return place
@@ -140,13 +144,14 @@ def write_manifest(campaign: Campaign, place: str | Path, *, overwrite: bool = F
 
 def _write(campaign: Campaign, folder: Path, manifest: str, machine: str, names: list[str]) -> None:
     try:
-        (folder / manifest).write_text(_manifest(campaign, machine, names), encoding="utf-8")
+        (folder / manifest).write_text(_manifest(campaign, manifest, machine, names), encoding="utf-8")
         (folder / machine).write_text(format_machine(campaign.machine), encoding="utf-8")
         for readings, name in zip(campaign.sets, names, strict=False):
             _write_csv(readings, campaign.machine, folder / name)
         for readings, files in zip(campaign.sets, _calibrations(campaign, names), strict=True):
             for key, name in files.items():
                 calibration.write_file(key, readings.options, folder / name)
+        write_files(campaign, folder, _before(manifest))
         for environment, name in zip(campaign.environments, names[len(campaign.sets) :], strict=True):
             if TIME in environment.log:
                 write_log(environment, folder / name)
@@ -171,11 +176,16 @@ def _calibrations(campaign: Campaign, names: list[str]) -> list[dict[str, str]]:
     return [calibration.files_of(s.options, name, names) if KINDS[s.kind].calibrated else {} for s, name in pairs]
 
 
-def _manifest(campaign: Campaign, machine: str, names: list[str]) -> str:
+def _before(manifest: str) -> str:
+    """How the names of files beside a manifest begin: PLAN. for PLAN.toml, nothing in a folder of its own."""
+    return "" if manifest == MANIFEST else f"{Path(manifest).stem}."
+
+
+def _manifest(campaign: Campaign, manifest: str, machine: str, names: list[str]) -> str:
     head = {"format": FORMAT, "machine": machine, "title": campaign.title or None}
     lines = format_lines(head | {"warnings": campaign.warnings or None})
     if campaign.conditions:
-        lines += ["", "[conditions]", *format_lines(campaign.conditions)]
+        lines += ["", "[conditions]", *format_lines(with_files(campaign, _before(manifest)))]
     for station in campaign.stations:
         keys = {key: getattr(station, key) for key in ("name", "body", "position", "known", "frame")}
         lines += ["", "[[station]]", *format_lines(keys)]

@@ -25,11 +25,16 @@ _TAGGED = re.compile(rf"""^\s*format\s*=\s*["']{FORMAT.split("/")[0]}/""", re.MU
 def refuse_outside(top: Table, folder: Path) -> None:
     """Raises `InputError` for a file of readings that does not stand below `folder`, links followed."""
     for key, name in _names(top):
-        if not _is_below(folder, folder / name):
-            raise InputError(
-                f"{top.where}: {key} is {format_value(name)}, which is outside the manifest's folder; move the file there, or "
-                "pass `allow_outside=True` if you trust the manifest"
-            )
+        refuse_far(top.where, key, name, folder)
+
+
+def refuse_far(where: str, key: str, name: str, folder: Path) -> None:
+    """Raises `InputError` for a `name` that does not stand below `folder`; `key` of the manifest `where` names it."""
+    if not _is_below(folder, folder / name):
+        raise InputError(
+            f"{where}: {key} is {format_value(name)}, which is outside the manifest's folder; move the file there, or pass "
+            "`allow_outside=True` if you trust the manifest"
+        )
 
 
 def refuse_other_types(top: Table) -> None:

@@ -32,6 +32,8 @@ _FIGURES = {  # name: module of this folder
     "coverage_bands": "coverage",
     "volume_distribution": "coverage",
     "forecast_figure": "forecast",
+    "existing_figure": "existing",
+    "program_figure": "program",
     "validation_figure": "validation",
     "changes_figure": "comparison",
     "series_figure": "comparison",

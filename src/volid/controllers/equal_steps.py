@@ -1,0 +1,106 @@
+"""Tables of axes on equal steps, and several tables of one pair of axes as one, for controls that hold nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from volid.compensation.tables.axis_table import AxisTable, Factor
+from volid.compensation.tables.sampling import LARGEST
+
+DIGITS = 9  # decimals of positions in files
+FINEST = 8  # parts of the shortest distance that are tried for common equal steps
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """Equally spaced positions, both ends included [mm or °]."""
+
+    low: float
+    high: float
+    count: int
+
+    @property
+    def step(self) -> float:
+        """Distance of two positions [mm or °]."""
+        return (self.high - self.low) / (self.count - 1)
+
+    @property
+    def positions(self) -> np.ndarray:
+        """The positions, shape (count,) [mm or °]."""
+        return np.linspace(self.low, self.high, self.count)
+
+
+def lattice_of(positions: np.ndarray, most: int | None = None) -> Lattice:
+    """Equal steps that contain all positions, where at most `most` of them do; else so many equal steps over their range.
+
+    Never fewer than there are positions: whether a control has room for them is for the control to say.
+
+    >>> lattice_of(np.array([0.0, 100.0, 400.0])).step
+    100.0
+    """
+    limit = max(LARGEST if most is None else most, len(positions))
+    x = np.round(np.asarray(positions, dtype=float), DIGITS)
+    if len(x) == 1:
+        return Lattice(x[0], x[0] + 1.0, 2)
+    gaps, span = np.diff(x), x[-1] - x[0]
+    for part in range(1, FINEST + 1):
+        step = gaps.min() / part
+        if np.allclose(gaps / step, np.rint(gaps / step), rtol=0.0, atol=1e-5) and span / step < limit - 0.5:
+            return Lattice(float(x[0]), float(x[-1]), round(span / step) + 1)
+    return Lattice(float(x[0]), float(x[-1]), max(2, min(limit, 4 * len(x))))
+
+
+def widened(lattice: Lattice, travel: tuple[float, float]) -> Lattice:
+    """The same steps, continued until they cover the travel."""
+    before, after = (
+        max(0, int(np.ceil(gap / lattice.step - 1e-6))) for gap in (lattice.low - travel[0], travel[1] - lattice.high)
+    )
+    low, high = lattice.low - before * lattice.step, lattice.high + after * lattice.step
+    return Lattice(round(low, DIGITS), round(high, DIGITS), lattice.count + before + after)
+
+
+def on(table: AxisTable, lattice: Lattice) -> AxisTable:
+    """The table at the positions of a lattice, linear between its own, end values held."""
+    x = lattice.positions
+    up, down = (table.of_argument(x, np.full(len(x), way)) for way in (1.0, -1.0))
+    return replace(table, positions=x, forward=up, reverse=down)
+
+
+def loss(table: AxisTable, lattice: Lattice) -> float:
+    """Largest change of a value at the table's own positions by going over to a lattice [mm or rad]."""
+    there = on(table, lattice)
+    return float(
+        max(
+            np.abs(there.of_argument(table.positions, np.full(len(table.positions), way)) - values).max()
+            for way, values in ((1.0, table.forward), (-1.0, table.reverse))
+        )
+    )
+
+
+def gathered(tables: Sequence[AxisTable]) -> tuple[AxisTable, ...]:
+    """The sum of the tables of the same output, argument, period and factor, on all their positions; in order of appearance."""
+    groups: dict[tuple[str, str, float, object], list[AxisTable]] = {}
+    for table in tables:
+        groups.setdefault((table.output, table.argument, table.period, _same(table.factor)), []).append(table)
+    return tuple(_sum(group) for group in groups.values())
+
+
+def _same(factor: Factor | None) -> object:
+    """What two factors have in common that are the same function."""
+    return None if factor is None else (factor.axis, factor.positions.tobytes(), factor.values.tobytes())
+
+
+def _sum(group: Sequence[AxisTable]) -> AxisTable:
+    if len(group) == 1:
+        return group[0]
+    x = np.unique(np.concatenate([t.positions for t in group]))
+    up, down = (
+        np.sum([np.interp(x, t.positions, t.forward if way > 0 else t.reverse) for t in group], axis=0)
+        for way in (1.0, -1.0)
+    )
+    source = " + ".join(dict.fromkeys(t.source for t in group if t.source))
+    notes = tuple(dict.fromkeys(note for t in group for note in t.notes))
+    return replace(group[0], positions=x, forward=up, reverse=down, source=source, notes=notes)

@@ -1,0 +1,1 @@
+"""Programs of G-code, corrected in advance for controls that hold no table."""

@@ -1,0 +1,27 @@
+"""The simulator of the tests ends, whatever happens, and is started again as if nothing had been."""
+
+import pytest
+from support.linuxcnc_simulator import OWN_LOCK, Joint, LinuxCNCError, Setup, needs_linuxcnc, run, running
+
+pytestmark = [needs_linuxcnc, pytest.mark.slow]
+JOINTS = [Joint("X", -10, 1010), Joint("Y", -10, 610), Joint("Z", -510, 10)]
+PINS = ["joint.0.motor-pos-cmd", "joint.1.motor-pos-cmd", "joint.2.motor-pos-cmd"]
+
+
+def test_a_run_that_hangs_is_stopped():
+    with pytest.raises(LinuxCNCError, match=r"(?s)or was stopped.*Starting LinuxCNC"):
+        run(Setup(JOINTS), [{"home": True}, {"wait": 300}], PINS, stop_after=4.0)
+    assert running() == [] and not OWN_LOCK.exists()
+
+
+@pytest.mark.parametrize("line, said", [("G53 G0 Q1", "Q"), ("G53 G0 X5000", "limit")])
+def test_a_line_that_is_not_carried_out_is_told(line, said):
+    with pytest.raises(LinuxCNCError, match=rf"{line}.*{said}"):
+        run(Setup(JOINTS), [{"home": True}, {"mdi": line}], PINS, seconds=10)
+
+
+def test_the_next_run_moves():
+    steps = [{"home": True}, {"mdi": "G53 G0 X250 Y-5"}, {"mdi": "G53 G1 X1000 Z-500 F60000"}]
+    rows = run(Setup(JOINTS), steps, PINS).rows
+    assert rows[0] == [0.0, 0.0, 0.0]
+    assert rows[1] + rows[2] == pytest.approx([250, -5, 0, 1000, -5, -500], abs=1e-6)
