@@ -62,7 +62,7 @@ def test_the_example_of_the_manual():
 
 def test_values_and_parameters():
     """In the mean X is 1, 11.5 and -2.5 µm off: against 0 at the reference 10.5 and -3.5. Y: 0, 6 and 18."""
-    files = written("fanuc-pitch", pitch(), "compensation", magnification="Y:2", detection_unit="X:0.0005,Y:0.001")
+    files = written("fanuc-pitch", pitch(), "compensation", magnification="Y=2", detection_unit="X=0.0005,Y=0.001")
     assert values_of(files, "Y") == {0: 0, 1: -3, 2: -6}
     assert values_of(files, "X") == {3: 0, 4: -21, 5: 28}
     assert settings_of(files, "Y") | {
@@ -86,7 +86,7 @@ def test_values_and_parameters():
 
 def test_the_reference_position_within_the_travel():
     files = written(
-        "fanuc-pitch", pitch(), "error", reference_position="X:500,Y:600", interval="X:250", first_number="10"
+        "fanuc-pitch", pitch(), "error", reference_position="X=500,Y=600", interval="X=250", first_number="10"
     )
     # Y: -18 µm at 0 and -12 at 300, seen from 600; it takes two sections below and the numbers 10, 11
     assert values_of(files, "Y") == {10: 6, 11: 12} and settings_of(files, "Y")["3620"] == 11
@@ -274,7 +274,7 @@ def test_sections_meet_the_positions_of_the_table_where_they_can():
 
 
 def test_what_is_left_out_is_said():
-    notes = FANUC.write(job("fanuc-pitch", pitch(), "error", interval="X:400")).notes
+    notes = FANUC.write(job("fanuc-pitch", pitch(), "error", interval="X=400")).notes
     assert any(n.startswith("Y: error values are -0.006 mm less than in the table everywhere") for n in notes)
     assert any(n.startswith("X: other positions than those of the table") for n in notes)
     assert any("put out at one place of its section" in n and "Y 0.012" in n for n in notes)
@@ -288,7 +288,7 @@ def test_what_is_left_out_is_said():
         ({"limit": "5"}, "table of Y: 8 steps of the control are left at its last position"),
         ({"detection_unit": "0"}, "detection_unit is '0'; expected a number above 0"),
         ({"reference_return": "up"}, r"reference_return is 'up'; expected \+ or -"),
-        ({"interval": "XY:3"}, "interval is 'XY:3'; expected one value, or pairs such as X:1,Y:2"),
+        ({"interval": "XY=3"}, "interval is 'XY=3'; expected one value, or pairs such as X=1,Y=2"),
     ],
 )
 def test_what_the_memory_cannot_hold_is_refused(options, message):
@@ -340,4 +340,4 @@ def test_its_lists_are_recognised():
 
 
 def test_an_option_for_all_axes_or_for_one():
-    assert by_axis(int, 1)("3") == {"": 3} and by_axis(int, 1)("x:3, Y:4") == {"": 1, "X": 3, "Y": 4}
+    assert by_axis(int, 1)("3") == {"": 3} and by_axis(int, 1)("x=3, Y=4") == {"": 1, "X": 3, "Y": 4}

@@ -60,7 +60,7 @@ DECLARATION = Declaration(
     switching="all tables together by I51; a single table by deleting it at the motor that it belongs to",
     options=(
         axis_option("counts", "counts of the motor of an axis per mm or °", positive),
-        axis_option("motors", "number of the motor of an axis; X:1,Y:2,Z:3,A:4,B:5,C:6 by default", whole),
+        axis_option("motors", "number of the motor of an axis; X=1,Y=2,Z=3,A=4,B=5,C=6 by default", whole),
         axis_option("home", "position of an axis at motor zero, mm or °", number, 0.0),
         Option("owners", "motors to which tables may belong: 32 of Turbo PMAC, 8 of PMAC", 32, whole),
     ),

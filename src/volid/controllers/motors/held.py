@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from volid.compensation.grids.grid import Grid
-from volid.compensation.grids.interpolation import grid_positions
+from volid.compensation.grids.interpolation import grid_positions, period_of
 from volid.compensation.package import Compensation
 from volid.compensation.tables.axis_table import AxisTable
+from volid.controllers.equal_steps import gathered
 from volid.controllers.motors.script import BLCOMP, COMP, MotorTable, Script
 from volid.controllers.motors.spans import Motor, Span, reach, rolled, span_of
-from volid.controllers.resampling import summed
 from volid.exceptions import InputError
 from volid.model.iso230 import LINEAR_AXES
 from volid.model.jacobian import axis_directions
@@ -27,16 +27,13 @@ def compensation_of(script: Script, name: str, machine: Machine, motors: Mapping
     unknown = sorted(used - set(by_number))
     if unknown:
         raise InputError(
-            f"{name}: motor {unknown[0]} drives no axis of the machine; state motors=X:1,Y:2,… as they are"
+            f"{name}: motor {unknown[0]} drives no axis of the machine; state motors=X=1,Y=2,… as they are"
         )
-    found: dict[tuple[str, str], list[AxisTable]] = {}
-    for table in [t for t in script.tables if len(t.sources) == 1 and t.command == COMP]:
-        made = _axis_table(table, machine, by_number)
-        found.setdefault((made.output, made.argument), []).append(made)
-    for number in sorted(used):
-        found.setdefault((by_number[number].axis,) * 2, []).extend(_backlash(number, script, machine, by_number))
+    alone = [t for t in script.tables if len(t.sources) == 1 and t.command == COMP]
+    found = [_axis_table(t, machine, by_number) for t in alone]
+    found += [t for number in sorted(used) for t in _backlash(number, script, machine, by_number)]
     grids = [_grid(t, name, machine, by_number) for t in script.tables if len(t.sources) == 2]
-    return Compensation((), (), _together(grids), tuple(summed(t) for t in found.values() if t))
+    return Compensation((), (), _together(grids), gathered(found))
 
 
 def _axis_table(table: MotorTable, machine: Machine, motors: Mapping[int, Motor]) -> AxisTable:
@@ -58,14 +55,16 @@ def _backlash(number: int, script: Script, machine: Machine, motors: Mapping[int
     motor, held = motors[number], script.backlash.get(number, 0)
     own = [t for t in script.tables if t.command == BLCOMP and t.owner == number]
     low, high = machine.axis(motor.axis).travel
+    period = 0.0
     if own:
         span = span_of(motor, len(own[-1].entries) - 1, own[-1].spans[0], low, high)
-        q, further = span.positions, held + rolled(own[-1].entries, span)
+        q, further, period = span.positions, held + rolled(own[-1].entries, span), _period(span, machine)
     elif held:
         q, further = np.array(reach(motor, low, high, motor.counts)), np.full(2, held)
+        period = period_of(machine.axis(motor.axis), q)
     else:
         return []
-    return [AxisTable(motor.axis, motor.axis, q, np.zeros(len(q)), further / motor.parts)]
+    return [AxisTable(motor.axis, motor.axis, q, np.zeros(len(q)), further / motor.parts, period=period)]
 
 
 def _grid(table: MotorTable, name: str, machine: Machine, motors: Mapping[int, Motor]) -> Grid:

@@ -15,7 +15,7 @@ from volid.compensation.tables.axis_table import AxisTable
 from volid.controllers.base import Job
 from volid.controllers.motors.script import BLCOMP, COMP, MotorTable, Script
 from volid.controllers.motors.spans import Motor, Span, span_over
-from volid.controllers.resampling import at_nodes, extended, spacing_of, summed
+from volid.controllers.resampling import at_nodes, extended, spacing_of
 from volid.exceptions import InputError
 from volid.model.jacobian import axis_directions
 from volid.model.machine import Machine
@@ -27,14 +27,11 @@ _MOST_BACKLASH = 8_388_607
 def tables_of(job: Job, motors: Mapping[str, Motor]) -> Script:
     """Tables of motors for a job. Raises `InputError` for more tables than there are motors to own them."""
     made = _Maker(motors, job.options["owners"])
-    groups: dict[tuple[str, str], list[AxisTable]] = {}
     for table in job.axis_tables(products=True):
         if table.factor is None:
-            groups.setdefault((table.output, table.argument), []).append(table)
+            made.over_one(table)
         else:
             made.over_two(table.output, *_of_product(table), table.source)
-    for table in map(summed, groups.values()):
-        made.over_one(table)
     for grid in job.compensation.grids:
         for letter, values in _by_axis(job.machine, grid).items():
             made.over_two(letter, grid.axes, grid.nodes, values, f"grid of {grid.type}")
