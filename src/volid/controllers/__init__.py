@@ -21,7 +21,25 @@ from volid.controllers.twincat_nc import TWINCAT_NC
 
 CONTROLS: dict[str, Controller] = {
     c.declaration.name: c
-    for c in (LINUXCNC, LINUXCNC_HAL, MATRIXKINS, ISG_VOLCOMP, ETALON, ISG_SSFK, ISG_CROSSCOMP, TWINCAT_NC, SINUMERIK_ENC_COMP, SINUMERIK_CEC, HEIDENHAIN_COM, HEIDENHAIN_KINEMATICSCOMP, FANUC_PITCH, FANUC_3D, PMAC, NEUTRAL_CSV, NEUTRAL_HDF5)
+    for c in (
+        LINUXCNC,
+        LINUXCNC_HAL,
+        MATRIXKINS,
+        ISG_VOLCOMP,
+        ETALON,
+        ISG_SSFK,
+        ISG_CROSSCOMP,
+        TWINCAT_NC,
+        SINUMERIK_ENC_COMP,
+        SINUMERIK_CEC,
+        HEIDENHAIN_COM,
+        HEIDENHAIN_KINEMATICSCOMP,
+        FANUC_PITCH,
+        FANUC_3D,
+        PMAC,
+        NEUTRAL_CSV,
+        NEUTRAL_HDF5,
+    )
 }
 
 __all__ = ["CONTROLS", "Controller"]

@@ -114,6 +114,9 @@ DECLARATION = Declaration(
             "adds to the motion, at reversal up to half of MAX_VELOCITY and of MAX_ACCELERATION.",
         ),
         activate=("Start LinuxCNC again, home all joints, and move each joint once before measuring.",),
+        watch=(
+            "halcmd getp joint.N.motor-pos-cmd is the position of the motor with the correction, joint.N.pos-cmd without it",
+        ),
         remove=("Take the COMP_FILE and BACKLASH lines out of the [JOINT_n] sections, and start LinuxCNC again.",),
     ),
     facts=(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from volid.compensation.types import TYPES
+from volid.compensation.types import BY_COMPLETENESS, TYPES
 from volid.controllers.base import COLUMNS, COMPENSATION, FREE, HELD, Declaration, Option
 from volid.controllers.own_files import COMMISSIONING, FACTS, OwnFiles
 
@@ -19,7 +19,7 @@ class NeutralCsv(OwnFiles):
     declaration = Declaration(
         name="csv",
         title="Plain CSV, tables and grids of volid",
-        carries={name: kind.forms[0] for name, kind in TYPES.items()},
+        carries={name: TYPES[name].forms[0] for name in BY_COMPLETENESS},
         nearest="it carries every type",
         sign=COMPENSATION,
         units="mm and degrees of position; mm, rad in tables, degrees in grids",
