@@ -38,6 +38,8 @@ class Toy(Controller):
         self.declaration = replace(CONTROLS["linuxcnc"].declaration, **declared)
 
     def write(self, job):
+        if job.compensation.grids and GRID not in self.declaration.carries.values():
+            raise InputError("toy: a grid has no place here")
         Toy.kept = job.compensation
         return Written((ControlFile("toy.json", json.dumps("kept"), "toy"),))
 
@@ -130,7 +132,7 @@ def test_a_grid_that_is_no_sum_is_refused_with_what_is_missed(toys):
     values = grid.values.copy()
     values[:, 2] = 0.008 * (grid.positions[:, 0] / 1000) * (grid.positions[:, 1] / 600)
     assert sum_of_lines(replace(grid, values=values))[1] == pytest.approx(0.008)
-    with pytest.raises(InputError, match=r"no sum of functions of single axes: such a sum is up to 8\.0 µm off"):
+    with pytest.raises(InputError, match=r"the L-VOL grid is up to 8\.0 µm off any sum of functions of single axes"):
         convert(Compensation((), (), (replace(grid, values=values),)), MACHINE, Target("toy-tables"))
 
 

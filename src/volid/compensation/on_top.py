@@ -41,13 +41,15 @@ def add_compensations(new: Compensation, old: Compensation) -> Compensation:
 
 
 def add_grids(new: Sequence[AnyGrid], old: Sequence[AnyGrid]) -> tuple[AnyGrid, ...]:
-    """New grids, each added to the old ones of its side; old ones without a partner are kept.
+    """New grids, each added to the old ones of its side over its axes; old ones without a partner are kept.
 
-    Raises `InputError` for partners over other axes, or that a control applies otherwise.
+    Grids over other axes stay beside each other. Raises `InputError` for partners that a control applies otherwise.
     """
     found = list(new)
     for before in old:
-        partner = next((i for i, now in enumerate(found) if are_partners(now, before)), None)
+        partner = next(
+            (i for i, now in enumerate(found) if are_partners(now, before) and now.axes == before.axes), None
+        )
         if partner is None:
             found.append(before)
         else:

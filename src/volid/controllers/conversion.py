@@ -15,18 +15,21 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from volid.compensation.grids.grid import Grid
-from volid.compensation.on_top import add_compensations
+from volid.compensation.on_top import add_compensations, with_opposite
 from volid.compensation.package import Compensation
+from volid.compensation.types import GRID
 from volid.controllers import Controller
 from volid.controllers.base import Declaration, Job, options_of, sign_of
 from volid.controllers.contents import types_of
 from volid.controllers.exported import Export, write
-from volid.controllers.forms import in_form, one_direction
+from volid.controllers.forms import in_form, no_sum, one_direction
 from volid.controllers.reading import ExistingCompensation, control_called
 from volid.controllers.sameness import EXACT, largest_change, refuse_change, shift_notes
 from volid.exceptions import InputError
 from volid.model.machine import Machine
 
+ROUNDINGS = 4  # of the sum, the new and the old values, one for each of two tables of an axis
+SECOND_ORDER = 1e-3  # of the correction: where a control multiplies, as by a matrix, not adds
 BESIDE = 100.0 * np.eye(3)  # mm, of other tools
 # types that hold what is said at the left: a control that carries one of them can carry it
 _CONTAINED = {
@@ -95,8 +98,13 @@ def fitted(chosen: Controller, job: Job) -> Export:
     made = in_form(before, job.machine, declared, job.tool)
     types = carried(made, job.machine, declared)
     made = replace(made, names=types)
-    found = write(chosen, replace(job, compensation=made), types)
-    refuse_change(before, found, declared, job.tool)
+    try:  # a control of tables may hold a grid over two axes all the same
+        found = write(chosen, replace(job, compensation=made), types)
+        refuse_change(before, found, declared, job.tool)
+    except InputError:
+        if made.grids and GRID not in declared.carries.values():
+            raise no_sum(made, declared) from None
+        raise
     return replace(found, notes=(*found.notes, *shift_notes(before, found, declared, job.tool)))
 
 
@@ -119,7 +127,24 @@ def on_top(chosen: Controller, job: Job, existing: Sequence[ExistingCompensation
         job = replace(job, compensation=_by_axis(job, declared))
     both = in_form(add_compensations(job.compensation, held), job.machine, declared, job.tool)
     notes = [f"sum with {e.words}: load it in the place of these files, not beside them" for e in existing]
-    return Sum(replace(job, compensation=replace(both, names=job.compensation.names)), old, tuple(notes))
+    whole = replace(job, compensation=replace(both, names=job.compensation.names))
+    _refuse_loss(chosen, job, whole, old)
+    return Sum(whole, old, tuple(notes))
+
+
+def _refuse_loss(chosen: Controller, job: Job, whole: Job, old: Compensation) -> None:
+    """Raises `InputError` where the files of the sum do not move the axes as the new ones and the old ones together."""
+    types = job.compensation.names
+    new, both = write(chosen, job, types), write(chosen, whole, types)
+    rest = replace(both, held=with_opposite(both.held, old))
+    apart, at = largest_change(new.held, rest, job.tool, shifted=both.declaration.zero_fixed)
+    nothing = with_opposite(both.held, both.held)
+    moved = largest_change(nothing, both, job.tool)[0]
+    if not apart <= EXACT + ROUNDINGS * both.written.rounding + SECOND_ORDER * moved:
+        raise InputError(
+            f"{both.declaration.name}: the files of the sum would not move the axes as the old and the new ones together: by up "
+            f"to {1e3 * apart:.1f} µm at {at}. Load the new ones beside the old, where the control allows it"
+        )
 
 
 def _by_axis(job: Job, declared: Declaration) -> Compensation:

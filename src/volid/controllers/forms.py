@@ -33,7 +33,10 @@ def in_form(made: Compensation, machine: Machine, declared: Declaration, tool: n
     """Tables or grids, as the control holds them."""
     forms = set(declared.carries.values())
     if made.grids and GRID not in forms:
-        made = replace(made, grids=(), axis_tables=(*made.axis_tables, *_tables_of(made, machine, declared)))
+        sums = [g for g in made.grids if isinstance(g, Grid) and sum_of_lines(g)[1] <= EXACT]
+        tables = [t for g in sums for t in _of_grid(g, machine)]
+        kept = tuple(g for g in made.grids if g not in sums)
+        made = replace(made, grids=kept, axis_tables=(*made.axis_tables, *tables))
     if (made.tables or made.axis_tables) and TABLES not in forms:
         _refuse_directions(made, declared)
         return Compensation(made.names, (), as_grid(made, machine, tool))
@@ -167,14 +170,15 @@ def expected_point(
     return np.asarray(found)
 
 
-def _tables_of(made: Compensation, machine: Machine, declared: Declaration) -> list[AxisTable]:
-    """Grids of linear axes as tables of axes: exact where a grid is a sum of functions of single axes."""
-    found: list[AxisTable] = []
-    for grid in made.grids:
-        if not isinstance(grid, Grid):
-            raise InputError(f"{declared.name} holds tables of axes; the {grid.type} grid over rotary axes has none")
-        found += _of_grid(grid, machine, declared)
-    return found
+def no_sum(made: Compensation, declared: Declaration) -> InputError:
+    """The `InputError` for grids that a control with tables of axes cannot hold, with what such tables would miss."""
+    apart = {g.type: sum_of_lines(g)[1] for g in made.grids if isinstance(g, Grid)}
+    each = [
+        f"the {kind} grid is up to {1e3 * a:.1f} µm off any sum of functions of single axes"
+        for kind, a in apart.items()
+    ]
+    each += [f"the {g.type} grid is over rotary axes" for g in made.grids if not isinstance(g, Grid)]
+    return InputError(f"{declared.name} holds tables of axes, and {', '.join(each)}. Take a control that holds a grid")
 
 
 def sum_of_lines(grid: Grid) -> tuple[list[np.ndarray], float]:
@@ -202,14 +206,9 @@ def _along(line: np.ndarray, i: int, axes: int) -> np.ndarray:
     return line.reshape(*(len(line) if k == i else 1 for k in range(axes)), 3)
 
 
-def _of_grid(grid: Grid, machine: Machine, declared: Declaration) -> list[AxisTable]:
-    """The functions of single axes whose sum a grid is. Raises `InputError` where it is no such sum."""
-    lines, apart = sum_of_lines(grid)
-    if not apart <= EXACT:
-        raise InputError(
-            f"{declared.name} holds tables of axes, and the {grid.type} grid is no sum of functions of single axes: such a sum "
-            f"is up to {1e3 * apart:.1f} µm off. Take a control that holds a grid"
-        )
+def _of_grid(grid: Grid, machine: Machine) -> list[AxisTable]:
+    """The functions of single axes whose sum a grid is."""
+    lines, _ = sum_of_lines(grid)
     linear = [i for i, a in enumerate(machine.axes) if a.is_linear]
     q = np.array([[a.reference for a in machine.axes]])
     pull = np.linalg.pinv(axis_directions(machine, q)[0][:, linear])
