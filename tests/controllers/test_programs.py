@@ -161,11 +161,12 @@ def test_positions_that_are_not_known_yet_are_left_alone():
     assert program.counted.as_they_are == (2,)
 
 
-def test_after_a_change_of_tools_no_axis_moves_unasked():
-    """The control may have raised Z for it: a word Z before the program's own would lower it again."""
+def test_after_a_change_of_tools_or_a_pause_no_axis_moves_unasked():
+    """The control, or a person, may have raised Z: a word Z before the program's own would lower it again."""
     field = grid((0.0, 0.0, 1e-5))
-    rows = body_of(made("T2 M6\nG0 X200\nG0 Z10\nG1 X100 F100", field))
-    assert rows[1:] == ["G0 X200.", "G0 Z9.997", "G1 X100. Z9.998 F100"]
+    for stop in ("T2 M6", "M0", "M1", "M60"):
+        rows = body_of(made(f"{stop}\nG0 X200\nG0 Z10\nG1 X100 F100", field))
+        assert rows[1:] == ["G0 X200.", "G0 Z9.997", "G1 X100. Z9.998 F100"]
 
 
 def test_machine_coordinates_and_the_reference_are_left_alone():

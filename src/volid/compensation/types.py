@@ -133,6 +133,8 @@ TYPES: dict[str, CompensationType] = {
     )
 }
 
+BY_COMPLETENESS = tuple(sorted(TYPES, key=lambda name: -len(TYPES[name].effects)))  # those with most effects first
+
 
 def compensation_type(name: str) -> CompensationType:
     """The type of that name. Raises `InputError` for a name that ISO/TR 16907 does not have."""

@@ -29,6 +29,7 @@ from volid.model.iso230 import LINEAR_AXES, SPINDLE, ErrorName, parse
 from volid.model.machine import Machine
 
 BLANK = "the data do not determine its values everywhere"
+TURNING = "they would turn rotary axes against the orientation error, which is done where they are asked for by name"
 NOTHING = "the model has no function that it corrects"
 
 
@@ -129,8 +130,13 @@ def _effect(error: ErrorName) -> str:
 
 
 def _in_model(name: str, declared: Declaration, present: set[str]) -> _Obstacle | None:
-    """A type of which the model has nothing, or lacks effects where smaller types of the control hold what it has."""
+    """Why a type is not taken by default: it turns rotary axes, or the model has nothing of it or too little.
+
+    Too little is less than all effects, where smaller types of the control hold those that the model has.
+    """
     effects = set(TYPES[name].effects)
+    if TYPES[name].turns:
+        return _Obstacle(TURNING)
     if not TYPES[name].is_chosen and not effects & present:
         return _Obstacle(NOTHING)
     lacking = [e for e in TYPES[name].effects if e not in present]

@@ -10,6 +10,7 @@ from volid.compensation.control import Control
 from volid.compensation.helping_axes import HelpingMotion
 from volid.compensation.on_top import with_opposite
 from volid.compensation.package import Compensation
+from volid.compensation.tables.axis_table import AxisTable
 from volid.controllers import Controller
 from volid.controllers.axes import Axes
 from volid.controllers.base import Declaration, Job, Written
@@ -66,5 +67,19 @@ def write(chosen: Controller, job: Job, types: Sequence[str]) -> Export:
     """The files of a job, and what the control then holds."""
     written = chosen.write(job)
     files = {f.name: f.content for f in written.files}
-    held = chosen.read(files, job.machine, {**job.options, "sign": job.sign})
+    held = _with_sources(chosen.read(files, job.machine, {**job.options, "sign": job.sign}), chosen, job)
     return Export(chosen, job, written, replace(held, names=tuple(types)), tuple(types), notes=tuple(written.notes))
+
+
+def _with_sources(held: Compensation, chosen: Controller, job: Job) -> Compensation:
+    """The tables of axes with the error functions that they were made of, which many files do not say."""
+    if all(t.source for t in held.axis_tables):
+        return held
+    made = job.axis_tables(products=chosen.declaration.products)
+    known = {_key(t): t.source for t in made}
+    named = tuple(t if t.source else replace(t, source=known.get(_key(t), "")) for t in held.axis_tables)
+    return replace(held, axis_tables=named)
+
+
+def _key(table: AxisTable) -> tuple[str, str, str]:
+    return table.output, table.argument, "" if table.factor is None else table.factor.axis

@@ -115,6 +115,9 @@ DECLARATION = Declaration(
             "STEPGEN_MAXACCEL: at reversal the correction adds up to half of both to the motion.",
         ),
         activate=("Start LinuxCNC again, home all joints, and move each joint once before measuring.",),
+        watch=(
+            "halcmd getp joint.N.motor-pos-cmd is the position of the motor with the correction, joint.N.pos-cmd without it",
+        ),
         remove=("Take the COMP_FILE and BACKLASH lines out of the [JOINT_n] sections, and start LinuxCNC again.",),
     ),
     facts=(

@@ -104,6 +104,11 @@ DECLARATION = Declaration(
             DOCUMENTED,
             _SOURCE,
         ),
+        Fact(
+            "the parameters come to be when motmod is loaded; a setp line before that stops the start",
+            RUN,
+            f"{_SIMULATOR}, module built from the public source",
+        ),
         Fact("further joints, from the fourth on, pass through as A, B, C, U, V, W in this order", DOCUMENTED, _SOURCE),
         Fact("power is to be off when the numbers are changed, because the axes jump", DOCUMENTED, _SOURCE),
         Fact(

@@ -21,6 +21,7 @@ from volid.model.iso230 import SPINDLE
 LARGEST = {"mm": 1.0, "rad": 0.01}  # of a deviation: what is larger is no deviation of a machine
 STEEPEST = 1e-3  # mm per mm, or rad per rad: 1 mm in 1 m
 OUT_OF_LINE, LEAST = 8.0, {"mm": 0.002, "rad": 5e-6}  # times the middle of all such values, and at least so much
+ALIKE = 0.5  # of what a single wrong value does to the lines beside it
 FEWEST = 6  # positions among which one can be told to stand out of line
 BEYOND = 1e-6  # mm or °
 
@@ -153,12 +154,24 @@ def _out_of_line(look: Look, way: str, values: np.ndarray) -> Iterator[str]:
     i = int(np.argmax(np.abs(off)))
     others = np.abs(np.delete(off, [k for k in (i - 1, i, i + 1) if 0 <= k < len(off)]))
     usual = float(np.median(others)) if len(others) else 0.0
-    if abs(off[i]) > max(OUT_OF_LINE * usual, LEAST[look.unit], 2.0 * others.max(initial=0.0)):
+    alone = abs(off[i]) > max(OUT_OF_LINE * usual, LEAST[look.unit], 2.0 * others.max(initial=0.0))
+    if alone and _pulls_neighbours(x, off, i):
         scale, unit = (1e3, "µm") if look.unit == "mm" else (1e6, "µrad")
         yield (
             f"{look.name}: the value at {x[i + 1]:g}{way} stands {scale * off[i]:+.1f} {unit} off the line of its neighbours, "
             f"others {scale * usual:.1f} {unit}; look for a wrong digit"
         )
+
+
+def _pulls_neighbours(x: np.ndarray, off: np.ndarray, i: int) -> bool:
+    """Whether the values beside position i + 1 are off to the other side, as a single wrong value makes them.
+
+    Where a table only bends, they are not off.
+    """
+    left = -off[i] * (x[i] - x[i - 1]) / (x[i + 1] - x[i - 1]) if i > 0 else None
+    right = -off[i] * (x[i + 3] - x[i + 2]) / (x[i + 3] - x[i + 1]) if i + 1 < len(off) else None
+    pairs = [(off[k], e) for k, e in ((i - 1, left), (i + 1, right)) if e is not None]
+    return all(abs(v - e) < ALIKE * abs(e) for v, e in pairs)
 
 
 def beyond(found: ExistingCompensation) -> list[str]:

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from volid.compensation.package import Compensation
-from volid.compensation.types import TYPES
+from volid.compensation.types import BY_COMPLETENESS, TYPES
 from volid.controllers.base import DOCUMENTED, Commissioning, ControlFile, Controller, Fact, Job, Written
 from volid.exceptions import InputError
 from volid.model.machine import Machine
@@ -31,9 +31,7 @@ FACTS = (
 
 def carried(form: str) -> dict[str, str]:
     """All types, the most complete first, each in the form asked for where it has that, else in its own."""
-    first = ("L-VOL+", "R-VOL+", "L-VOL", "R-VOL")
-    names = [*first, *(n for n in TYPES if n not in first)]
-    return {n: form if form in TYPES[n].forms else TYPES[n].forms[0] for n in names}
+    return {n: form if form in TYPES[n].forms else TYPES[n].forms[0] for n in BY_COMPLETENESS}
 
 
 class OwnFiles(Controller):

@@ -63,7 +63,7 @@ def _signs(made: Export) -> list[str]:
         "and set an indicator at the axis to zero, or read where the control shows the position of the drive with the correction",
         "in it. Switch the compensation on, leave the position and come back from the same side. The axis must now stand off by",
         "what the row says, as a command of this size would move it. 'Alone' holds where the other tables are off or zero, 'all",
-        "loaded' for all of them together. Most position displays show the programmed position and never the correction.",
+        "loaded' for all of them together. A position display may show the programmed position without the correction.",
         "",
         *bullets(f"Shown by the control: {text}" for text in made.declaration.commissioning.watch),
         "",

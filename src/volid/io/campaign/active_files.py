@@ -17,23 +17,24 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import h5py
 import numpy as np
 
 from volid.campaign import ActiveFiles, Campaign
-from volid.compensation.control import Control
-from volid.controllers.reading import OWN, ExistingCompensation
 from volid.exceptions import InputError
 from volid.io.basics.encodings import read_bytes
 from volid.io.basics.hdf5_group import Group
 from volid.io.basics.hdf5_values import to_json, write_array, write_text
 from volid.io.basics.toml_table import Table
 from volid.io.campaign.reach import refuse_far
-from volid.io.control_files import read_contents
 from volid.model.machine import Machine
 from volid.plausibility.conditions import ACTIVE
+
+if TYPE_CHECKING:  # controls take a fifth of a second to import, and few campaigns name their files
+    from volid.compensation.control import Control
+    from volid.controllers.reading import ExistingCompensation
 
 _KEYS = ("file", "name", "cnc", "sign", "options")
 
@@ -85,6 +86,8 @@ def _entries(conditions: Any) -> list[Mapping[str, Any]]:
 
 
 def _read(table: Table, folder: Path, machine: Machine, allow_outside: bool) -> ActiveFiles:
+    from volid.io.control_files import read_contents
+
     table.only(_KEYS)
     files = _texts(table, "file")
     names = _texts(table, "name") if "name" in table.data else [PurePosixPath(f).name for f in files]
@@ -116,6 +119,8 @@ def with_loaded(campaign: Campaign, control: Control, held: Sequence[ExistingCom
 
     `control`: the simulated control that had them loaded; `volid.simulate` has recorded it in words.
     """
+    from volid.controllers.reading import OWN
+
     foreign = [e for e in held if e.cnc != OWN]
     if not foreign:
         return campaign

@@ -97,7 +97,7 @@ def motors_of(machine: Machine, options: Mapping[str, Any], control: str) -> dic
         twice = next((m.axis for m in found.values() if m.number == number), None)
         if twice is not None:
             raise InputError(
-                f"{control}: motor {number} drives {twice} and {letter}; state motors=X:1,Y:2,… with one for each"
+                f"{control}: motor {number} drives {twice} and {letter}; state motors=X=1,Y=2,… with one for each"
             )
         found[letter] = Motor(letter, number, counts, home, machine.axis(letter).is_linear)
     return found
