@@ -7,6 +7,7 @@ import volid
 from volid.compensation.tables.axis_table import AxisTable
 from volid.compensation.tables.by_axis import axis_tables
 from volid.compensation.tables.error_table import ErrorTable
+from volid.exceptions import InputError
 
 MACHINES = ("wYXbZt_vertical", "wXbZYt_moving_column", "wbXYZt_gantry", "wXYbZt_vertical")
 
@@ -42,6 +43,24 @@ def test_without_products_the_lines_are_right():
     q[:, machine.index("Z")] = tables[0].positions
     wanted = volid.Control(machine, tables).command(q, tool)
     np.testing.assert_allclose(volid.Control(machine, axis_tables=made).command(q, tool), wanted, atol=1e-9)
+
+
+def tool_frame(translation: float) -> list[ErrorTable]:
+    """A spindle tilted by 30 µrad about X, and a shift along Y."""
+    made, u = {"EA0S": 30e-6, "EY0S": translation}, np.zeros((1, 2))
+    return [
+        ErrorTable("L-VOL", n, np.zeros(1), np.array([v]), np.array([v]), u, np.zeros(1, bool), "kinematic model", 0.0)
+        for n, v in made.items()
+    ]
+
+
+def test_constants_of_the_tool_frame_that_do_nothing_at_this_tool_need_no_table():
+    """A tilt of 30 µrad about X moves the point 150 mm below by +4.5 µm along Y; a shift of -4.5 µm undoes it."""
+    machine = volid.load_machine("models/wYXbZt_vertical.toml")
+    at, tool = np.array([np.mean(a.travel) for a in machine.axes]), np.array([0.0, 0.0, -150.0])
+    assert axis_tables(machine, tool_frame(-0.0045), at, tool) == ()
+    with pytest.raises(InputError, match=r"EA0S, EY0S: .* move this tool's point by 1.5 µm everywhere"):
+        axis_tables(machine, tool_frame(-0.0045), at, np.array([0.0, 0.0, -200.0]))
 
 
 def test_a_rotary_axis_corrects_itself_in_degrees():

@@ -62,7 +62,7 @@ def test_the_example_of_the_manual():
 
 def test_values_and_parameters():
     """In the mean X is 1, 11.5 and -2.5 µm off: against 0 at the reference 10.5 and -3.5. Y: 0, 6 and 18."""
-    files = written("fanuc-pitch", pitch(), "compensation", magnification="Y:2", detection_unit="X:0.0005,Y:0.001")
+    files = written("fanuc-pitch", pitch(), "compensation", magnification="Y=2", detection_unit="X=0.0005,Y=0.001")
     assert values_of(files, "Y") == {0: 0, 1: -3, 2: -6}
     assert values_of(files, "X") == {3: 0, 4: -21, 5: 28}
     assert settings_of(files, "Y") | {
@@ -86,7 +86,7 @@ def test_values_and_parameters():
 
 def test_the_reference_position_within_the_travel():
     files = written(
-        "fanuc-pitch", pitch(), "error", reference_position="X:500,Y:600", interval="X:250", first_number="10"
+        "fanuc-pitch", pitch(), "error", reference_position="X=500,Y=600", interval="X=250", first_number="10"
     )
     # Y: -18 µm at 0 and -12 at 300, seen from 600; it takes two sections below and the numbers 10, 11
     assert values_of(files, "Y") == {10: 6, 11: 12} and settings_of(files, "Y")["3620"] == 11
@@ -178,6 +178,33 @@ def test_a_turn_with_the_reference_elsewhere():
     np.testing.assert_allclose(np.rad2deg(found), [-0.003, -0.002, 0.0, -0.001, -0.006, -0.003], atol=1e-12)
 
 
+def test_a_turn_with_a_table_for_each_direction():
+    x, up = np.linspace(0.0, 360.0, 5), np.deg2rad([0.0, 0.004, 0.007, 0.001, 0.0])
+    down = up + np.deg2rad([0.002, 0.003, 0.001, 0.002, 0.002])
+    table = ErrorTable("R-POS", "ECC", x, up, down, np.zeros((5, 2)), x > 1e9, ITSELF, 0.0, period=360.0)
+    made = Compensation(("R-POS",), (table,), ())
+    files = _rotary_files(made, bidirectional="1")
+    plus, minus = values_of(files, "C", "+"), values_of(files, "C", "-")
+    assert plus == {60: -1, 61: 4, 62: 3, 63: -6, 64: -1} and minus == {65: -1, 66: 5, 67: 1, 68: -5, 69: -1}
+    (back,) = FANUC.read(files, TRUNNION, stated("error")).axis_tables
+    q = np.array([90.0, 180.0, 630.0, -90.0])
+    np.testing.assert_allclose(np.rad2deg(back.of_argument(q, np.ones(4))), [0.004, 0.007, 0.001, 0.001], atol=1e-12)
+    np.testing.assert_allclose(np.rad2deg(back.of_argument(q, -np.ones(4))), [0.007, 0.008, 0.003, 0.003], atol=1e-12)
+
+
+def test_what_3627_means_beside_a_magnification_is_not_guessed():
+    names = {"3605#0": 1, "3620": 0, "3621": 0, "3622": 1, "3623": 2, "3624": 50, "3626": 2, "3627": 4}
+    files = {
+        "parameters.csv": "parameter,axis,value\n" + "".join(f"{n},X,{v}\n" for n, v in names.items()),
+        "pitch.csv": "number,value\n0,0\n1,5\n2,0\n3,5\n",
+    }
+    with pytest.raises(InputError, match="parameters of X: 3623 is 2 and 3627 4; public sources do not say"):
+        FANUC.read(files, MACHINE, stated("error"))
+    files["parameters.csv"] += "3620,X,0\n"
+    with pytest.raises(InputError, match="line 10: parameter 3620 of X stands there a second time"):
+        FANUC.read(files, MACHINE, stated("error"))
+
+
 def test_a_turn_that_does_not_close_is_refused():
     with pytest.raises(InputError, match="table of C: its first and last value, one turn apart, differ by 3 steps"):
         _rotary_files(rotary([0.0, 0.001, 0.003]))
@@ -247,10 +274,10 @@ def test_sections_meet_the_positions_of_the_table_where_they_can():
 
 
 def test_what_is_left_out_is_said():
-    notes = FANUC.write(job("fanuc-pitch", pitch(), "error", interval="X:400")).notes
+    notes = FANUC.write(job("fanuc-pitch", pitch(), "error", interval="X=400")).notes
     assert any(n.startswith("Y: error values are -0.006 mm less than in the table everywhere") for n in notes)
     assert any(n.startswith("X: other positions than those of the table") for n in notes)
-    assert any("the largest value of one section is 0.012 mm" in n for n in notes)
+    assert any("put out at one place of its section" in n and "Y 0.012" in n for n in notes)
 
 
 @pytest.mark.parametrize(
@@ -261,7 +288,7 @@ def test_what_is_left_out_is_said():
         ({"limit": "5"}, "table of Y: 8 steps of the control are left at its last position"),
         ({"detection_unit": "0"}, "detection_unit is '0'; expected a number above 0"),
         ({"reference_return": "up"}, r"reference_return is 'up'; expected \+ or -"),
-        ({"interval": "XY:3"}, "interval is 'XY:3'; expected one value, or pairs such as X:1,Y:2"),
+        ({"interval": "XY=3"}, "interval is 'XY=3'; expected one value, or pairs such as X=1,Y=2"),
     ],
 )
 def test_what_the_memory_cannot_hold_is_refused(options, message):
@@ -313,4 +340,4 @@ def test_its_lists_are_recognised():
 
 
 def test_an_option_for_all_axes_or_for_one():
-    assert by_axis(int, 1)("3") == {"": 3} and by_axis(int, 1)("x:3, Y:4") == {"": 1, "X": 3, "Y": 4}
+    assert by_axis(int, 1)("3") == {"": 3} and by_axis(int, 1)("x=3, Y=4") == {"": 1, "X": 3, "Y": 4}

@@ -187,3 +187,13 @@ def test_a_shift_of_the_chain_that_leads_to_no_rotary_axis_is_refused():
     text = files["VOLID.TAB"].replace("[END]", f"{shift.ljust(at)}12.5\n[END]")
     with pytest.raises(InputError, match=r"line 8: Trans X by 12.5 leads to no rotary axis"):
         read({**files, "VOLID.TAB": text})
+
+
+@pytest.mark.parametrize("name", [NAME, "heidenhain-com", "sinumerik-cec", "sinumerik-enc-comp"])
+def test_files_are_recognised_by_their_own_control_alone(name):
+    made = levered() if name in (NAME, "sinumerik-cec") else pitch()
+    sign = "error" if name in (NAME, "sinumerik-cec") else None
+    files = {f.name: f.content for f in CONTROLS[name].write(job(name, made, sign)).files if f.name != "CONFIG.CMA"}
+    for file, text in files.items():
+        for content in (text, text.encode().replace(b"\n", b"\r\n")):
+            assert [n for n, c in CONTROLS.items() if c.recognises(file, content)] == [name]

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from exact_chain import Truth
+from exact_chain import ExactMachine, Truth
 from support.control_cases import MACHINE, TOOL, error_table, job, levered, spatial, written
 from support.iso_files import FileChain, blocks
 from support.machines import LAYOUTS, NUTATING, exact_machine, exact_of, volid_machine
@@ -171,8 +171,6 @@ def test_component_tables_of_five_axes_give_the_deviation_of_the_exact_chain(sha
 
 def test_error_points_of_their_own_give_the_deviation_of_the_exact_chain():
     """A pitch of X about a point 400 mm above the origin: the functional point is below it by 550 mm."""
-    from exact_chain import ExactMachine
-
     exact = ExactMachine(
         "w Y' b X Z t",
         {"X": (0, 800), "Y": (0, 500), "Z": (-400, 0)},
@@ -421,3 +419,25 @@ def test_its_files_are_recognised():
     assert all(CONTROLS[NAME].recognises(name, content) for name, content in tables.items())
     assert not CONTROLS[NAME].recognises("x.csv", "position,positive,negative\n0,0,0\n")
     assert not CONTROLS[NAME].recognises("x.comp", "0.0 0.0 0.002\n")
+
+
+def test_a_displaced_line_of_a_table_is_its_location_in_the_machine():
+    """Geometry alone: the line of C' stands 12 µm in x and -7 µm in y off its nominal place; the workpiece sits on the table.
+
+    No error model takes part: a machine whose C turns about the displaced point, less the shift of the workpiece with the table.
+    """
+    structure, travel = "w C' Y' X' b Z t", {"X": (-300, 300), "Y": (-300, 300), "Z": (0, 500), "C": (0, 360)}
+    off, tool = np.array([0.012, -0.007, 0.0]), np.array([30.0, -20.0, -150.0])
+    nominal = ExactMachine(structure, travel, point={"C": (4.0, -6.0, 3.0)})
+    displaced = ExactMachine(structure, travel, point={"C": np.array([4.0, -6.0, 3.0]) + off})
+    machine, c = volid_machine(nominal), np.array([0.0, 360.0])
+    # volid's parameters are tool relative to workpiece, minus where the line stands
+    tables = (error_table("EXC", c, [-0.012] * 2, kind="R-POR"), error_table("EYC", c, [0.007] * 2, kind="R-POR"))
+    files = files_of(machine, Compensation((), tables, ()), location_errors="constants")
+    assert dict_of(files)["X0C"] == pytest.approx([0.012]) and dict_of(files)["Y0C"] == pytest.approx([-0.007])
+    q, at = places(machine, np.random.default_rng(29))
+    moved = displaced.functional_point(q, tool) - nominal.functional_point(q, tool) - off  # workpiece frame
+    wanted = np.einsum("mji,mj->mi", nominal.table_rotation(q), moved)
+    np.testing.assert_allclose(chain_of(files).deviation(at), wanted, atol=1e-9)
+    held = read(files, machine).control(machine).expected(q, tool).point
+    np.testing.assert_allclose(held, wanted, atol=1e-9)

@@ -59,8 +59,8 @@ def test_the_line_is_that_of_least_squares_and_the_rest_is_said():
     found = MATRIXKINS.write(job("linuxcnc-matrixkins", made))
     assert float(found.parameters[0][1]) == pytest.approx(1 / (1 + 1e-5), abs=2e-11)
     assert found.notes == (
-        "EXX, X over X: 10.00 µm/m goes into the matrix; up to 1.67 µm that is not straight, up to 1.00 µm of the reversal in "
-        "each direction, up to 1.67 µm of its constant stays",
+        "EXX, X over X: 10.00 µm/m goes into the matrix; what stays: up to 1.67 µm that is not straight; up to 1.00 µm of the "
+        "reversal in each direction; a constant of 1.67 µm, which shifts the origin alone",
     )
 
 

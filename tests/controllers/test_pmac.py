@@ -1,6 +1,7 @@
 """Scripts of DEFINE COMP and DEFINE BLCOMP: written out by hand, and played by a small control of its own in this file."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -33,7 +34,7 @@ def read(text: str, machine=MACHINE, **options) -> Compensation:
 
 
 TRAVEL = {"X": (0.0, 1000.0), "Y": (0.0, 600.0), "Z": (-500.0, 0.0)}
-ODD = "X:123.4,Y:77,Z:-33"  # between the positions of the tables
+ODD = "X=123.4,Y=77,Z=-33"  # between the positions of the tables
 SHIFT: dict[str, np.ndarray] = {}  # by home, from the direction +: motor zero is 0, the same in both directions
 
 
@@ -108,7 +109,7 @@ def test_a_script_written_out_by_hand():
 def test_positions_below_motor_zero_stand_behind():
     """X from -500 to 500 around motor zero: entry 1 at +500, entry 2 at -500, entry 3 at 0 again."""
     made = Compensation(("L-POS",), (error_table("EXX", [0, 500, 1000], [0.001, 0.003, -0.004]),), ())
-    lines = script(made, home="X:500").splitlines()
+    lines = script(made, home="X=500").splitlines()
     assert lines[3:5] == ["DEFINE COMP 3,#1D,#1,1500000 ; EXX", "112 32 0"]
 
 
@@ -116,10 +117,19 @@ def test_the_example_of_the_manual():
     """200 entries over 100,000 counts for ±50,000: the first hundred reach to +50,000, the last ones to 0."""
     text = "#1\nDEFINE COMP 200,100000\n" + "\n".join(str(v) for v in [*range(1, 101), *range(-99, 1)])
     machine = volid.load_machine("models/wYXbZt_vertical.toml")
-    (table,) = read(text, machine, counts="100", home="X:500").axis_tables
+    (table,) = read(text, machine, counts="100", home="X=500").axis_tables
     q = np.array([500.0, 505.0, 750.0, 1000.0, 495.0, 250.0, 502.5])
     moved = -1600 * table.of_argument(q, np.ones(7))
     np.testing.assert_allclose(moved, [0, 1, 50, 100, -1, -50, 0.5], atol=1e-9)
+
+
+def test_without_a_machine_the_table_reaches_over_its_span_alone():
+    wide = replace(MACHINE, axes=tuple(replace(a, travel=(-1e5, 1e5)) for a in MACHINE.axes))
+    found = {t.output: t for t in read(script(pitch()), wide).axis_tables}
+    assert found["X"].positions.tolist() == [0, 500, 1000, 1500] and found["Y"].positions.tolist() == [0, 300, 600, 900]
+    np.testing.assert_allclose(found["X"].forward, [0.0, 0.010, -0.004, 0.0], atol=1e-12)
+    (constant,) = read("#1\nI186=16\n", wide).axis_tables
+    assert constant.positions.tolist() == [0, 1] and constant.reversal_value == pytest.approx(-0.001)
 
 
 def test_rows_and_columns_stand_in_the_order_of_the_chart():
@@ -137,7 +147,7 @@ def rough(rng, name="EXX", low=0.0, high=1000.0, n=11, size=0.02) -> ErrorTable:
     return error_table(name, x, up, up + np.abs(rng.normal(scale=0.2 * size, size=n)), kind="L-VOL")
 
 
-@pytest.mark.parametrize("home", ["X:0,Y:0,Z:0", "X:500,Y:300,Z:-250", "X:1000,Y:600,Z:-500", ODD])
+@pytest.mark.parametrize("home", ["X=0,Y=0,Z=0", "X=500,Y=300,Z=-250", "X=1000,Y=600,Z=-500", ODD])
 def test_the_played_script_does_what_the_tables_ask(home):
     """All 18 functions of three axes, lever arms included; in both directions, against tables without a file.
 
@@ -151,10 +161,10 @@ def test_the_played_script_does_what_the_tables_ask(home):
     tables = [t if t.function[1] == t.function[2] else with_mean(t) for t in tables]
     tables = [straight(t) for t in tables] if home == ODD else tables
     made = Compensation(("L-VOL",), tuple(tables), ())
-    asked = job("pmac", made, counts="X:2000,Y:2500,Z:10000", home=home)
+    asked = job("pmac", made, counts="X=2000,Y=2500,Z=10000", home=home)
     done = PMAC.write(asked)
     played, tables_alone = Played(done.files[0].content), Control(MACHINE, axis_tables=asked.axis_tables(products=True))
-    zero = {p.split(":")[0]: float(p.split(":")[1]) for p in home.split(",")}
+    zero = {p.split("=")[0]: float(p.split("=")[1]) for p in home.split(",")}
     counts, numbers = {"X": 2000, "Y": 2500, "Z": 10000}, {"X": 1, "Y": 2, "Z": 3}
     q = np.stack([rng.choice(np.linspace(*TRAVEL[a], 6), 60) for a in MACHINE.letters], axis=1)
     for way in (1.0, -1.0):
@@ -200,11 +210,25 @@ def with_mean(table: ErrorTable) -> ErrorTable:
 def test_a_turn_has_as_many_entries_as_sections():
     x, up = np.linspace(0.0, 360.0, 5), np.deg2rad([0.0, 0.001, 0.002, 0.001, 0.0])
     table = ErrorTable("R-POS", "ECC", x, up, up, np.zeros((5, 2)), x > 1e9, ITSELF, 0.0, period=360.0)
-    text = script(Compensation(("R-POS",), (table,), ()), TRUNNION, counts="C:10000,X:1,Y:1,Z:1,A:1")
-    assert text.splitlines()[3:5] == ["DEFINE COMP 4,#5D,#5,3600000 ; ECC", "-160 -320 -160 0"]
-    (back,) = read(text, TRUNNION, counts="C:10000,X:1,Y:1,Z:1,A:1").axis_tables
+    text = script(Compensation(("R-POS",), (table,), ()), TRUNNION, counts="C=10000,X=1,Y=1,Z=1,A=1")
+    assert text.splitlines()[3:5] == ["DEFINE COMP 4,#6D,#6,3600000 ; ECC", "-160 -320 -160 0"]
+    (back,) = read(text, TRUNNION, counts="C=10000,X=1,Y=1,Z=1,A=1").axis_tables
     found = back.of_argument(np.array([90.0, 450.0, -90.0]), np.ones(3))
     np.testing.assert_allclose(np.rad2deg(found), [0.001, 0.001, 0.001], atol=1e-12)
+
+
+def test_a_turn_with_reversal_is_one_table_again():
+    x, up = np.linspace(0.0, 360.0, 5), np.deg2rad([0.0, 0.001, 0.002, 0.001, 0.0])
+    for lost in ([0.001] * 5, [0.001, 0.002, 0.001, 0.003, 0.001]):
+        down = up + np.deg2rad(lost)
+        table = ErrorTable("R-POS", "ECC", x, up, down, np.zeros((5, 2)), x > 1e9, ITSELF, 0.0, period=360.0)
+        counts = "C=16000,X=1,Y=1,Z=1,A=1"
+        text = script(Compensation(("R-POS",), (table,), ()), TRUNNION, counts=counts)
+        assert "I686=256" in text and text.count("BLCOMP") == len(set(lost)) // 2
+        (back,) = read(text, TRUNNION, counts=counts).axis_tables
+        q = np.array([0.0, 90.0, 270.0, 450.0, -90.0])
+        wanted = np.array([0.0, 0.001, 0.001, 0.001, 0.001]) + np.array(lost)[[0, 1, 3, 1, 3]]
+        np.testing.assert_allclose(np.rad2deg(back.of_argument(q, -np.ones(5))), wanted, atol=1e-9)
 
 
 def test_sixteenths_of_a_count_are_lost_at_most_by_half():
@@ -216,7 +240,7 @@ def test_sixteenths_of_a_count_are_lost_at_most_by_half():
 def test_what_is_left_out_is_said():
     turned = error_table("EXX", [0, 1000], [0.001, 0.002], [-0.001, 0.0])
     notes = PMAC.write(job("pmac", Compensation(("L-POS",), (turned,), ()), counts="1000")).notes
-    assert any("X over X: error values are 0.001 mm less than in the table everywhere" in n for n in notes)
+    assert any("X: error values of all its tables together are 0.001 mm less everywhere" in n for n in notes)
     assert any("runs ahead by 0.002 mm after a reversal; I186 holds no such value" in n for n in notes)
     crossed = error_table("EXY", [0, 600], [0.0, 0.002], [0.001, 0.003], kind="L-SQU")
     notes = PMAC.write(job("pmac", Compensation(("L-SQU",), (crossed,), ()), counts="1000")).notes
@@ -224,7 +248,7 @@ def test_what_is_left_out_is_said():
 
 
 def test_counts_must_be_stated():
-    with pytest.raises(InputError, match=r"pmac: option counts of X is missing.*counts=X:…"):
+    with pytest.raises(InputError, match=r"pmac: option counts of X is missing.*counts=X=…"):
         written("pmac", pitch())
 
 
@@ -240,7 +264,7 @@ def test_more_tables_than_owners_are_refused():
 
 def test_two_axes_of_one_motor_are_refused():
     with pytest.raises(InputError, match="motor 2 drives X and Y"):
-        script(pitch(), motors="X:2")
+        script(pitch(), motors="X=2")
 
 
 def test_grids_over_three_axes_are_refused():

@@ -9,6 +9,8 @@ from support.gcode import lines_of
 
 import volid
 from volid.compensation.tables.error_table import ErrorTable
+from volid.controllers.programs.correction import Corrector, Lines
+from volid.controllers.programs.program import plain_machine
 from volid.controllers.programs.words import blocks
 
 OFFSETS = {"G54": (100.0, 100.0, -200.0)}
@@ -159,11 +161,12 @@ def test_positions_that_are_not_known_yet_are_left_alone():
     assert program.counted.as_they_are == (2,)
 
 
-def test_after_a_change_of_tools_no_axis_moves_unasked():
-    """The control may have raised Z for it: a word Z before the program's own would lower it again."""
+def test_after_a_change_of_tools_or_a_pause_no_axis_moves_unasked():
+    """The control, or a person, may have raised Z: a word Z before the program's own would lower it again."""
     field = grid((0.0, 0.0, 1e-5))
-    rows = body_of(made("T2 M6\nG0 X200\nG0 Z10\nG1 X100 F100", field))
-    assert rows[1:] == ["G0 X200.", "G0 Z9.997", "G1 X100. Z9.998 F100"]
+    for stop in ("T2 M6", "M0", "M1", "M60"):
+        rows = body_of(made(f"{stop}\nG0 X200\nG0 Z10\nG1 X100 F100", field))
+        assert rows[1:] == ["G0 X200.", "G0 Z9.997", "G1 X100. Z9.998 F100"]
 
 
 def test_machine_coordinates_and_the_reference_are_left_alone():
@@ -319,3 +322,28 @@ def test_comments_and_signs_within_words():
     (block,) = blocks("x1(a)y-.5;(b", "p")
     assert [w[:2] for w in block.words] == [("X", 1.0), ("Y", -0.5)]
     assert block.comments == ("(a)", ";(b")
+
+
+@pytest.mark.parametrize(
+    ("corner", "end", "bound"),
+    [
+        ("xyz", (100.0, 100.0, 100.0), 2.0 / 3.0),  # t³ has the control points 0, 0, 0, 1; its chord 0, 1/3, 2/3, 1
+        ("xyz", (100.0, 100.0, 0.0), 0.0),  # Z stays where the value is 0
+        ("xy", (100.0, 100.0, 50.0), 1.0 / 3.0),  # t²: 0, 0, 1/3, 1
+        ("x", (100.0, 30.0, 60.0), 0.0),
+    ],
+)
+def test_the_bound_of_a_line_is_that_of_its_control_points(corner, end, bound):
+    """A cell whose value is 1 µm times x y z, or fewer of them, over 0 … 100, and the line from its corner at 0."""
+    nodes = (np.array([0.0, 100.0]),) * 3
+    mesh = np.stack([m.ravel(order="F") for m in np.meshgrid(*nodes, indexing="ij")], axis=1)
+    values = np.zeros((8, 6))
+    values[:, 1] = 0.001 * np.prod(mesh[:, ["xyz".index(c) for c in corner]] / 100.0, axis=1)
+    cell = volid.Grid(
+        "L-VOL", ("X", "Y", "Z"), nodes, mesh, values, values * np.nan, mesh[:, 0] > 1e9, (0, 0, 0), "machine", ""
+    )
+    start, tool = np.zeros((1, 3)), np.zeros((1, 3))
+    lines = Lines(np.zeros(1, int), start, np.array([end]), tool, tool, np.ones(1), np.full((1, 3), np.nan))
+    found, node = Corrector(volid.Control(plain_machine(), grids=(cell,))).bounds(lines)
+    assert found[0] == pytest.approx(0.001 * bound, abs=1e-12)
+    assert np.isnan(node[0])

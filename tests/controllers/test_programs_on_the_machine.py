@@ -5,9 +5,10 @@ import pytest
 from exact_chain import ExactMachine, random_truth
 from scipy.interpolate import RegularGridInterpolator
 from support.gcode import RS274, dense, distances, interpreted, lines_of
-from support.programs import CAM, CASES, LENGTHS, OFFSETS, TOOL, random_program
+from support.programs import CAM, CASES, LENGTHS, OFFSETS, TOOL, line, random_program
 
 import volid
+from volid.compensation.tables.error_table import ErrorTable
 
 MACHINE = ExactMachine("w Y' X' b Z t", {"X": (0.0, 1000.0), "Y": (0.0, 600.0), "Z": (-500.0, 0.0)})
 TRUTH = random_truth(MACHINE, np.random.default_rng(20), scale=4.0)
@@ -63,6 +64,36 @@ def test_the_functional_point_follows_the_programmed_path(name, chord):
     assert np.linalg.norm(exact(ideal)[:, :3], axis=1).max() > 0.02, "there is something to correct"
     assert apart.max() < chord + grid_error + SECOND_ORDER
     assert distances(ideal, reached(driven)).max() < chord + grid_error + SECOND_ORDER, "all of the path is there"
+
+
+def test_tables_of_the_kinematic_chain_with_reversal():
+    """All 18 functions as dense tables: what is left is the chord. X comes back with its other direction, Y and Z keep theirs."""
+    truth = random_truth(MACHINE, np.random.default_rng(4), scale=4.0, reversal=True)
+    truth.constants.clear()
+    tables = []
+    for name, function in truth.functions.items():
+        x = np.linspace(*MACHINE.travel[name[2]], 301)
+        half = 0.5 * truth.reversal[name](x) if name in truth.reversal else 0.0
+        values = function(x) + half, function(x) - half
+        tables.append(ErrorTable("L-VOL", name, x, *values, np.zeros((301, 2)), x > 1e9, "kinematic model", 0.0))
+    control = volid.Control(volid.load_machine("models/wYXbZt_vertical.toml"), tuple(tables))
+    setting = volid.ProgramSetting(offsets=OFFSETS, lengths=LENGTHS, chord=0.002)
+    text = CASES["lines"].text.replace("X-300", "X-300\nZ0\nY100")
+    made = volid.apply_to_program(control, text, setting)
+    ideal = line((0, 0, 50), (500, 300, -50), (-300, 300, -50), (-300, 300, 0), (-300, 100, 0))
+    ideal = ideal + np.array(OFFSETS["G54"]) + [0, 0, LENGTHS[1]]
+    moves = [m for m in lines_of(made.text, OFFSETS, LENGTHS) if m[0] == 1]
+    way = np.array([1.0, 1.0, -1.0])
+    for _, a, b in moves:
+        if np.linalg.norm(b - a) > 0.05:  # else it is taken up
+            way = np.where(np.abs(b - a) > 0.5, np.sign(b - a), way)
+            q = dense(np.stack([a, b]))
+            both = [
+                MACHINE.in_axis_order(dict(zip("XYZ", np.broadcast_to(v, q.shape).T, strict=True))) for v in (q, way)
+            ]
+            apart = q + MACHINE.deviation(both[0], TOOL, truth, both[1])[:, :3]
+            assert distances(apart, ideal).max() < 0.002 + SECOND_ORDER
+    assert made.counted.taken_up >= 3
 
 
 def test_a_part_lies_where_its_origin_was_touched():

@@ -161,7 +161,8 @@ def test_models_with_few_tables_say_what_fits():
     truth = random_truth(exact, np.random.default_rng(1), reversal=True, tool_rotation=False)
     made = sampled(exact, truth, machine, 11)
     with pytest.raises(
-        InputError, match=r"tables are needed; 828d has 8, 8 of them.*What fits: for L-POS alone, with that mean: 3"
+        InputError,
+        match=r"828d has 8, 8 of them.*What fits: L-POS alone, with the mean of both directions .reversal=mean.: 3",
     ):
         CONTROLS[NAME].write(job_of(machine, made, model="828d"))
     positioning = Compensation(("L-POS",), tuple(t for t in made.tables if t.function in ("EXX", "EYY", "EZZ")), ())

@@ -14,10 +14,9 @@ def test_a_run_that_hangs_is_stopped():
     assert running() == [] and not OWN_LOCK.exists()
 
 
-@pytest.mark.parametrize("line, said", [("G53 G0 Q1", "Q"), ("G53 G0 X5000", "limit")])
-def test_a_line_that_is_not_carried_out_is_told(line, said):
-    with pytest.raises(LinuxCNCError, match=rf"{line}.*{said}"):
-        run(Setup(JOINTS), [{"home": True}, {"mdi": line}], PINS, seconds=10)
+def test_a_line_that_is_not_carried_out_is_told():
+    with pytest.raises(LinuxCNCError, match=r"G53 G0 X5000.*limit"):
+        run(Setup(JOINTS), [{"home": True}, {"mdi": "G53 G0 X5000"}], PINS, seconds=10)
 
 
 def test_the_next_run_moves():

@@ -78,9 +78,9 @@ class FileChain:
 
     def deviation(self, q: dict[str, np.ndarray]) -> np.ndarray:
         """Deviation of the functional point in the machine frame, (m, 3) [mm]."""
-        tool = self.vector("P0", "", np.zeros(3)) if False else np.array([self.constant(f"P0{c}") for c in LINEAR])
+        tool = np.array([self.constant(f"P0{c}") for c in LINEAR])
         moved = apply(self.pose(q, True), tool) - apply(self.pose(q, False), tool)
-        table = np.eye(4)
+        table = np.tile(np.eye(4), (len(moved), 1, 1))
         for axis in self.chain[: self.tables]:
             table = self.factor(axis, q[axis], True, False) @ table
-        return np.einsum("...ij,mj->mi" if table.ndim == 2 else "mij,mj->mi", table[..., :3, :3], moved)
+        return np.einsum("mij,mj->mi", table[:, :3, :3], moved)

@@ -34,8 +34,8 @@ example:
   volid grid solution.h5 --type L-VOL --step 50 -o grid.csv
   volid apply grid.csv part.nc --offset G54=400,200,-300 --tool 0,0,-150 -o part_corrected.nc
 
-exit status: 0 good; 1 written, but a point lies outside the grid, where its end values are held; 2 bad input,
-also a program with something that is not followed: then nothing is written
+exit status: 0 good; 1 written, but a point lies outside the grid, where its end values are held, or files
+correct something twice; 2 bad input, also a program with something that is not followed: then nothing is written
 """
 _NUMBERED_TOOL = re.compile(r"T(\d+)=(.*)")
 _NUMBERED_LENGTH = re.compile(r"[HT]?(\d+)=(.*)")
@@ -111,7 +111,7 @@ def run(args: argparse.Namespace) -> int:
             progress("drawing")
             _draw(made, args)
     _say(made, args)
-    return conclude(args, _outside(made, args))
+    return conclude(args, [*control.corrected_twice, *([] if args.allow_beyond else _beyond(made))])
 
 
 def _say(made: CorrectedProgram, args: argparse.Namespace) -> None:
@@ -123,10 +123,6 @@ def _say(made: CorrectedProgram, args: argparse.Namespace) -> None:
     print("\n".join(program_text(made)))
     if args.allow_beyond:
         tell(args, _beyond(made))
-
-
-def _outside(made: CorrectedProgram, args: argparse.Namespace) -> list[str]:
-    return [] if args.allow_beyond else _beyond(made)
 
 
 def _beyond(made: CorrectedProgram) -> list[str]:

@@ -1,4 +1,4 @@
-"""Options of controls that may differ from axis to axis: one number for all, or X:2000,Y:2000,Z:4000."""
+"""Options of controls that may differ from axis to axis: one number for all, or X=2000,Y=2000,Z=4000."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from volid.controllers.base import Option
+from volid.controllers.options import AXIS_LETTERS
 from volid.exceptions import InputError
 
 _ALL = ""  # key of the value of all axes that have none of their own
@@ -16,7 +17,7 @@ class ByAxis(dict[str, Any]):
     """The values of an option by axis letter, in words as a user states them."""
 
     def __str__(self) -> str:
-        own = [f"{letter}:{value}" for letter, value in self.items() if letter != _ALL]
+        own = [f"{letter}={value}" for letter, value in self.items() if letter != _ALL]
         rest = "" if self.get(_ALL) is None else f"{'others ' if own else ''}{self[_ALL]}"
         return ", ".join([*own, *([rest] if rest else [])]) or "not stated"
 
@@ -33,17 +34,17 @@ def by_axis(convert: Callable[[str], Any], default: Any = None) -> Callable[[str
 
     >>> print(by_axis(float)("0.001"))
     0.001
-    >>> print(by_axis(float, 1.0)("X:4,Y:2"))
-    X:4.0, Y:2.0, others 1.0
+    >>> print(by_axis(float, 1.0)("X=4,Y=2"))
+    X=4.0, Y=2.0, others 1.0
     """
 
     def values(text: str) -> ByAxis:
         found = ByAxis({_ALL: default})
         for part in text.split(","):
-            letter, colon, value = part.strip().rpartition(":")
-            if colon and not (len(letter) == 1 and letter.isalpha()):
-                raise ValueError("expected one value, or pairs such as X:1,Y:2")
-            found[letter.upper()] = convert(value.strip())
+            letter, equals, value = (word.strip() for word in part.rpartition("="))
+            if equals and letter.upper() not in tuple(AXIS_LETTERS):
+                raise ValueError("expected one value, or pairs such as X=1,Y=2")
+            found[letter.upper()] = convert(value)
         return found
 
     return values
@@ -55,7 +56,7 @@ def of_axis(option: Any, letter: str, control: str, name: str) -> Any:
     if value is None:
         raise InputError(
             f"{control}: option {name} of {letter} is missing, and no public source can know it; state it, as in "
-            f"{name}={letter}:…"
+            f"{name}={letter}=…"
         )
     return value
 

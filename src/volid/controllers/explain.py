@@ -67,6 +67,11 @@ def properties_of_files(d: Declaration, sign: str) -> list[list[str]]:
         ["beyond the first and last position", BEYOND.get(d.outside, d.outside)],
         ["positions", f"{d.spacing} steps" + (f", at most {d.most_points}" if d.most_points else ", no stated limit")],
         ["zero", d.zero],
+        *(
+            [["what of a table goes in", "its least-squares line alone, without constant and reversal"]]
+            if d.linear
+            else []
+        ),
     ]
     return rows
 

@@ -34,7 +34,8 @@ from volid.controllers.base import (
     text_of,
 )
 from volid.controllers.lists import list_text, read_list, same_sign, the_list
-from volid.controllers.pitch_memory import MEANING, AxisMemory, Form, memory_of, step_of, table_of
+from volid.controllers.pitch.held import table_of
+from volid.controllers.pitch.memory import MEANING, AxisMemory, Form, memory_of, step_of
 from volid.exceptions import InputError
 from volid.model.machine import Machine
 
@@ -145,7 +146,11 @@ class FanucPitch(Controller):
             program = _program_text(made, job.options["data_number"])
             files.append(ControlFile("fanuc_pitch.nc", program, "the same values as lines N…P…"))
         parameters = tuple((n, f"{a}: {v:g}", MEANING[n]) for m in made for n, a, v in m.rows)
-        notes = tuple(note for m in made for note in m.notes)
+        sizes = ", ".join(f"{m.axis} {m.largest:.6g}" for m in made)
+        put_out = (
+            f"each value is put out at one place of its section, so that up to all of it is off there; largest: {sizes}"
+        )
+        notes = (*(note for m in made for note in m.notes), f"{put_out} (mm or °)")
         return Written(tuple(files), parameters, notes, max((m.loss for m in made), default=0.0))
 
     def read(self, files: Mapping[str, str | bytes], machine: Machine, options: Mapping[str, Any]) -> Compensation:
@@ -160,7 +165,11 @@ class FanucPitch(Controller):
                 raise InputError(
                     f"{row.place}: parameter '{parameter}' of axis '{axis}' is none of the machine's; see {SETTINGS}"
                 )
-            settings.setdefault(axis, {})[parameter] = row.number("value")
+            if parameter in settings.setdefault(axis, {}):
+                raise InputError(
+                    f"{row.place}: parameter {parameter} of {axis} stands there a second time; expected each once"
+                )
+            settings[axis][parameter] = row.number("value")
         values = _values(files, options)
         found = [table_of(machine.axis(a), s, values, options) for a, s in settings.items()]
         if not found:

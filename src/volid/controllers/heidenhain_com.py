@@ -54,7 +54,7 @@ from volid.controllers.heidenhain_assignment import (
     tables_by_cause,
     values_of,
 )
-from volid.controllers.heidenhain_table import FRAME, NcTable, fixed, written
+from volid.controllers.heidenhain_table import FRAME, NcTable, begins, fixed, has_columns_c, written
 from volid.controllers.options import one_of
 from volid.exceptions import InputError
 from volid.model.machine import Axis, Machine
@@ -171,9 +171,8 @@ class HeidenhainCom(Controller):
         return Compensation((), (), (), tuple(found))
 
     def recognises(self, name: str, content: str | bytes) -> bool:
-        """Whether a table .COM or .CMA begins."""
-        head = (content if isinstance(content, str) else content.decode("latin-1"))[:200].upper()
-        return head.startswith("BEGIN ") and (".COM" in head.split("\n")[0] or ".CMA" in head.split("\n")[0])
+        """Whether a table .COM without columns of KinematicsComp begins, or a .CMA."""
+        return begins(content, "COM", "CMA") and not has_columns_c(content)
 
 
 class _Cause:

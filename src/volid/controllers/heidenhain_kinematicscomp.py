@@ -58,7 +58,7 @@ from volid.controllers.heidenhain_functions import (
     own_column,
     positioning,
 )
-from volid.controllers.heidenhain_table import FRAME, parse
+from volid.controllers.heidenhain_table import FRAME, begins, has_columns_c, head_of, parse
 from volid.exceptions import InputError
 from volid.model.iso230 import SPINDLE
 from volid.model.machine import Machine
@@ -183,6 +183,12 @@ class HeidenhainKinematicsComp(Controller):
         found = [t for axis, name, table in coms for t in positioning(axis, name, table, options["axes"])]
         found += [error_of(letter, e, held, machine, sense) for letter, e in acting]
         return Compensation((), tuple(found), ())
+
+    def recognises(self, name: str, content: str | bytes) -> bool:
+        """Whether a table .COM with columns C1 … C6 begins, or a kinematics table with COMPTAB."""
+        return (begins(content, "COM") and has_columns_c(content)) or (
+            begins(content, "TAB") and "COMPTAB" in head_of(content)
+        )
 
 
 def _parted(job: Job) -> tuple[dict[str, list[Constant | Reference]], dict[str, Com]]:

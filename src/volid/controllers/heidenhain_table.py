@@ -68,6 +68,22 @@ class NcTable:
         return 25.4 if self.unit == "INCH" else 1.0
 
 
+def head_of(content: str | bytes) -> str:
+    """The beginning of a file, in capitals: first line and names of columns."""
+    return (content[:2000] if isinstance(content, str) else content[:2000].decode("latin-1")).upper()
+
+
+def begins(content: str | bytes, *endings: str) -> bool:
+    """Whether a table of one of these endings begins."""
+    found = _BEGIN.fullmatch(head_of(content).partition("\n")[0].strip())
+    return found is not None and found[2] in endings
+
+
+def has_columns_c(content: str | bytes) -> bool:
+    """Whether one of the columns C1 … C6 is named."""
+    return re.search(r"\sC[1-6]\s", head_of(content)) is not None
+
+
 def parse(name: str, text: str) -> NcTable:
     """The table of a file. Raises `InputError` that names file and line."""
     lines = text.splitlines()

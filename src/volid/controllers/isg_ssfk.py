@@ -47,6 +47,7 @@ from volid.controllers.kernel_lists import (
     lines,
     needed,
     numbered_axis,
+    one_of,
     refuse_increments,
     unit_of,
 )
@@ -57,13 +58,6 @@ _DOCS = "Beckhoff TF5200 axis compensation (infosys.beckhoff.com, tf5200_axis_co
 _PARAMETERS = "tf5200_axis_compensation_parameters"
 MOST = 1499
 ALL, REVERSAL = "all", "reversal"
-
-
-def _which(text: str) -> str:
-    if text not in (ALL, REVERSAL):
-        raise ValueError(f"expected {ALL} or {REVERSAL}")
-    return text
-
 
 DECLARATION = Declaration(
     name="isg-ssfk",
@@ -93,7 +87,7 @@ DECLARATION = Declaration(
             "all: positioning errors of both directions; reversal: half the reversal alone, beside "
             "isg-volcomp, which corrects the mean",
             ALL,
-            _which,
+            one_of(ALL, REVERSAL),
         ),
     ),
     commissioning=Commissioning(

@@ -39,11 +39,10 @@ from volid.controllers.iso_parameters import (
     blocks_of,
     constant_block,
     lost_reversal,
-    one_of,
     refuse_turns,
 )
 from volid.controllers.iso_texts import begins_as_isg_csv, isg_csv
-from volid.controllers.kernel_lists import axis_numbers, entries
+from volid.controllers.kernel_lists import axis_numbers, entries, one_of
 from volid.controllers.volcomp_files import (
     CSV,
     FORMATS,

@@ -7,7 +7,7 @@ axis's direction, r = (A0, B0, C0); that of a rotary axis is added to the functi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from volid.compensation.tables.error_table import ITSELF, MODEL, ErrorTable
 from volid.controllers.base import Option
 from volid.controllers.iso_convention import AXIS_LINE, RELATIVE, AxisErrors, Convention, refined
 from volid.controllers.iso_texts import Block
+from volid.controllers.kernel_lists import one_of
 from volid.exceptions import InputError
 from volid.model.iso230 import DIRECTIONS, LINEAR_AXES, ROTATIONS
 from volid.model.kinematics import ROWS
@@ -24,18 +25,6 @@ from volid.model.machine import Axis, Machine
 
 SMALLEST = 1e-12  # mm/mm or mm: a constant that is smaller stays in its function
 WITHIN, APART = "functions", "constants"
-
-
-def one_of(*words: str) -> Callable[[str], str]:
-    """Converter of an option that is one of some words."""
-
-    def convert(text: str) -> str:
-        if text not in words:
-            raise ValueError(f"expected {' or '.join(repr(w) for w in words)}")
-        return text
-
-    return convert
-
 
 OPTIONS = (
     Option(

@@ -7,7 +7,7 @@ vendor's pages write the same keys both ways.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from math import isfinite
 
@@ -85,6 +85,17 @@ def lines(pairs: Iterable[tuple[str, object]]) -> str:
 # ------------------------------------------------------------------------------------------------ lists of axes
 
 STEPS = 10000.0  # in one mm or degree: positions and values are counted in 0.1 µm or 0.0001°
+
+
+def one_of(*words: str) -> Callable[[str], str]:
+    """Converter of an option that is one of some words."""
+
+    def convert(text: str) -> str:
+        if text not in words:
+            raise ValueError(f"expected {' or '.join(repr(w) for w in words)}")
+        return text
+
+    return convert
 
 
 def axis_numbers(text: str) -> dict[str, int]:

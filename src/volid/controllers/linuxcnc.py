@@ -109,9 +109,10 @@ DECLARATION = Declaration(
         backup=("Copy the INI file and all files that its COMP_FILE lines name.",),
         load=(
             f"Copy the .comp files beside the INI file of the machine, and add the lines of {INI} to its [JOINT_n] sections.",
-            "Compare the numbers of the joints with coordinates= of the kinematics and with [TRAJ]COORDINATES.",
-            "Leave FERROR and the acceleration of the step generator (STEPGEN_MAXACCEL) above MAX_ACCELERATION: the correction "
-            "adds to the motion, at reversal up to half of MAX_VELOCITY and of MAX_ACCELERATION.",
+            "Compare the numbers of the joints with coordinates= of the kinematics and with [TRAJ]COORDINATES. Without "
+            "coordinates=, trivkins gives every letter of XYZABCUVW a joint, also those that the machine does not have.",
+            "Leave the drives room beyond MAX_VELOCITY and MAX_ACCELERATION, a step generator by STEPGEN_MAXVEL and "
+            "STEPGEN_MAXACCEL: at reversal the correction adds up to half of both to the motion.",
         ),
         activate=("Start LinuxCNC again, home all joints, and move each joint once before measuring.",),
         watch=(
@@ -133,6 +134,11 @@ DECLARATION = Declaration(
             "override 0 stops it; otherwise the correction follows at once",
             RUN,
             f"{_SIMULATOR}: 9.8 µm in 5 ms at 200 mm/s and 2000 mm/s²; feed override: {_CONTROL}",
+        ),
+        Fact(
+            "with trivkins without coordinates=, joint n is the nth letter of XYZABCUVW; with it, the nth letter stated",
+            RUN,
+            _SIMULATOR,
         ),
         Fact("position feedback has the correction removed, so that displays show q", RUN, _SIMULATOR),
         Fact("BACKLASH alone moves the motor to q + BACKLASH/2 in +, q - BACKLASH/2 in -", RUN, _SIMULATOR),

@@ -14,7 +14,6 @@ direction, and the constant of the line stay; the first two belong into COMP_FIL
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -41,29 +40,14 @@ from volid.controllers.base import (
     Written,
     text_of,
 )
-from volid.controllers.joints.comp_file import plain
+from volid.controllers.joints.nine import DIGITS, LETTERS, has_lines, lines_of, matrix_of, nine, parameters_of
 from volid.controllers.straight import left_beside, line_of
 from volid.exceptions import InputError
 from volid.model.machine import Machine
 
-LETTERS = "XYZ"
 HAL, INI = "matrixkins.hal", "matrixkins.ini"
-DIGITS = 12  # decimals: 1e-9 mm over a metre
-SMALL = 0.1  # a machine whose matrix is further from the identity is no machine of this kind
 _SOURCE = "LinuxCNC source, src/hal/components/matrixkins.comp"
 _SIMULATOR = "LinuxCNC 2.9.0~pre1 (Debian 12) in simulation"
-_SETP = re.compile(r"\s*setp\s+matrixkins\.C_([xyz])([xyz])\s*=?\s*(\S+)")
-
-
-def _nine(text: str) -> np.ndarray:
-    """Nine numbers, row after row. Raises `ValueError` for anything else."""
-    values = [plain(v) for v in text.replace(",", " ").split()]
-    if len(values) != 9 or None in values:
-        raise ValueError("expected nine numbers, xx xy xz yx yy yz zx zy zz")
-    found = np.array(values, dtype=float).reshape(3, 3)
-    if np.abs(found - np.eye(3)).max() > SMALL:
-        raise ValueError(f"expected a matrix that differs from the identity by at most {SMALL}")
-    return found
 
 
 DECLARATION = Declaration(
@@ -85,7 +69,7 @@ DECLARATION = Declaration(
             "existing",
             "matrix in use while measuring, nine numbers xx xy xz yx yy yz zx zy zz; the identity by default",
             None,
-            _nine,
+            nine,
         ),
     ),
     commissioning=Commissioning(
@@ -120,6 +104,11 @@ DECLARATION = Declaration(
             DOCUMENTED,
             _SOURCE,
         ),
+        Fact(
+            "the parameters come to be when motmod is loaded; a setp line before that stops the start",
+            RUN,
+            f"{_SIMULATOR}, module built from the public source",
+        ),
         Fact("further joints, from the fourth on, pass through as A, B, C, U, V, W in this order", DOCUMENTED, _SOURCE),
         Fact("power is to be off when the numbers are changed, because the axes jump", DOCUMENTED, _SOURCE),
         Fact(
@@ -149,19 +138,19 @@ class Matrixkins(Controller):
         old = np.eye(3) if job.options["existing"] is None else job.options["existing"]
         matrix = old @ (np.linalg.inv(np.eye(3) + _slopes(tables)) - _slopes(added))
         notes = [note for t in (*tables, *added) for note in _left(t)]
-        hal = ControlFile(HAL, _lines(matrix), "setp lines of the nine numbers")
+        hal = ControlFile(HAL, lines_of(matrix), "setp lines of the nine numbers")
         ini = ControlFile(INI, "[KINS]\nKINEMATICS = matrixkins\n", "line for the INI file")
-        return Written((hal, ini), _parameters(matrix), tuple(notes), 0.5 * 10.0**-DIGITS * _reach(job.machine))
+        return Written((hal, ini), parameters_of(matrix), tuple(notes), 0.5 * 10.0**-DIGITS * _reach(job.machine))
 
     def read(self, files: Mapping[str, str | bytes], machine: Machine, options: Mapping[str, Any]) -> Compensation:
         """What the control does with the numbers, as tables of error values over the travels: (I - C) times the position."""
         _ask_axes(machine)
-        matrix = _matrix({n: text_of(n, c) for n, c in files.items() if not n.lower().endswith(".ini")})
+        matrix = matrix_of({n: text_of(n, c) for n, c in files.items() if not n.lower().endswith(".ini")})
         return Compensation((), (), (), tuple(_tables(np.eye(3) - matrix, machine)))
 
     def recognises(self, name: str, content: str | bytes) -> bool:
         """A line that sets one of the nine numbers."""
-        return any(_SETP.match(line) for line in text_of(name, content).splitlines())
+        return has_lines(text_of(name, content))
 
 
 def _ask_axes(machine: Machine) -> None:
@@ -192,55 +181,12 @@ def _left(table: AxisTable) -> list[str]:
     line = line_of(table)
     words = left_beside(table, line)
     what = f"{table.source or 'the table'}, {table.output} over {table.argument}"
-    return [f"{what}: {1e6 * line.slope:.2f} µm/m goes into the matrix; {words} stays"] if words else []
+    return [f"{what}: {1e6 * line.slope:.2f} µm/m goes into the matrix; what stays: {words}"] if words else []
 
 
 def _reach(machine: Machine) -> float:
     """Sum of the largest positions of the three axes [mm]."""
     return float(sum(max(abs(v) for v in machine.axis(a).travel) for a in LETTERS))
-
-
-def _parameters(matrix: np.ndarray) -> tuple[tuple[str, str, str], ...]:
-    names = [(a, b) for a in LETTERS for b in LETTERS]
-    return tuple(
-        (
-            f"matrixkins.C_{a}{b}".replace(a + b, (a + b).lower()),
-            f"{round(v, DIGITS) + 0.0:.{DIGITS}f}",
-            f"{a} joint over {b} axis",
-        )
-        for (a, b), v in zip(names, matrix.ravel(), strict=True)
-    )
-
-
-def _lines(matrix: np.ndarray) -> str:
-    return "".join(f"setp {name} {value}\n" for name, value, _ in _parameters(matrix))
-
-
-def _matrix(texts: Mapping[str, str]) -> np.ndarray:
-    """The matrix after all setp lines; those that are not set are of the identity. Raises `InputError` where there is none."""
-    found, count = np.eye(3), 0
-    for name, text in texts.items():
-        for number, line in enumerate(text.splitlines(), 1):
-            match = _SETP.match(line)
-            if match:
-                found["xyz".index(match[1]), "xyz".index(match[2])] = _value(f"{name}, line {number}", match[3])
-                count += 1
-    if not count:
-        raise InputError(
-            f"{', '.join(texts) or 'no file'}: no line 'setp matrixkins.C_xx …'; expected the nine numbers"
-        )
-    if np.abs(found - np.eye(3)).max() > SMALL:
-        raise InputError(
-            f"{', '.join(texts)}: the matrix differs from the identity by more than {SMALL}; expected small errors"
-        )
-    return found
-
-
-def _value(where: str, text: str) -> float:
-    value = plain(text)
-    if value is None:
-        raise InputError(f"{where}: '{text}'; expected a number with a decimal point")
-    return value
 
 
 def _tables(errors: np.ndarray, machine: Machine) -> Sequence[AxisTable]:

@@ -2,9 +2,20 @@
 
 from __future__ import annotations
 
-from volid.compensation.types import BY_COMPLETENESS, TYPES
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from volid.compensation.types import GRID, TABLES
 from volid.controllers.base import COLUMNS, COMPENSATION, FREE, HELD, Declaration, Option
-from volid.controllers.own_files import COMMISSIONING, FACTS, OwnFiles
+from volid.controllers.own_files import COMMISSIONING, FACTS, OwnFiles, carried
+from volid.model.machine import Machine
+
+
+def _form(text: str) -> str:
+    if text not in ("tables", "grids"):
+        raise ValueError("expected tables or grids")
+    return text
 
 
 def _switch(text: str) -> bool:
@@ -19,7 +30,7 @@ class NeutralCsv(OwnFiles):
     declaration = Declaration(
         name="csv",
         title="Plain CSV, tables and grids of volid",
-        carries={name: TYPES[name].forms[0] for name in BY_COMPLETENESS},
+        carries=carried(TABLES),
         nearest="it carries every type",
         sign=COMPENSATION,
         units="mm and degrees of position; mm, rad in tables, degrees in grids",
@@ -29,10 +40,17 @@ class NeutralCsv(OwnFiles):
         model=True,
         zero="wherever the datum puts it; each file says where",
         switching="one file per table and grid: leave one out, and it is off",
-        options=(Option("incremental", "1: tables hold increments from row to row", False, _switch),),
+        options=(
+            Option("form", "tables or grids, for types that have both; tables hold both directions", "tables", _form),
+            Option("incremental", "1: tables hold increments from row to row", False, _switch),
+        ),
         commissioning=COMMISSIONING,
         facts=FACTS,
     )
+
+    def declared_for(self, machine: Machine, options: Mapping[str, Any]) -> Declaration:
+        """The declaration with the types in the form that is asked for."""
+        return replace(self.declaration, carries=carried(GRID if options["form"] == "grids" else TABLES))
 
 
 NEUTRAL_CSV = NeutralCsv()

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from volid.compensation.types import BY_COMPLETENESS, GRID, TYPES
+from volid.compensation.types import GRID
 from volid.controllers.base import COMPENSATION, FREE, HELD, NO_REVERSAL, Declaration
-from volid.controllers.own_files import COMMISSIONING, FACTS, OwnFiles
+from volid.controllers.own_files import COMMISSIONING, FACTS, OwnFiles, carried
 
 
 class NeutralHdf5(OwnFiles):
@@ -14,7 +14,7 @@ class NeutralHdf5(OwnFiles):
     declaration = Declaration(
         name="hdf5",
         title="HDF5, grids of volid",
-        carries={name: GRID for name in BY_COMPLETENESS if GRID in TYPES[name].forms},
+        carries={name: form for name, form in carried(GRID).items() if form == GRID},
         nearest="a type that is a table of an axis alone has no grid; csv carries it",
         sign=COMPENSATION,
         units="mm and degrees of position; mm and degrees",

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from volid.compensation.package import Compensation
+from volid.compensation.types import BY_COMPLETENESS, TYPES
 from volid.controllers.base import DOCUMENTED, Commissioning, ControlFile, Controller, Fact, Job, Written
 from volid.exceptions import InputError
 from volid.model.machine import Machine
@@ -26,6 +27,11 @@ FACTS = (
     Fact("linear between positions, end values held outside", DOCUMENTED, SOURCE),
     Fact("rotations act through the lever arm of the current tool", DOCUMENTED, SOURCE),
 )
+
+
+def carried(form: str) -> dict[str, str]:
+    """All types, the most complete first, each in the form asked for where it has that, else in its own."""
+    return {n: form if form in TYPES[n].forms else TYPES[n].forms[0] for n in BY_COMPLETENESS}
 
 
 class OwnFiles(Controller):

@@ -33,9 +33,10 @@ from volid.controllers.base import (
     text_of,
 )
 from volid.controllers.lists import the_list
-from volid.controllers.motor_script import read_script, script_text
-from volid.controllers.motor_tables import motors_of
-from volid.controllers.motor_values import compensation_of, tables_of
+from volid.controllers.motors.held import compensation_of
+from volid.controllers.motors.making import tables_of
+from volid.controllers.motors.script import read_script, script_text
+from volid.controllers.motors.spans import motors_of
 from volid.model.machine import Machine
 
 _TURBO = "Turbo PMAC software reference, pp. 302-305"
@@ -59,9 +60,7 @@ DECLARATION = Declaration(
     switching="all tables together by I51; a single table by deleting it at the motor that it belongs to",
     options=(
         axis_option("counts", "counts of the motor of an axis per mm or °", positive),
-        axis_option(
-            "motors", "number of the motor of an axis; 1, 2, 3 … in the order X, Y, Z, A, B, C by default", whole
-        ),
+        axis_option("motors", "number of the motor of an axis; X=1,Y=2,Z=3,A=4,B=5,C=6 by default", whole),
         axis_option("home", "position of an axis at motor zero, mm or °", number, 0.0),
         Option("owners", "motors to which tables may belong: 32 of Turbo PMAC, 8 of PMAC", 32, whole),
     ),

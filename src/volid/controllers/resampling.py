@@ -6,7 +6,6 @@ the last two positions of the table is continued, so that the value at the end i
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from math import gcd
 from typing import TYPE_CHECKING
 
@@ -46,20 +45,6 @@ def extended(
             slope = (values[j] - values[i]) / (positions[j] - positions[i])
             found = np.where(beyond, values[i] + slope * (x - positions[i]), found)
     return np.asarray(found)
-
-
-def summed(tables: Sequence[AxisTable]) -> AxisTable:
-    """One table that does what several of the same axes do together."""
-    first, nodes = tables[0], tables[0].positions
-    if len(tables) == 1:
-        return first
-    for table in tables[1:]:
-        nodes = np.union1d(nodes, table.positions)
-    ways = np.ones(len(nodes))
-    up, down = (np.sum([t.of_argument(nodes, w) for t in tables], axis=0) for w in (ways, -ways))
-    source = " + ".join(dict.fromkeys(t.source for t in tables if t.source))
-    notes = tuple(n for t in tables for n in t.notes)
-    return AxisTable(first.output, first.argument, nodes, up, down, None, source, first.period, notes)
 
 
 def spacing_of(positions: Float[np.ndarray, " n"], zero: float | None = None, most: int = 2000) -> float:

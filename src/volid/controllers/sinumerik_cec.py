@@ -101,18 +101,21 @@ DECLARATION = Declaration(
         ),
         activate=(
             "Set MD32710 of the output axes to 1, and reference the axes.",
-            "Read the sum of sag and temperature compensation in the service display of each output axis; at the position of a "
-            "point of a table it must be the value of the file.",
             "Where tables are multiplied, load them alone, with the plain table of the same axes, and move the axis of the lever "
             "arm: the display must stay at the plain error. Where it does not, the tables of a product do not act by themselves "
             "at this control: write the files again with the option multiplied=not.",
         ),
         remove=("Set MD32710 of the output axes to 0.",),
+        watch=(
+            "The service display of the output axis shows the sum of sag and temperature compensation, as in the file.",
+        ),
     ),
     facts=(
         Fact(
-            "whether a positive value moves the output axis in + or in -: not stated by public sources, two contradict",
+            "whether a positive value moves the output axis in + or in -: not stated by the vendor; one article has the value "
+            "added to the setpoint, one generator of files writes measured - nominal",
             OPEN,
+            "industrialmonitordirect.com, configuring CEC; a public file generator for 840D sl",
         ),
         Fact("a table acts over the position setpoint of its input axis; ends held", DOCUMENTED, f"{MANUAL} p. 248"),
         Fact("all tables of an output axis are added", DOCUMENTED, f"{MANUAL} p. 245; {_802D} p. 215"),
@@ -159,12 +162,12 @@ class SinumerikCec(Controller):
         content = "\n".join(["%_N_NC_CEC_INI", "CHANDATA(1)", *texts, "M17", ""])
         parameters = []
         for e in entries:
-            parameters.append(
-                (f"MD18342 $MN_MM_CEC_MAX_POINTS[{e.index}]", f">= {e.lattice.count}", f"points, {e.source}")
-            )
-            parameters.append(
-                (f"SD41300 $SN_CEC_TABLE_ENABLE[{e.index}]", "1", f"{e.output} over {e.argument}: {e.source}")
-            )
+            t, words = e.index, f"{e.output} over {e.argument}: {e.source}"
+            if meaning.most is None:
+                parameters.append(
+                    (f"MD18342 $MN_MM_CEC_MAX_POINTS[{t}]", f">= {e.lattice.count}", "points of the table")
+                )
+            parameters.append((f"SD41300 $SN_CEC_TABLE_ENABLE[{t}]", "1", words))
         for letter in dict.fromkeys(e.output for e in entries):
             name = name_of(letter, o["axes"])
             parameters.append(
@@ -225,9 +228,9 @@ def _ask_room(entries: list[Entry], job: Job, meaning: Meaning) -> None:
         kept: len(entries_of(job.axis_tables(products=True), job.machine, single)),
         "without lever arms (types L-POS, L-STR and L-SQU)": len(entries_of(plain, job.machine, meaning)),
         f"without lever arms, {kept}": len(entries_of(plain, job.machine, single)),
-        "for L-POS alone, with that mean": len(entries_of([t for t in plain if t.is_pitch], job.machine, single)),
+        f"L-POS alone, {kept}": len(entries_of([t for t in plain if t.is_pitch], job.machine, single)),
     }
-    fits = [f"{words}: {count}" for words, count in others.items() if count <= room] or [
+    fits = [f"{words}: {count}" for words, count in others.items() if 0 < count <= room] or [
         "single tables of single types"
     ]
     raise InputError(
@@ -251,7 +254,8 @@ def _notes(entries: list[Entry], job: Job) -> list[str]:
         tool = ", ".join(f"{v:g}" for v in job.tool)
         found.append(
             f"{len(products)} tables are multiplied by ramps of lever arms; all hold for the tool vector ({tool}) mm. The plain "
-            "tables contain what takes the single values of both out, so all tables of an output axis are switched together"
+            "tables contain what takes the single values of both out, so all tables of an output axis are switched together; a "
+            "table times a lever arm is proved with all of them loaded, never alone"
         )
     return list(dict.fromkeys(sentence for sentence in found if sentence))
 

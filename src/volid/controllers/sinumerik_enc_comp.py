@@ -101,11 +101,9 @@ DECLARATION = Declaration(
             "Read the file in while the control works in millimetres (MD10240).",
             "Set MD32450 $MA_BACKLASH as the file states it, instead of what it was when the machine was measured.",
         ),
-        activate=(
-            "Set MD32700 to 1, and reference the axis: backlash and table act from then on.",
-            "Read the sum of leadscrew error and backlash compensation in the service display of the axis.",
-        ),
+        activate=("Set MD32700 to 1, and reference the axis: backlash and table act from then on.",),
         remove=("Set MD32700 to 0, and MD32450 to its former value.",),
+        watch=("The service display of the axis shows the sum of leadscrew error and backlash compensation.",),
     ),
     facts=(
         Fact(

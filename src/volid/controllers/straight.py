@@ -41,8 +41,8 @@ def left_beside(table: AxisTable, line: Line) -> str:
     bent = float(np.abs(table.mean - line.constant - line.slope * table.positions).max())
     turned = 0.5 * float(np.abs(table.forward - table.reverse).max())
     parts = [
-        (bent, "that is not straight"),
-        (turned, "of the reversal in each direction"),
-        (abs(line.constant), "of its constant"),
+        (bent, "up to {:.2f} µm that is not straight"),
+        (turned, "up to {:.2f} µm of the reversal in each direction"),
+        (abs(line.constant), "a constant of {:.2f} µm, which shifts the origin alone"),
     ]
-    return ", ".join(f"up to {1e3 * v:.2f} µm {what}" for v, what in parts if v > WORTH)
+    return "; ".join(words.format(1e3 * v) for v, words in parts if v > WORTH)

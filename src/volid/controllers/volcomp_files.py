@@ -74,14 +74,12 @@ def tool_notes(tables: Sequence[ErrorTable], tool: np.ndarray) -> tuple[str, ...
     """How the tool stands in the file, where rotations act through it."""
     if not any(parse(t.function).is_rotation for t in tables):
         return ()
-    where = (
-        "is 0, so that the control must add its active tool"
-        if not tool.any()
-        else f"is the tool ({', '.join(f'{v:g}' for v in tool)}) mm"
-    )
+    vector = ", ".join(f"{v:g}" for v in tool)
+    where = f"is the tool ({vector}) mm" if tool.any() else "is 0, so that the control must add its active tool"
     return (
-        f"P0X, P0Y, P0Z {where}. Public sources do not say whether the control adds its active tool: make the one-point check of a rotation "
-        "with two tools of different length, and take the other value of option tool where the longer one is wrong.",
+        f"P0X, P0Y, P0Z {where}. Public sources do not say whether the control adds its active tool: make the one-point "
+        "check of a rotation with two tools of different length, and take the other value of option tool where the longer "
+        "one is wrong.",
     )
 
 

@@ -62,6 +62,8 @@ REFUSED = {
 
 ENDS = (0.0, 1.0, 2.0, 30.0, 60.0)
 """M codes that act after the motion of their block."""
+PAUSES = frozenset({0.0, 1.0, 60.0})
+"""M codes after which a person may have moved the axes."""
 BEFORE = (3.0, 4.0, 7.0, 8.0)
 """M codes that act before the motion of their block, on every control."""
 PASSING = frozenset({*ENDS, *BEFORE, 5.0, 6.0, 9.0, 19.0, 48.0, 49.0, 50.0, 51.0, 52.0, 53.0, 61.0})

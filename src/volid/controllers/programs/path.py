@@ -74,7 +74,10 @@ class Reader:
         check_words(block, found, where, self.setting.passing)
         self.state.take(block, found, where)
         motion = self._motion(block, found.get(codes.ALONE), where)
-        self.ended = any(w.letter == "M" and w.value in (2.0, 30.0) for w in block.words)
+        stops = {w.value for w in block.words if w.letter == "M"}
+        self.ended = bool(stops & {2.0, 30.0})
+        if stops & codes.PAUSES:
+            self.state.parked = {0, 1, 2}  # a person may have moved them since
         return motion
 
     def is_skipped(self, block: Block) -> bool:

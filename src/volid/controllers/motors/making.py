@@ -7,20 +7,16 @@ its backlash: the table over two axes has no direction, so that the mean of both
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from volid.compensation.grids.grid import AnyGrid, Grid
-from volid.compensation.grids.interpolation import grid_positions
-from volid.compensation.package import Compensation
 from volid.compensation.tables.axis_table import AxisTable
 from volid.controllers.base import Job
-from volid.controllers.motor_script import BLCOMP, COMP, MotorTable, Script
-from volid.controllers.motor_tables import Motor, Span, rolled, span_of, span_over
-from volid.controllers.resampling import at_nodes, extended, spacing_of, summed
+from volid.controllers.motors.script import BLCOMP, COMP, MotorTable, Script
+from volid.controllers.motors.spans import Motor, Span, span_over
+from volid.controllers.resampling import at_nodes, extended, spacing_of
 from volid.exceptions import InputError
-from volid.model.iso230 import LINEAR_AXES
 from volid.model.jacobian import axis_directions
 from volid.model.machine import Machine
 
@@ -31,14 +27,11 @@ _MOST_BACKLASH = 8_388_607
 def tables_of(job: Job, motors: Mapping[str, Motor]) -> Script:
     """Tables of motors for a job. Raises `InputError` for more tables than there are motors to own them."""
     made = _Maker(motors, job.options["owners"])
-    groups: dict[tuple[str, str], list[AxisTable]] = {}
     for table in job.axis_tables(products=True):
         if table.factor is None:
-            groups.setdefault((table.output, table.argument), []).append(table)
+            made.over_one(table)
         else:
             made.over_two(table.output, *_of_product(table), table.source)
-    for table in map(summed, groups.values()):
-        made.over_one(table)
     for grid in job.compensation.grids:
         for letter, values in _by_axis(job.machine, grid).items():
             made.over_two(letter, grid.axes, grid.nodes, values, f"grid of {grid.type}")
@@ -77,11 +70,13 @@ class _Maker:
         self.tables: list[MotorTable] = []
         self.backlash: dict[int, int] = {}
         self.notes: list[str] = []
+        self.shifts: dict[str, float] = {}  # by axis [mm or rad]
         self.rounding = 0.0
 
     def script(self) -> Script:
         """All tables."""
-        return Script(tuple(self.tables), self.backlash, tuple(self.notes), self.rounding)
+        shifted = [_shift_words(self.motors[a], off) for a, off in self.shifts.items() if abs(off) > _NOTHING]
+        return Script(tuple(self.tables), self.backlash, (*shifted, *self.notes), self.rounding)
 
     def over_one(self, table: AxisTable) -> None:
         """A table over one axis; of an axis over itself with its backlash."""
@@ -96,7 +91,7 @@ class _Maker:
                 f"pmac: table of {table.source} differs by {entries[-1]} entries over a turn; expected that it closes"
             )
         self._own(table.source, target, (source,), (span,), entries)
-        self._shifted(target, f"{table.output} over {table.argument}", float(error[span.zero]))
+        self._shift(target, float(error[span.zero]))
         if table.period == 0.0:
             held = extended(table.positions, table.of_argument(q, np.full(len(q), way)), span.positions)
             missed = np.abs(np.interp(q, span.positions, held) - table.of_argument(q, np.full(len(q), way))).max()
@@ -122,7 +117,7 @@ class _Maker:
         zero = float(error[spans[0].zero, spans[1].zero])
         entries = self._entries(error, zero, target)
         self._own(words, target, sources, spans, entries[np.ix_(spans[0].order, spans[1].order)].T)
-        self._shifted(target, f"{output} over {axes[0]} and {axes[1]}", zero)
+        self._shift(target, zero)
 
     def _entries(self, error: np.ndarray, zero: float, target: Motor) -> np.ndarray:
         """What is added to the target [1/16 count]: minus the error, 0 at motor zero."""
@@ -167,12 +162,8 @@ class _Maker:
                 MotorTable(BLCOMP, motor.number, (motor.number,), motor.number, (span.length,), entries, words)
             )
 
-    def _shifted(self, target: Motor, what: str, zero: float) -> None:
-        off, unit = (zero, "mm") if target.linear else (np.rad2deg(zero), "°")
-        if abs(off) > _NOTHING:
-            self.notes.append(
-                f"{what}: error values are {off:.6g} {unit} less than in the table everywhere, so that motor zero is 0"
-            )
+    def _shift(self, target: Motor, zero: float) -> None:
+        self.shifts[target.axis] = self.shifts.get(target.axis, 0.0) + zero
 
     def _missed(self, what: str, missed: float, target: Motor) -> None:
         if missed > _NOTHING:
@@ -180,98 +171,10 @@ class _Maker:
             self.notes.append(f"{what}: other positions than those of the table: up to {size} off at these")
 
 
+def _shift_words(motor: Motor, zero: float) -> str:
+    off, unit = (zero, "mm") if motor.linear else (float(np.rad2deg(zero)), "°")
+    return f"{motor.axis}: error values of all its tables together are {off:.6g} {unit} less everywhere, so that motor zero is 0"
+
+
 def _largest(table: AxisTable) -> float:
     return float(np.abs(table.forward - table.reverse).max() / 2.0)
-
-
-def compensation_of(script: Script, name: str, machine: Machine, motors: Mapping[str, Motor]) -> Compensation:
-    """Tables of axes and grids over two axes that the control applies. Raises `InputError` for motors that drive no axis."""
-    by_number = {m.number: m for m in motors.values()}
-    used = {n for t in script.tables for n in (*t.sources, t.target)} | set(script.backlash)
-    unknown = sorted(used - set(by_number))
-    if unknown:
-        raise InputError(
-            f"{name}: motor {unknown[0]} drives no axis of the machine; state motors=X:1,Y:2,… as they are"
-        )
-    found: dict[tuple[str, str], list[AxisTable]] = {}
-    for table in [t for t in script.tables if len(t.sources) == 1 and t.command == COMP]:
-        made = _axis_table(table, machine, by_number)
-        found.setdefault((made.output, made.argument), []).append(made)
-    for number in sorted(used):
-        found.setdefault((by_number[number].axis,) * 2, []).extend(_backlash(number, script, machine, by_number))
-    grids = [_grid(t, name, machine, by_number) for t in script.tables if len(t.sources) == 2]
-    return Compensation((), (), _together(grids), tuple(summed(t) for t in found.values() if t))
-
-
-def _axis_table(table: MotorTable, machine: Machine, motors: Mapping[int, Motor]) -> AxisTable:
-    source, target = motors[table.sources[0]], motors[table.target]
-    span = span_of(source, len(table.entries) - 1, table.spans[0], *machine.axis(source.axis).travel)
-    error = -rolled(table.entries, span) / target.parts
-    return AxisTable(target.axis, source.axis, span.positions, error, error, period=_period(span, machine))
-
-
-def _period(span: Span, machine: Machine) -> float:
-    """360 where the table closes a full turn of an axis that turns fully, else 0 [°]."""
-    axis = machine.axis(span.motor.axis)
-    turn = not axis.is_linear and axis.is_full_turn and abs(span.length - 360.0 * span.motor.counts) <= 1.0
-    return 360.0 if turn else 0.0
-
-
-def _backlash(number: int, script: Script, machine: Machine, motors: Mapping[int, Motor]) -> list[AxisTable]:
-    """What a motor moves further in -, as the error value of that direction; nothing for a motor without backlash."""
-    motor, held = motors[number], script.backlash.get(number, 0)
-    own = [t for t in script.tables if t.command == BLCOMP and t.owner == number]
-    low, high = machine.axis(motor.axis).travel
-    if own:
-        span = span_of(motor, len(own[-1].entries) - 1, own[-1].spans[0], low, high)
-        q, further = span.positions, held + rolled(own[-1].entries, span)
-    elif held:
-        q, further = np.array([low, high]), np.full(2, held)
-    else:
-        return []
-    return [AxisTable(motor.axis, motor.axis, q, np.zeros(len(q)), further / motor.parts)]
-
-
-def _grid(table: MotorTable, name: str, machine: Machine, motors: Mapping[int, Motor]) -> Grid:
-    """A table over two motors as a grid; the control knows no lever arm, so that rotations are 0."""
-    sources, target = [motors[n] for n in table.sources], motors[table.target]
-    if not all(m.linear for m in (*sources, target)) or sources[0].axis == sources[1].axis:
-        raise InputError(
-            f"{name}: a table moves {target.axis} over {sources[0].axis} and {sources[1].axis}; expected two different linear "
-            "axes that move a linear one"
-        )
-    rows, columns = (n - 1 for n in table.entries.shape)
-    first, second = (
-        span_of(m, n, length, *machine.axis(m.axis).travel)
-        for m, n, length in zip(sources, (columns, rows), table.spans, strict=True)
-    )
-    error = -rolled(rolled(table.entries, first).T, second) / target.parts  # (first, second)
-    nodes = {m.axis: s.positions for m, s in zip(sources, (first, second), strict=True)}
-    axes = tuple(a for a in LINEAR_AXES if a in nodes)
-    if axes[0] != sources[0].axis:
-        error = error.T
-    lines = tuple(nodes[a] for a in axes)
-    direction = axis_directions(machine, np.zeros((1, len(machine.axes))))[0][:, machine.index(target.axis)]
-    values = np.zeros((error.size, 6))
-    values[:, :3] = error.ravel(order="F")[:, None] * direction
-    at = grid_positions(lines)
-    unknown, inside = np.full_like(values, np.nan), np.zeros(len(at), dtype=bool)
-    note = "the control holds translations over two axes and adds no lever arm"
-    return Grid("L-VOL", axes, lines, at, values, unknown, inside, (0.0, 0.0, 0.0), "machine", "", (note,))
-
-
-def _together(grids: Sequence[Grid]) -> tuple[Grid, ...]:
-    """Grids of the same nodes added up."""
-    found: list[Grid] = []
-    for grid in grids:
-        for i, other in enumerate(found):
-            if (
-                grid.axes == other.axes
-                and grid.positions.shape == other.positions.shape
-                and np.allclose(grid.positions, other.positions)
-            ):
-                found[i] = replace(other, values=other.values + grid.values)
-                break
-        else:
-            found.append(grid)
-    return tuple(found)

@@ -18,20 +18,17 @@ import numpy as np
 
 from volid.compensation.tables.axis_table import AxisTable
 from volid.controllers.axis_values import of_axis, or_none
-from volid.controllers.base import COMPENSATION, Job
+from volid.controllers.base import Job
 from volid.controllers.increments import Increments, increments
-from volid.controllers.numbered_sections import (
+from volid.controllers.pitch.sections import (
     Numbering,
     Sections,
-    amounts,
     numbered,
-    sections_between,
     sections_of,
     values_of,
 )
 from volid.controllers.resampling import at_nodes
 from volid.exceptions import InputError
-from volid.model.machine import Axis
 
 NAME = "fanuc-pitch"
 MOST_LOST = 9999  # detection units, parameter 1851
@@ -115,18 +112,22 @@ class AxisMemory:
     """The values and parameters of one axis.
 
     Args:
+        axis: Letter of the axis.
         table: Rows number, axis, direction, from, to, value, amount.
         rows: Parameters: name, axis, value.
         last: Highest number that it takes.
         loss: Largest change of a value by rounding and by a limit [mm or rad].
         notes: What a user should know of them.
+        largest: Largest value of one section [mm or °].
     """
 
+    axis: str
     table: tuple[tuple[Any, ...], ...]
     rows: tuple[tuple[str, str, float], ...]
     last: int
     loss: float
     notes: tuple[str, ...]
+    largest: float
 
 
 def memory_of(table: AxisTable, form: Form, first: int) -> AxisMemory:
@@ -156,7 +157,9 @@ def memory_of(table: AxisTable, form: Form, first: int) -> AxisMemory:
     lost = 0 if form.both else _lost(table, form)
     loss = max(h.loss for h in held) / abs(form.scale)
     settings = _settings(form, sections, numbers, held, lost)
-    return AxisMemory(rows, settings, numbers[-1].highest, loss, _notes(table, form, sections, held, shift))
+    largest = max(int(np.abs(h.steps).max(initial=0)) for h in held) * form.quantum
+    notes = _notes(table, form, sections, held, shift)
+    return AxisMemory(form.axis, rows, settings, numbers[-1].highest, loss, notes, largest)
 
 
 def _what(form: Form) -> str:
@@ -226,10 +229,6 @@ def _notes(table: AxisTable, form: Form, sections: Sections, held: list[Incremen
         found.append(
             f"{form.axis}: error values are {off:.6g} {unit} less than in the table everywhere, so that the reference is 0"
         )
-    largest = max(int(np.abs(h.steps).max(initial=0)) for h in held) * form.quantum
-    found.append(
-        f"{form.axis}: the largest value of one section is {largest:.6g} {unit}; it is put out at one place of the section"
-    )
     between = _resampled(table, form, sections)
     if between > 1e-9:
         found.append(f"{form.axis}: other positions than those of the table: up to {between:.3g} {unit} off at these")
@@ -248,46 +247,3 @@ def _resampled(table: AxisTable, form: Form, sections: Sections) -> float:
     lines = AxisTable(table.output, table.argument, q, mean, mean, period=table.period)
     found = lines.of_argument(table.positions, np.zeros(len(table.positions)))
     return float(abs(form.scale) * np.abs(found - table.mean).max())
-
-
-def table_of(
-    axis: Axis, settings: Mapping[str, float], values: Mapping[int, int], options: Mapping[str, Any]
-) -> AxisTable:
-    """The table of error values that the control applies. Raises `InputError` for parameters that describe none."""
-    given = {
-        "3605#0": 0.0,
-        "3623": 1.0,
-        "3625": 0.0,
-        "3627": 0.0,
-        "1851": 0.0,
-        "detection unit": of_axis(options["detection_unit"], axis.letter, NAME, "detection_unit"),
-        "reference position": of_axis(options["reference_position"], axis.letter, NAME, "reference_position"),
-        "reference return": 1.0 if of_axis(options["reference_return"], axis.letter, NAME, "") == "+" else -1.0,
-        **settings,
-    }
-    both = bool(given["3605#0"])
-    needed = ("3620", "3621", "3622", "3624", *(("3626",) if both else ()))
-    for name in needed:
-        if name not in given:
-            raise InputError(f"parameters of {axis.letter}: {name} is missing, {MEANING[name]}")
-    numbers = Numbering(*(round(given[n]) for n in ("3620", "3621", "3622")))
-    turn = 0.0 if axis.is_linear else given["3625"]
-    sections = sections_between(axis.letter, numbers, given["reference position"], given["3624"], turn)
-    one = amounts(dict(values), numbers, sections, "the list of values")
-    step = (-1.0 if options["sign"] == COMPENSATION else 1.0) / (1.0 if axis.is_linear else 180.0 / np.pi)
-    up = down = step * given["detection unit"] * given["3623"] * one.held
-    ahead = given["reference return"] > 0
-    if both:
-        there = round(given["3626"]) - numbers.lowest
-        other = amounts(dict(values), Numbering(*(n + there for n in _tuple(numbers))), sections, "the list of values")
-        down = step * given["detection unit"] * given["3623"] * other.held
-        offset = step * given["detection unit"] * given["3627"]
-        up, down = (up, down + offset) if ahead else (up + offset, down)
-    else:
-        lost = abs(step) * given["detection unit"] * given["1851"]
-        up, down = (up, down + lost) if ahead else (up - lost, down)
-    return AxisTable(axis.letter, axis.letter, sections.positions, up, down, period=turn)
-
-
-def _tuple(numbers: Numbering) -> tuple[int, int, int]:
-    return numbers.reference, numbers.lowest, numbers.highest

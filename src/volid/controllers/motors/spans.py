@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 _ON_NODE = 1e-6  # spacings
 _MOST = 20_000  # positions over a travel: more are a mistake in a file
+_NO_TRAVEL = 100_000.0  # mm or °
 PARTS = 16  # of a count, the unit of the entries
 
 
@@ -89,14 +90,14 @@ class Span:
 def motors_of(machine: Machine, options: Mapping[str, Any], control: str) -> dict[str, Motor]:
     """The motor of each axis, by its letter. Raises `InputError` where counts are missing, or two axes have one motor."""
     found: dict[str, Motor] = {}
-    letters = [a for a in (*LINEAR_AXES, *ROTARY_AXES) if a in machine.letters]
-    for i, letter in enumerate(letters, 1):
+    numbered = enumerate((*LINEAR_AXES, *ROTARY_AXES), 1)
+    for i, letter in ((i, a) for i, a in numbered if a in machine.letters):
         number = or_none(options["motors"], letter) or i
         counts, home = (of_axis(options[name], letter, control, name) for name in ("counts", "home"))
         twice = next((m.axis for m in found.values() if m.number == number), None)
         if twice is not None:
             raise InputError(
-                f"{control}: motor {number} drives {twice} and {letter}; state motors=X:1,Y:2,… with one for each"
+                f"{control}: motor {number} drives {twice} and {letter}; state motors=X=1,Y=2,… with one for each"
             )
         found[letter] = Motor(letter, number, counts, home, machine.axis(letter).is_linear)
     return found
@@ -114,8 +115,12 @@ def span_over(motor: Motor, low: float, high: float, spacing: float, period: flo
 
 
 def span_of(motor: Motor, entries: int, length: int, low: float, high: float) -> Span:
-    """Positions of a table that was read, over the travel low … high [mm or °], rolled over as often as it takes."""
+    """Positions of a table that was read, over the travel low … high [mm or °], rolled over as often as it takes.
+
+    Raises `InputError` for too many.
+    """
     spacing = length / (entries * motor.counts)
+    low, high = reach(motor, low, high, length)
     below = -floor((low - motor.home) / spacing + _ON_NODE)
     above = ceil((high - motor.home) / spacing - _ON_NODE)
     if not 0 < below + above + 1 <= _MOST:
@@ -124,6 +129,11 @@ def span_of(motor: Motor, entries: int, length: int, low: float, high: float) ->
             f"expected at most {_MOST} over its travel"
         )
     return Span(motor, entries, length, below, above)
+
+
+def reach(motor: Motor, low: float, high: float, length: float) -> tuple[float, float]:
+    """The travel low … high; where it is none that a machine has, because none is known, `length` counts from motor zero on."""
+    return (low, high) if high - low <= _NO_TRAVEL else (motor.home, motor.home + length / motor.counts)
 
 
 def rolled(entries: Int[np.ndarray, " N+1"], span: Span) -> Int[np.ndarray, " n"]:
