@@ -22,7 +22,7 @@ from volid.controllers import Controller
 from volid.controllers.base import Declaration, Job, options_of, sign_of
 from volid.controllers.contents import types_of
 from volid.controllers.exported import Export, write
-from volid.controllers.forms import in_form, no_sum, one_direction
+from volid.controllers.forms import BY_DIRECTION, in_form, no_sum, one_direction
 from volid.controllers.reading import ExistingCompensation, control_called
 from volid.controllers.sameness import EXACT, largest_change, refuse_change, shift_notes
 from volid.exceptions import InputError
@@ -85,7 +85,12 @@ def convert(made: Compensation, machine: Machine, target: Target) -> Export:
     at = machine.order(**{**{a.letter: a.reference for a in machine.axes}, **(target.at or {})})
     tool = np.asarray(_tool_of(made) if target.tool is None else target.tool, dtype=float)
     options, sign = options_of(chosen.declaration, target.options or {}), sign_of(chosen.declaration, target.sign)
-    found = fitted(chosen, Job(machine, given, at, tool, sign, options))
+    try:
+        found = fitted(chosen, Job(machine, given, at, tool, sign, options))
+    except InputError as error:
+        if BY_DIRECTION in str(error):
+            raise InputError(f"{error}. `mean=True` takes the mean of both directions") from None
+        raise
     return replace(found, notes=(*found.notes, *_for_one_tool(given, found, tool)))
 
 

@@ -26,6 +26,7 @@ from volid.model.jacobian import axis_directions
 from volid.model.machine import Machine
 
 EXACT = 1e-6  # mm: a grid may differ so much from a sum of functions of single axes
+BY_DIRECTION = "differ by direction"  # in messages that a mean of both would answer
 MOST_NODES = 1_000_000  # of a grid that tables become
 
 
@@ -100,8 +101,8 @@ def _refuse_directions(made: Compensation, declared: Declaration) -> None:
     bent += [f"{t.output} over {t.argument}" for t in made.axis_tables if t.has_reversal]
     if bent:
         raise InputError(
-            f"{declared.name} holds one value for both directions, and these tables have two: {', '.join(bent)}. Take the mean "
-            "with `mean=True`, and hold the reversal in tables that the control has for it"
+            f"{declared.name} holds one value for both directions, and these tables {BY_DIRECTION}: {', '.join(bent)}; hold the "
+            "reversal in tables that the control has for it"
         )
 
 

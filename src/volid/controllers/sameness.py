@@ -9,6 +9,7 @@ from volid.compensation.package import Compensation
 from volid.controllers.base import COLUMNS, Declaration
 from volid.controllers.contents import nodes_by_axis
 from volid.controllers.exported import Export
+from volid.controllers.forms import BY_DIRECTION
 from volid.exceptions import InputError
 from volid.model.machine import Machine
 
@@ -23,7 +24,7 @@ def refuse_change(before: Compensation, found: Export, declared: Declaration, to
     if not apart <= EXACT + max(count, 1) * found.written.rounding:
         bent = any(t.has_reversal for t in before.tables) or any(t.has_reversal for t in before.axis_tables)
         why = (
-            "Tables of these files differ by direction, which it does not hold as they do; `mean=True` takes the mean"
+            f"Tables of these files {BY_DIRECTION}, which it does not hold as they do"
             if bent and declared.reversal != COLUMNS
             else declared.nearest
         )
