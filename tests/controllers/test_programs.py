@@ -9,7 +9,8 @@ from support.gcode import lines_of
 
 import volid
 from volid.compensation.tables.error_table import ErrorTable
-from volid.controllers.programs.correction import Corrector, Lines
+from volid.controllers.programs.correction import Corrector
+from volid.controllers.programs.lines import Lines
 from volid.controllers.programs.program import plain_machine
 from volid.controllers.programs.words import blocks
 

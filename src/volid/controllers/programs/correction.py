@@ -20,31 +20,13 @@ import numpy as np
 
 from volid.backend.steps import Step
 from volid.compensation.control import TURNING, Control
+from volid.controllers.programs.lines import LETTERS, Lines, Places, crossings, divided
 from volid.exceptions import InputError
 
-LETTERS = "XYZ"
 _MOST = 64  # parts into which a line is cut at once
 _ROUNDS = 40
 _NEGLIGIBLE = 1e-12  # of a line: pieces below are rounding
 CHUNK = 50_000  # lines at once
-
-
-class Lines(NamedTuple):
-    """Lines of a polyline. `owner`: index of its motion, (m,). `start`, `end`: (m, 3) [mm]. `tool`: (m, 3) [mm]. `way`:
-    directions of X, Y, Z, +1, -1 or 0, (m, 3). `tolerance`: of the correction along it, inf for none (m,) [mm]. `origin`: where
-    the correction counts as 0, NaN for nowhere, (m, 3) [mm]."""
-
-    owner: np.ndarray
-    start: np.ndarray
-    end: np.ndarray
-    tool: np.ndarray
-    way: np.ndarray
-    tolerance: np.ndarray
-    origin: np.ndarray
-
-    def rows(self, which: np.ndarray | slice) -> Lines:
-        """Some of them."""
-        return Lines(*(a[which] for a in self))
 
 
 class Corrected(NamedTuple):
@@ -144,7 +126,7 @@ class Corrector:
         m = np.arange(len(lines.start))
         owner, share = [m, m], [np.zeros(len(m)), np.ones(len(m))]
         for k, letter in enumerate(LETTERS):
-            which, t = _crossings(lines.start[:, k], lines.end[:, k], self.nodes[letter])
+            which, t = crossings(lines.start[:, k], lines.end[:, k], self.nodes[letter])
             owner.append(which)
             share.append(t)
         line, t = np.concatenate(owner), np.concatenate(share)
@@ -220,8 +202,8 @@ class Corrector:
             bad = ~good
             parts = np.clip(np.ceil(np.sqrt(bound[bad] / lines.tolerance[bad])), 2, _MOST).astype(int)
             parts = np.where(np.isnan(node[bad]), parts, 2)
-            places = _Places(index[bad], at[bad], length[bad])
-            lines, (index, at, length) = _divided(lines.rows(bad), places, parts, node[bad])
+            places = Places(index[bad], at[bad], length[bad])
+            lines, (index, at, length) = divided(lines.rows(bad), places, parts, node[bad])
         else:
             raise InputError(
                 "the correction jumps between two places of a line; look at the nodes of its tables and grids"
@@ -236,35 +218,3 @@ def _kept(
     lines: Lines, bound: np.ndarray, index: np.ndarray, at: np.ndarray, which: np.ndarray
 ) -> tuple[Lines, np.ndarray, np.ndarray, np.ndarray]:
     return lines.rows(which), bound[which], index[which], at[which]
-
-
-class _Places(NamedTuple):
-    """Where lines lie on those of which they are parts: `line`, the share `at` which they begin, and their `length` of it."""
-
-    line: np.ndarray
-    at: np.ndarray
-    length: np.ndarray
-
-
-def _divided(lines: Lines, places: _Places, parts: np.ndarray, node: np.ndarray) -> tuple[Lines, _Places]:
-    """Every line in so many equal parts (m,), or in two at the share `node` (m,) where that is a number."""
-    row = np.repeat(np.arange(len(parts)), parts)
-    k = np.arange(len(row)) - np.repeat(np.cumsum(parts) - parts, parts)
-    even = np.isnan(node[row])
-    low = np.where(even | (k == 0), k / parts[row], node[row])
-    high = np.where(even | (k == 1), (k + 1) / parts[row], node[row])
-    span = (lines.end - lines.start)[row]
-    last = (k + 1 == parts[row])[:, None]
-    begin = lines.start[row] + low[:, None] * span
-    end = np.where(last, lines.end[row], lines.start[row] + high[:, None] * span)
-    at, length = places.at[row] + low * places.length[row], (high - low) * places.length[row]
-    return lines.rows(row)._replace(start=begin, end=end), _Places(places.line[row], at, length)
-
-
-def _crossings(start: np.ndarray, end: np.ndarray, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Lines and shares of them at which one coordinate, from `start` to `end` (m,), passes nodes (n,)."""
-    first = np.searchsorted(nodes, np.minimum(start, end), side="right")
-    count = np.maximum(np.searchsorted(nodes, np.maximum(start, end), side="left") - first, 0)
-    line = np.repeat(np.arange(len(start)), count)
-    which = np.arange(len(line)) - np.repeat(np.cumsum(count) - count, count) + first[line]
-    return line, (nodes[which] - start[line]) / (end - start)[line]

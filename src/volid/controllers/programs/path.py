@@ -5,47 +5,20 @@ Refused is what cannot be followed from the text alone. Until X, Y and Z are all
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from volid.controllers.programs import codes
 from volid.controllers.programs.arcs import AXES, CENTRE, Arc, arc_of, centre_by_radius, centre_by_words
-from volid.controllers.programs.setting import ARC_SHARE, RUN, SKIP, ProgramSetting, Vector
+from volid.controllers.programs.lines import LETTERS
+from volid.controllers.programs.motion import AS_IS, CUT, LOST, RAPID, Motion
+from volid.controllers.programs.setting import ARC_SHARE, RUN, SKIP, ProgramSetting
 from volid.controllers.programs.state import Modal, check_words, codes_of
 from volid.controllers.programs.words import Block, Word
 from volid.exceptions import InputError
 
-LETTERS = "XYZ"
-RAPID, CUT, AS_IS, LOST = "rapid", "cut", "as it is", "lost"
 MADE_BY_VOLID = "CORRECTED BY VOLID"
 DWELL, HOME, SECOND_HOME, IN_MACHINE = 40, 280, 300, 530
 _FIRST_MANY = 100_000  # numbers of turns that P may have
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Motion:
-    """What a block moves. `act`: RAPID, CUT, AS_IS (not corrected) or LOST (to a place that the program does not say).
-
-    `index`: of its block. `points`: machine positions of its polyline, (k + 1, 3) [mm], NaN where unknown. `arc`: whether it is
-    one; `bound`: distance of the polyline from it [mm]. `base`: machine position of the program's origin [mm]. `unit`: mm per
-    unit. `absolute`: G90. `inverse`: F of G93 [1/min], or 0. `feed`: [mm/min], or 0. `parked`: axes that a rapid leaves alone
-    unless it names them. `named`: axes that it names.
-    """
-
-    index: int
-    act: str
-    points: np.ndarray
-    tool: Vector
-    base: np.ndarray
-    unit: float
-    absolute: bool
-    named: frozenset[int]
-    parked: frozenset[int] = frozenset()
-    arc: bool = False
-    bound: float = 0.0
-    inverse: float = 0.0
-    feed: float = 0.0
 
 
 class Reader:

@@ -12,7 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from volid.controllers.programs import codes
-from volid.controllers.programs.path import AS_IS, CUT, LETTERS, Motion
+from volid.controllers.programs.lines import LETTERS
+from volid.controllers.programs.motion import AS_IS, CUT, Motion
 from volid.controllers.programs.setting import ProgramSetting
 from volid.controllers.programs.words import Block, Word
 from volid.exceptions import InputError

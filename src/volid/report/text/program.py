@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from volid.controllers.programs.program import CorrectedProgram, Counted
+from volid.controllers.programs.counts import Counted
+from volid.controllers.programs.program import CorrectedProgram
 
 _NAMED = 5  # lines that are named
 
