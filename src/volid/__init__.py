@@ -90,7 +90,7 @@ _PUBLIC = {  # public name: where it comes from, in the order of the work
     "load_control": "volid.io.compensations:load_control",
     "load_compensation": "volid.io.control_files:load_compensation",
     "recorded_compensations": "volid.io.control_files:recorded_compensations",
-    "ExistingCompensation": "volid.controllers.reading:ExistingCompensation",
+    "ExistingCompensation": "volid.controllers.existing.reading:ExistingCompensation",
     "Control": "volid.compensation.control:Control",
     "export": "volid.controllers.export:export",
     "Export": "volid.controllers.export:Export",

@@ -18,10 +18,10 @@ from volid.compensation.tables.by_function import error_tables
 from volid.compensation.tables.error_table import ErrorTable
 from volid.compensation.types import TYPES as COMPENSATION_TYPES
 from volid.controllers import CONTROLS
+from volid.controllers.existing.reading import ExistingCompensation
 from volid.controllers.export import Export, export
 from volid.controllers.programs.program import CorrectedProgram, apply_to_program
 from volid.controllers.programs.setting import ProgramSetting
-from volid.controllers.reading import ExistingCompensation
 from volid.exceptions import InputError, NotDeterminedError, OutputError, VolidError
 from volid.fitting.datum import parse_datum
 from volid.fitting.fit import fit

@@ -51,10 +51,10 @@ from volid.controllers.base import (
     options_of,
     sign_of,
 )
-from volid.controllers.explain import explained
 from volid.controllers.export import export, write
-from volid.controllers.sheet import commissioning_sheet
-from volid.controllers.sign_check import sign_checks
+from volid.controllers.handover.explain import explained
+from volid.controllers.handover.sheet import commissioning_sheet
+from volid.controllers.handover.sign_check import sign_checks
 from volid.exceptions import InputError, VolidError
 
 NAMES = list(CONTROLS)

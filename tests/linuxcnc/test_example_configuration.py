@@ -10,7 +10,7 @@ from support import linuxcnc_simulator as simulator
 from support.places import ROOT
 from support.volumetric import corrections
 
-from volid.controllers.hal.wiring import wiring
+from volid.controllers.linuxcnc.hal.wiring import wiring
 
 EXAMPLE = ROOT / "examples" / "linuxcnc"
 SIM = EXAMPLE / "sim"

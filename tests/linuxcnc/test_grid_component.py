@@ -12,7 +12,7 @@ from support.places import ROOT
 from support.volumetric import corrections
 
 from volid.controllers.base import text_of
-from volid.controllers.hal.text import HalGrid, read_grid, write_grid
+from volid.controllers.linuxcnc.hal.text import HalGrid, read_grid, write_grid
 from volid.exceptions import InputError
 
 pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc, which compiles the component")

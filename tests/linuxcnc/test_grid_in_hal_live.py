@@ -6,7 +6,7 @@ from support.control_cases import spatial, written
 from support.linuxcnc_simulator import Joint, LinuxCNCError, Setup, needs_compiler, needs_linuxcnc, run
 from support.places import ROOT
 
-from volid.controllers.hal.wiring import wiring
+from volid.controllers.linuxcnc.hal.wiring import wiring
 
 pytestmark = [needs_linuxcnc, needs_compiler, pytest.mark.slow]
 

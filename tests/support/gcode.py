@@ -1,5 +1,6 @@
 """Programs of G-code read without volid: a plain reader of absolute and incremental lines, and LinuxCNC's interpreter."""
 
+import os
 import re
 import shutil
 import subprocess
@@ -48,7 +49,13 @@ def interpreted(text: str, folder, offsets: dict, lengths: dict) -> list[tuple[i
     (folder / "rs274.var").write_text("".join(rows))
     (folder / "program.ngc").write_text(text)
     command = [RS274, "-g", "-v", "rs274.var", "-t", "tool.tbl", "program.ngc"]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=60)
+    own = {
+        **os.environ,
+        "HOME": str(folder),
+    }  # its tools stand in ~/.tool.mmap, which several runs at a time would share
+    done = subprocess.run(
+        command, cwd=folder, env=own, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=60
+    )
     assert "PROGRAM_END" in done.stdout, done.stdout[-600:] + done.stderr[-600:]
     return _canonical(done.stdout)
 

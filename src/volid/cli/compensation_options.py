@@ -223,7 +223,7 @@ def prepared(
 
 def _on_top(solution: Solution, args: argparse.Namespace) -> list[str]:
     """A note where a type was active while the campaign was measured: the values do not replace it (ISO/TR 16907 10.5)."""
-    from volid.controllers.state import active_types
+    from volid.controllers.existing.state import active_types
 
     active = active_types(solution.campaign)
     again = [n.strip() for text in args.type for n in text.split(",") if n.strip() in active]

@@ -10,7 +10,7 @@ from volid.cli.numbers import number, tool_vector
 
 if TYPE_CHECKING:
     from volid.compensation.control import Control
-    from volid.controllers.reading import ExistingCompensation
+    from volid.controllers.existing.reading import ExistingCompensation
     from volid.model.machine import Machine
 
 

@@ -12,7 +12,7 @@ from volid.cli.control_options import add_files_of
 if TYPE_CHECKING:
     from volid.compensation.grids.grid import AnyGrid
     from volid.compensation.tables.error_table import ErrorTable
-    from volid.controllers.reading import ExistingCompensation
+    from volid.controllers.existing.reading import ExistingCompensation
     from volid.fitting.solution import Solution
     from volid.model.machine import Machine
 
@@ -57,7 +57,7 @@ def existing_from(solution: Solution, args: argparse.Namespace) -> tuple[Existin
 
 def existing_notes(solution: Solution, existing: tuple[ExistingCompensation, ...]) -> list[str]:
     """What a sum holds, and what of the old compensation the model cannot describe."""
-    from volid.controllers.state import not_described, not_recorded
+    from volid.controllers.existing.state import not_described, not_recorded
 
     return [
         *(f"sum with {e.words}" for e in existing),
@@ -69,7 +69,7 @@ def existing_notes(solution: Solution, existing: tuple[ExistingCompensation, ...
 def old_tables(machine: Machine, existing: tuple[ExistingCompensation, ...]) -> tuple[ErrorTable, ...]:
     """Existing compensations as tables of error functions. Raises `InputError` for grids, and for what no function stands for."""
     from volid.compensation.superposition import add_tables
-    from volid.controllers.forms import as_functions
+    from volid.controllers.existing.forms import as_functions
     from volid.exceptions import InputError
 
     found: tuple[ErrorTable, ...] = ()
@@ -86,7 +86,7 @@ def old_grids(
     """Existing grids, and tables as grids for the tool vector of the new one, with their words; a note for lost directions."""
     import numpy as np
 
-    from volid.controllers.forms import as_grid
+    from volid.controllers.existing.forms import as_grid
 
     linear = [g for g in new if g.side == "linear"]
     for e in existing:

@@ -101,8 +101,8 @@ def _add_axes(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Explain, or read, make, write. Raises `InputError`, `OutputError`, `NotDeterminedError`."""
     from volid.cli.export_all import export_all, list_controls, refuse_existing
-    from volid.controllers.explain import explained
     from volid.controllers.export import controller
+    from volid.controllers.handover.explain import explained
 
     if args.cnc == LIST or (args.explain and args.cnc == ALL):
         return list_controls(args)
@@ -174,8 +174,8 @@ def options_from(args: argparse.Namespace) -> dict[str, str]:
 def _one(solution: Solution, request: ExportRequest, notes: list[str], args: argparse.Namespace) -> int:
     """One control: its files into the folder, what they are to standard output."""
     from volid.cli.export_all import in_json
+    from volid.controllers.existing.state import NOT_ACTIVE, REPLACED
     from volid.controllers.export import controller, export_of
-    from volid.controllers.state import NOT_ACTIVE, REPLACED
     from volid.io.exports import RECORD, SHEET, save_export
 
     made = export_of(solution, controller(args.cnc), request)

@@ -148,7 +148,7 @@ def in_json(made: Export) -> dict[str, Any]:
     from dataclasses import asdict
 
     from volid.controllers.base import COLUMNS
-    from volid.controllers.sign_check import sign_checks
+    from volid.controllers.handover.sign_check import sign_checks
 
     checks = sign_checks(made.held, made.job, made.declaration.reversal == COLUMNS)
     return {

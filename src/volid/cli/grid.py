@@ -39,7 +39,7 @@ from volid.cli.progress import Progress
 if TYPE_CHECKING:
     from volid.compensation.grids.grid import AnyGrid
     from volid.compensation.types import CompensationType
-    from volid.controllers.reading import ExistingCompensation
+    from volid.controllers.existing.reading import ExistingCompensation
     from volid.fitting.solution import Solution
 
 HELP = "spatial grid of compensation (or error) values over the working volume"

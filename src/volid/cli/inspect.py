@@ -21,8 +21,8 @@ from volid.cli.control_options import add_files_of, one_option
 from volid.cli.numbers import tool_vector
 
 if TYPE_CHECKING:
+    from volid.controllers.existing.reading import ExistingCompensation
     from volid.controllers.export import Export
-    from volid.controllers.reading import ExistingCompensation
     from volid.model.machine import Machine
 
 HELP = "an existing compensation of a control: what its files hold, values, figure, conversion to another control"
@@ -85,7 +85,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Read, say, evaluate, draw, convert; 1 where something is odd. Raises `InputError`, `OutputError`."""
     _check(args)
-    from volid.controllers.looks import oddities
+    from volid.controllers.existing.looks import oddities
     from volid.io.control_files import load_compensation
 
     found = load_compensation(args.files, args.cnc, _machine(args), sign=args.sign, options=dict(args.option))
@@ -131,7 +131,7 @@ def _draw(found: ExistingCompensation, args: argparse.Namespace) -> None:
 
 
 def _values(found: ExistingCompensation, args: argparse.Namespace) -> None:
-    from volid.controllers.looks import points_beyond
+    from volid.controllers.existing.looks import points_beyond
     from volid.io.existing_values import values_sheet
     from volid.io.functions_csv import read_points
 
@@ -142,7 +142,7 @@ def _values(found: ExistingCompensation, args: argparse.Namespace) -> None:
 
 def _convert(found: ExistingCompensation, args: argparse.Namespace) -> Export:
     """The files of another control, written. Raises `InputError`, `OutputError`."""
-    from volid.controllers.conversion import Target, convert
+    from volid.controllers.existing.conversion import Target, convert
     from volid.io.exports import save_export
 
     target = Target(args.to, args.to_sign, dict(args.to_option), args.line, args.tool, args.mean)

@@ -208,7 +208,7 @@ def _loaded(solution: Solution, args: argparse.Namespace) -> tuple[dict[str, Com
     from functools import reduce
 
     from volid.compensation.on_top import add_compensations
-    from volid.controllers.state import in_place
+    from volid.controllers.existing.state import in_place
     from volid.io.control_files import existing_of, recorded_compensations
 
     if not args.compensation:

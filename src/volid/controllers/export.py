@@ -18,10 +18,10 @@ from volid.controllers import CONTROLS, Controller
 from volid.controllers.axes import Axes, helping_motions, kept_to, refuse_unsteady
 from volid.controllers.base import EQUAL, Declaration, Job, Written, options_of, sign_of
 from volid.controllers.choice import Choice, asked_types, most_types
-from volid.controllers.conversion import on_top
+from volid.controllers.existing.conversion import on_top
+from volid.controllers.existing.reading import ExistingCompensation
+from volid.controllers.existing.state import not_described, not_recorded, would_replace
 from volid.controllers.exported import Export, write
-from volid.controllers.reading import ExistingCompensation
-from volid.controllers.state import not_described, not_recorded, would_replace
 from volid.controllers.unsupported import reason
 from volid.exceptions import InputError
 from volid.fitting.solution import Solution

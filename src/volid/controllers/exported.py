@@ -32,6 +32,12 @@ class Export:
         helping: What axes do that move only because another one does.
         notes: What a user should know, one sentence each: of the choice, of the control, of the files.
         existing: What the control held already and is part of the sum; None where nothing was.
+
+    >>> import volid
+    >>> solution = volid.fit(volid.load_campaign("datasets/published_positioning/campaign.toml"))
+    >>> made = volid.export(solution, "linuxcnc", ["L-POS"])
+    >>> made.types, [table.output for table in made.held.axis_tables]
+    (('L-POS',), ['X', 'Z'])
     """
 
     controller: Controller

@@ -10,8 +10,15 @@ from typing import Any
 from volid.campaign import Campaign
 from volid.compensation.package import Compensation
 from volid.controllers import CONTROLS
-from volid.controllers.contents import moved_axes, nodes_by_axis
-from volid.controllers.reading import OWN, ExistingCompensation, control_called, of_control, read_existing, recognised
+from volid.controllers.existing.contents import moved_axes, nodes_by_axis
+from volid.controllers.existing.reading import (
+    OWN,
+    ExistingCompensation,
+    control_called,
+    of_control,
+    read_existing,
+    recognised,
+)
 from volid.exceptions import InputError
 from volid.io.basics.encodings import read_bytes
 from volid.io.exports import RECORD, SHEET

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from volid.controllers.forms import expected_point
-from volid.controllers.reading import ExistingCompensation
+from volid.controllers.existing.forms import expected_point
+from volid.controllers.existing.reading import ExistingCompensation
 from volid.io.campaign.sets import TOOL_COLUMNS
 from volid.io.functions_csv import Points, Sheet
 

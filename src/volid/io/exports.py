@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from volid.controllers.export import Export
-from volid.controllers.record import record_text
-from volid.controllers.sheet import commissioning_sheet
+from volid.controllers.handover.record import record_text
+from volid.controllers.handover.sheet import commissioning_sheet
 from volid.exceptions import shown
 from volid.io.basics.atomic import atomic_folder
 from volid.io.basics.provenance import provenance, sha256

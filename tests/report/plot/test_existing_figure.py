@@ -6,7 +6,7 @@ from support.control_cases import MACHINE, crossed, pitch, spatial
 
 import volid
 from volid.compensation.package import Compensation
-from volid.controllers.reading import ExistingCompensation
+from volid.controllers.existing.reading import ExistingCompensation
 from volid.report.language import Texts
 
 

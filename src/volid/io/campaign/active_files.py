@@ -34,7 +34,7 @@ from volid.plausibility.conditions import ACTIVE
 
 if TYPE_CHECKING:  # controls take a fifth of a second to import, and few campaigns name their files
     from volid.compensation.control import Control
-    from volid.controllers.reading import ExistingCompensation
+    from volid.controllers.existing.reading import ExistingCompensation
 
 _KEYS = ("file", "name", "cnc", "sign", "options")
 
@@ -119,7 +119,7 @@ def with_loaded(campaign: Campaign, control: Control, held: Sequence[ExistingCom
 
     `control`: the simulated control that had them loaded; `volid.simulate` has recorded it in words.
     """
-    from volid.controllers.reading import OWN
+    from volid.controllers.existing.reading import OWN
 
     foreign = [e for e in held if e.cnc != OWN]
     if not foreign:

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from volid.compensation.grids.grid import AnyGrid
-from volid.controllers.looks import Look, looks
-from volid.controllers.reading import ExistingCompensation
+from volid.controllers.existing.looks import Look, looks
+from volid.controllers.existing.reading import ExistingCompensation
 from volid.exceptions import cut
 from volid.report.language import ENGLISH, Texts
 from volid.report.plot.palette import BLACK, BLUE, FAINT, NEUTRAL, ORANGE, SIGNED

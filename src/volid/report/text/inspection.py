@@ -10,8 +10,8 @@ import numpy as np
 from volid.compensation.active import vector_words
 from volid.compensation.grids.grid import AnyGrid
 from volid.controllers.base import POSITION
-from volid.controllers.looks import Look, beyond, looks, oddities
-from volid.controllers.reading import ExistingCompensation
+from volid.controllers.existing.looks import Look, beyond, looks, oddities
+from volid.controllers.existing.reading import ExistingCompensation
 from volid.report.text.basics import bullets, micro, paragraph, table, unit_of
 
 _SENSES = {

@@ -1,0 +1,1 @@
+"""Fanuc: the memory of pitch errors, and the vectors of three-dimensional error compensation."""

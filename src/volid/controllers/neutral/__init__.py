@@ -1,0 +1,1 @@
+"""Tables and grids of volid itself, for programs that read them."""

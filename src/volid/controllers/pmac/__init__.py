@@ -1,0 +1,1 @@
+"""(Turbo) PMAC: tables over the counts of motors."""

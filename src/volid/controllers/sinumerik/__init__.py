@@ -1,0 +1,1 @@
+"""SINUMERIK: initialisation files of system variables."""

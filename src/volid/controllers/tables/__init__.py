@@ -1,0 +1,1 @@
+"""Tables as controls hold them: equal steps, positions counted from zero, increments of whole quanta, lists."""

@@ -1,0 +1,1 @@
+"""TwinCAT NC: tables of a PLC program."""

@@ -1,0 +1,149 @@
+"""The commissioning sheet: its sign checks written out by hand, and what a person must be able to read from it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.control_cases import MACHINE, error_table, job, levered, pitch, spatial
+
+from volid.compensation.helping_axes import HelpingMotion
+from volid.compensation.package import Compensation
+from volid.compensation.tables.axis_table import AxisTable, Factor
+from volid.controllers import CONTROLS
+from volid.controllers.base import ONE_VALUE, OPEN, Written
+from volid.controllers.export import Export
+from volid.controllers.handover.sheet import commissioning_sheet
+from volid.controllers.handover.sign_check import sign_checks
+
+JOB = job("linuxcnc", pitch())
+
+
+def held(**parts) -> Compensation:
+    return Compensation((), parts.get("tables", ()), parts.get("grids", ()), parts.get("axis_tables", ()))
+
+
+def row(check):
+    return check.table, dict(check.at), check.way, check.axis, round(check.alone, 6), round(check.together, 6)
+
+
+def test_tables_of_axes_are_checked_where_and_whence_they_move_most():
+    """X is 13 µm too far at 500 when it comes from above, Y 12 µm at 600: they are moved back by that."""
+    x, y = np.array([0.0, 500.0, 1000.0]), np.array([0.0, 300.0, 600.0])
+    found = sign_checks(
+        held(
+            axis_tables=(
+                AxisTable("X", "X", x, np.array([0.0, 0.010, -0.004]), np.array([0.002, 0.013, -0.001]), source="EXX"),
+                AxisTable("X", "Y", y, np.array([-0.002, 0.0, 0.012]), np.array([-0.002, 0.0, 0.012]), source="EXY"),
+            )
+        ),
+        JOB,
+    )
+    assert [row(c) for c in found] == [
+        ("table of EXX: X over X", {"Y": 300.0, "X": 500.0, "Z": -250.0}, -1.0, "X", -0.013, -0.013),
+        (
+            "table of EXY: X over Y",
+            {"Y": 600.0, "X": 500.0, "Z": -250.0},
+            1.0,
+            "X",
+            -0.012,
+            -0.022,
+        ),  # and -10 µm of EXX
+    ]
+
+
+def test_with_one_value_of_reversal_the_mean_is_checked():
+    x = np.array([0.0, 500.0, 1000.0])
+    table = AxisTable("X", "X", x, np.array([0.0, 0.010, -0.004]), np.array([0.002, 0.013, -0.001]))
+    (check,) = sign_checks(held(axis_tables=(table,)), JOB, both=False)
+    assert (check.way, check.alone) == (0.0, pytest.approx(-0.0115))
+
+
+def test_a_product_is_checked_at_the_end_of_its_lever():
+    """20 µrad at Y = 600 times 250 mm of Z above or below its line: 5 µm, error -5 µm below, so that it moves by +5 µm."""
+    y = np.array([0.0, 600.0])
+    lever = Factor("Z", np.array([-500.0, 0.0]), np.array([-250.0, 250.0]))
+    table = AxisTable("Y", "Y", y, np.array([0.0, 20e-6]), np.array([0.0, 20e-6]), lever, "EAY")
+    (check,) = sign_checks(held(axis_tables=(table,)), JOB)
+    assert row(check) == (
+        "table of EAY: Y over Y, times Z",
+        {"Y": 600.0, "X": 500.0, "Z": -500.0},
+        1.0,
+        "Y",
+        0.005,
+        0.005,
+    )
+
+
+def test_a_function_of_a_model_is_checked_on_the_axis_that_it_moves_most():
+    """The pitch of Y' of 20 µrad at its end turns the point about the origin: X stays, Y or Z move with the larger lever arm."""
+    (check,) = sign_checks(levered(), JOB)
+    assert (check.table, check.axis, abs(round(check.alone, 6))) == (
+        "table of EAY over Y",
+        "Y",
+        0.013,
+    )  # 20 µrad · 650 mm
+    assert (check.at["Y"], check.at["Z"]) == (
+        600.0,
+        -500.0,
+    )  # the functional point 650 mm below the origin: Z -500, tool 150
+
+
+def test_a_grid_has_one_check_for_each_axis_that_it_moves():
+    """dX = 10 µm · X/1000, dY = -5 µm · Z/500, dZ = 2 µm: largest at X = 1000, at Z = -500, everywhere."""
+    found = {c.axis: c for c in sign_checks(spatial(), JOB)}
+    assert {a: round(c.alone, 6) for a, c in found.items()} == {"X": -0.010, "Y": -0.005, "Z": -0.002}
+    assert found["X"].at["X"] == 1000.0 and found["Y"].at["Z"] == -500.0
+
+
+def test_what_moves_nothing_has_no_check():
+    x = np.array([0.0, 1000.0])
+    zero = AxisTable("X", "X", x, 0.0 * x, 0.0 * x)
+    assert sign_checks(held(axis_tables=(zero,)), JOB) == ()
+    assert "All values are zero" in commissioning_sheet(made(axis_tables=(zero,)))
+
+
+def made(declaration=None, notes=(), helping=(), **parts) -> Export:
+    """An export of held tables, of LinuxCNC or of a control with another declaration."""
+    control = CONTROLS["linuxcnc"]
+    if declaration:
+        control = type("Other", (type(control),), {"declaration": replace(control.declaration, **declaration)})()
+    return Export(
+        control, JOB, Written((), (("P1", "7", "a meaning"),)), held(**parts), ("L-POS",), helping=helping, notes=notes
+    )
+
+
+def test_the_sheet_says_what_must_be_seen():
+    x = np.array([0.0, 500.0, 1000.0])
+    table = AxisTable("X", "X", x, np.array([0.0, 0.010, -0.004]), np.array([0.0, 0.010, -0.004]), source="EXX")
+    text = commissioning_sheet(made(axis_tables=(table,), notes=("a note",)))
+    (line,) = [line for line in text.splitlines() if "[ ] table of EXX" in line]
+    cells = [cell.strip() for cell in line.strip("|").split("|")]
+    assert cells == [
+        "[ ] table of EXX: X over X", "Y 300  X 500  Z -250", "below (+)", "X", "-0.0100 mm", "X 499.990000", "-0.0100 mm",
+    ]  # fmt: skip
+    assert "| P1        | 7     | a meaning |" in text and "- a note" in text
+    assert "table of EXX: X over X, 0 … 1000 (3 positions)" in text
+
+
+def test_an_open_sign_is_said_in_the_sheet_and_a_reversal_value_is_put_to_zero():
+    x = np.array([0.0, 1000.0])
+    table = AxisTable("X", "X", x, np.array([0.0, 0.01]), np.array([0.0, 0.01]))
+    text = commissioning_sheet(made({"sign": OPEN, "reversal": ONE_VALUE}, axis_tables=(table,)))
+    assert "Public sources do not say which sign this control wants" in text
+    assert "Set the reversal value (backlash) of the axes to 0 for this check" in text
+    assert "Public sources" not in commissioning_sheet(made(axis_tables=(table,))).split("## 6.")[0]
+
+
+def test_axes_that_only_help_stand_in_the_sheet():
+    one = HelpingMotion("Y", "X", 0.012, 3, 0.0004, 0.001, 0.004)
+    text = commissioning_sheet(made(helping=(one,), tables=(error_table("EXX", [0, 1000], [0.0, 0.01]),)))
+    assert (
+        "While Y moves, X is moved by up to 12.00 µm and turns 3 times; each turn loses its own reversal of 4.00 µm; runs of "
+        "0.40 µm are below its least increment of 1.00 µm." in text
+    )
+
+
+def test_names_from_files_cannot_break_the_sheet():
+    strange = replace(MACHINE, name="a|b\nc\x1b[2J")
+    odd = replace(made(), job=replace(JOB, machine=strange))
+    assert "\x1b" not in commissioning_sheet(odd)
