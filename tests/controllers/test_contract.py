@@ -86,6 +86,7 @@ def test_it_declares_everything(name):
     assert d.sign in ("error", "compensation", POSITION, OPEN) and d.rows in (ABSOLUTE, INCREMENTAL)
     assert d.reversal in (COLUMNS, ONE_VALUE, NO_REVERSAL) and d.outside in (HELD, ROLLS_OVER, CONTINUES, NOT_KNOWN)
     assert d.spacing in (EQUAL, FREE) and all(q is None or q > 0 for q in d.quantum)
+    assert d.most_points or d.limits, "what bounds the number of positions is said"
     assert d.carries and all(form in TYPES[kind].forms for kind, form in d.carries.items())
     assert d.commissioning.backup and d.commissioning.load and d.commissioning.activate and d.commissioning.remove
 
@@ -134,6 +135,11 @@ def test_other_types_are_refused_and_the_nearest_named(name):
         with pytest.raises(InputError) as caught:
             export(solution, name, [kind], sign=sign, options=NEEDED.get(name, {}))
         assert kind in str(caught.value) and d.nearest in str(caught.value)
+        here, _, elsewhere = str(caught.value).partition(f"{kind} itself is carried by ")
+        assert elsewhere.split(", ") == [n for n in NAMES if kind in CONTROLS[n].declaration.carries]
+        part = {"L-VOL": "L-POS", "L-VOL+": "L-POS", "R-VOL": "R-POS", "R-VOL+": "R-POS"}.get(kind)
+        if part in d.carries:
+            assert "The nearest that it carries: " in here
 
 
 @EACH
@@ -340,6 +346,23 @@ def test_the_sheet_has_one_sign_check_for_each_table_that_takes_the_deviation_of
             shift = shifts(case, left(case, own, nodes, np.zeros_like(q)))
             assert check.together == pytest.approx((shift - error) @ along, abs=5e-7 + 3 * allowance(case, job)[i])
         assert f"{check.alone:+.4f}" in commissioning_sheet(made) or not machine.axes[i].is_linear
+
+
+@EACH
+def test_grids_are_called_by_the_type_and_tool_vector_that_they_were_written_for(case):
+    made = write(CONTROLS[case.control], case.job(), case.make().names)
+    for grid in (g for g in made.held.grids if not np.any(g.values[:, 3:])):
+        assert grid.type in case.make().names and tuple(grid.tool) == tuple(case.job().tool)
+
+
+@EACH
+def test_an_open_sign_is_never_called_known(case):
+    """What the user stated stands in the files' papers as stated: nobody knows what the control does with it."""
+    made = write(CONTROLS[case.control], case.job(), case.make().names)
+    rows = [line for line in commissioning_sheet(made).splitlines() if line.startswith("| sign ")]
+    opened = made.declaration.sign == OPEN
+    assert len(rows) == 1 and opened == ("as it was stated" in rows[0])
+    assert not opened or ("takes them off" not in rows[0] and "adds them" not in rows[0])
 
 
 @EACH

@@ -143,6 +143,7 @@ def test_types_that_are_asked_for_are_checked():
         ("sinumerik-vcs", "take sinumerik-cec"),
         ("Okuma", "csv and hdf5"),
         ("haas-ngc", "csv and hdf5"),
+        ("QIF", "no element for the errors of a machine's axes.*etalon and isg-volcomp"),
         ("grbl", "volid apply"),
         ("nothing", "available: linuxcnc"),
     ],

@@ -86,6 +86,7 @@ class Declaration:
         spacing: EQUAL or FREE positions.
         quantum: Steps in which it holds lengths [mm] and angles [rad]; None: as many digits as are written.
         most_points: Most positions of a table, or None.
+        limits: What else bounds the number of positions, tables or files, in words; "" where `most_points` says it all.
         products: Whether it multiplies two tables, so that rotations act through lever arms.
         model: Whether it has a kinematic model, so that tables of error functions go in as they are.
         linear: Whether it holds straight lines through the origin alone, so that only this part of a table goes in.
@@ -113,6 +114,7 @@ class Declaration:
     spacing: str = FREE
     quantum: tuple[float | None, float | None] = (None, None)
     most_points: int | None = None
+    limits: str = ""
     products: bool = False
     model: bool = False
     linear: bool = False

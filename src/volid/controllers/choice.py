@@ -22,6 +22,7 @@ from volid.compensation.types import (
     compensation_type,
     select,
 )
+from volid.controllers import CONTROLS
 from volid.controllers.base import Declaration
 from volid.exceptions import InputError, NotDeterminedError
 from volid.fitting.solution import Solution
@@ -45,12 +46,21 @@ def asked_types(declared: Declaration, types: Sequence[str], machine: Machine) -
     for name in types:
         compensation_type(name)
         if name not in declared.carries:
-            can = ", ".join(declared.carries)
             raise InputError(
-                f"`type={name}`: {declared.name} cannot carry {name}: {declared.nearest}. It carries {can}"
+                f"`type={name}`: {declared.name} cannot carry {name}: {declared.nearest}. {instead_of(declared, name)}"
             )
     select(types, machine)
     return Choice(tuple(dict.fromkeys(types)))
+
+
+def instead_of(declared: Declaration, name: str) -> str:
+    """What of a type the control can carry, and which controls carry all of it."""
+    own, effects = declared.carries, set(TYPES[name].effects)
+    parts = [n for n in own if set(TYPES[n].effects) < effects]
+    nearest = [n for n in parts if not any(set(TYPES[n].effects) < set(TYPES[m].effects) for m in parts)]
+    here = f"The nearest that it carries: {', '.join(nearest)}" if nearest else f"It carries {', '.join(own)}"
+    others = ", ".join(n for n, c in CONTROLS.items() if name in c.declaration.carries)
+    return f"{here}. {name} itself is carried by {others}" if others else here
 
 
 def most_types(

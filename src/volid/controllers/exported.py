@@ -6,11 +6,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
+
 from volid.compensation.control import Control
+from volid.compensation.grids.grid import AnyGrid, Grid
 from volid.compensation.helping_axes import HelpingMotion
 from volid.compensation.on_top import with_opposite
 from volid.compensation.package import Compensation
 from volid.compensation.tables.axis_table import AxisTable
+from volid.compensation.types import ANG, TYPES
 from volid.controllers import Controller
 from volid.controllers.axes import Axes
 from volid.controllers.base import Declaration, Job, Written
@@ -74,7 +78,25 @@ def write(chosen: Controller, job: Job, types: Sequence[str]) -> Export:
     written = chosen.write(job)
     files = {f.name: f.content for f in written.files}
     held = _with_sources(chosen.read(files, job.machine, {**job.options, "sign": job.sign}), chosen, job)
-    return Export(chosen, job, written, replace(held, names=tuple(types)), tuple(types), notes=tuple(written.notes))
+    held = replace(held, names=tuple(types), grids=tuple(_named(g, job, types) for g in held.grids))
+    return Export(chosen, job, written, held, tuple(types), notes=tuple(written.notes))
+
+
+def _named(held: AnyGrid, job: Job, types: Sequence[str]) -> AnyGrid:
+    """A grid with its type and the tool vector for which it is right, which files of a control without lever arms do not say.
+
+    Without rotations the tool vector changes no motion, only what is said of it.
+    """
+    if not isinstance(held, Grid) or np.any(held.values[:, 3:]):
+        return held
+    own = [g for g in job.compensation.grids if isinstance(g, Grid) and g.axes == held.axes]
+    if any(g.type == held.type and np.array_equal(held.tool, job.tool) for g in own):
+        return held
+    if own:
+        return replace(held, type=own[0].type, tool=own[0].tool)
+    of_rotations = (t for t in types if ANG in TYPES[t].effects)  # products of two tables
+    x, y, z = (float(v) for v in job.tool)
+    return replace(held, type=next(of_rotations, held.type), tool=(x, y, z))
 
 
 def _with_sources(held: Compensation, chosen: Controller, job: Job) -> Compensation:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 NEUTRAL = "csv and hdf5 hold the same values with sign, units and datum in words"
+EXCHANGE = "etalon and isg-volcomp are open texts with names of ISO 230-1 that other programs read; " + NEUTRAL
 
 UNSUPPORTED: dict[str, str] = {
     "sinumerik-vcs": "no layout of its files was found in public sources; take sinumerik-cec, or etalon and the "
@@ -19,6 +20,10 @@ UNSUPPORTED: dict[str, str] = {
     "num": f"no layout of its tables was found in public sources; {NEUTRAL}",
     "aerotech": f"no layout of its calibration files was found in public sources; {NEUTRAL}",
     "acs": f"no layout of its tables was found in public sources; {NEUTRAL}",
+    "qif": f"no element for the errors of a machine's axes was found in its schema; {EXCHANGE}",
+    "mtconnect": f"no element for the errors of a machine's axes was found in its schema; {EXCHANGE}",
+    "dmis": f"no element for the errors of a machine's axes was found in it; {EXCHANGE}",
+    "step-nc": f"no element for the errors of a machine's axes was found in ISO 10303-238; {EXCHANGE}",
     "grbl": "it has no table; correct the program instead (volid apply)",
     "marlin": "it has no table but skew; correct the program instead (volid apply)",
     "klipper": "it has no table but skew; correct the program instead (volid apply)",

@@ -21,6 +21,7 @@ from volid.compensation.package import Compensation
 from volid.compensation.types import GRID
 from volid.controllers import Controller
 from volid.controllers.base import Declaration, Job, options_of, sign_of
+from volid.controllers.choice import instead_of
 from volid.controllers.existing.contents import types_of
 from volid.controllers.existing.forms import BY_DIRECTION, in_form, no_sum, one_direction
 from volid.controllers.existing.reading import ExistingCompensation, control_called
@@ -183,8 +184,8 @@ def carried(made: Compensation, machine: Machine, declared: Declaration) -> tupl
         fits = next((n for n in _CONTAINED.get(name, (name,)) if n in declared.carries), None)
         if fits is None:
             raise InputError(
-                f"{declared.name} cannot carry {name}, which these files hold: {declared.nearest}. It carries "
-                f"{', '.join(declared.carries)}"
+                f"{declared.name} cannot carry {name}, which these files hold: {declared.nearest}. "
+                f"{instead_of(declared, name)}"
             )
         found.append(fits)
     return tuple(dict.fromkeys(found))

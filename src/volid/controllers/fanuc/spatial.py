@@ -55,6 +55,7 @@ DECLARATION = Declaration(
     reversal=NO_REVERSAL,
     outside=NOT_KNOWN,
     spacing=EQUAL,
+    limits="how many there may be is not stated by public sources",
     quantum=(0.001, None),
     zero="wherever the grid is 0",
     switching="as a whole, by its own parameter and option",

@@ -59,13 +59,13 @@ def fact_lines(facts: Sequence[Fact]) -> list[str]:
 def properties_of_files(d: Declaration, sign: str) -> list[list[str]]:
     """How the values of its files are meant, where the sign is stated."""
     rows = [
-        ["sign", SIGNS.get(sign, sign)],
+        ["sign", _sense(d, sign)],
         ["values", "increments from row to row" if d.rows == INCREMENTAL else "absolute, not incremental"],
         ["units", d.units],
         ["steps of the values", _quantum(d)],
         ["reversal", d.reversal],
         ["beyond the first and last position", BEYOND.get(d.outside, d.outside)],
-        ["positions", f"{d.spacing} steps" + (f", at most {d.most_points}" if d.most_points else ", no stated limit")],
+        ["positions", f"{d.spacing} steps{_limit(d)}"],
         ["zero", d.zero],
         *(
             [["what of a table goes in", "its least-squares line alone, without constant and reversal"]]
@@ -74,6 +74,20 @@ def properties_of_files(d: Declaration, sign: str) -> list[list[str]]:
         ),
     ]
     return rows
+
+
+def _sense(d: Declaration, sign: str) -> str:
+    """Sense of the values; where a user stated it, what the control does with them is not known."""
+    words = SIGNS.get(sign, sign)
+    if d.sign != OPEN or sign == OPEN:
+        return words
+    return f"{words.split(':')[0]}, as it was stated: public sources do not say what the control does with them"
+
+
+def _limit(d: Declaration) -> str:
+    """How many positions there may be."""
+    found = [f"at most {d.most_points}"] if d.most_points else []
+    return "".join(f", {text}" for text in (*found, *([d.limits] if d.limits else [])))
 
 
 def _properties(d: Declaration) -> list[list[str]]:

@@ -86,6 +86,7 @@ DECLARATION = Declaration(
     spacing=FREE,
     quantum=(1e-4, float(np.deg2rad(10.0**-ANGLE_DIGITS))),
     most_points=256,
+    limits="at most 100 entries of COMPTAB and 50 of COORD",
     model=True,
     zero="make the values 0 at the home position of the axis (`zero`), else the chain is not nominal there",
     switching="positioning by the line with * in ACTIVE of the .CMA; the other errors by choosing a kinematics table with or "

@@ -69,6 +69,7 @@ DECLARATION = Declaration(
     spacing=FREE,
     quantum=(1.0 / STEPS, float(np.deg2rad(1.0 / STEPS))),
     most_points=MOST,
+    limits="101 along each master of a plane",
     products=True,
     zero="make the values 0 at the reference position of the masters: the compensation acts once they are referenced",
     switching="lr_param.crosscomp and lr_param.crosscomp2 of the slave, and X [COMP OFF CROSS], X [COMP OFF PLANE] in "

@@ -59,6 +59,7 @@ DECLARATION = Declaration(
     units="values mm and rad, arguments mm and degrees",
     reversal=NO_REVERSAL,
     outside=NOT_KNOWN,
+    limits="as many as the control that reads it takes",
     zero="nowhere",
     switching="by the control that reads it; leave a section out, and that function is off",
     model=True,

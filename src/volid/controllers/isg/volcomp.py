@@ -96,6 +96,7 @@ DECLARATION = Declaration(
     units="values mm and rad, arguments mm and degrees",
     reversal=NO_REVERSAL,
     outside=NOT_KNOWN,
+    limits="as many rows in all as max_records says; 10 files of each of 5 compensations",
     zero="nowhere; a value other than 0 where the machine stands when it is switched on makes it move",
     switching="#VOLCOMP ON [ID0] and #VOLCOMP OFF [ID0]; each of up to five compensations by its number",
     model=True,

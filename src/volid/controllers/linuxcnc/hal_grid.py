@@ -75,6 +75,7 @@ DECLARATION = Declaration(
     reversal=NO_REVERSAL,
     outside=HELD,
     spacing=FREE,
+    limits=f"at most {MOST:,} nodes",
     zero="nowhere: corrections are put on within the fade time once all joints are homed, and taken off so too",
     switching="one instance of the component per type, each with a pin: setp volid-l-vol.enable 0 switches L-VOL off, 1 on",
     options=(

@@ -61,6 +61,7 @@ DECLARATION = Declaration(
     reversal=NO_REVERSAL,
     outside=CONTINUES,
     spacing=FREE,
+    limits="nine numbers whatever the positions",
     linear=True,
     zero="at X = Y = Z = 0, because the matrix has no constant",
     switching="all nine numbers at once: without the setp lines the matrix is the identity",

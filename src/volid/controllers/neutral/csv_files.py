@@ -37,6 +37,7 @@ class NeutralCsv(OwnFiles):
         reversal=COLUMNS,
         outside=HELD,
         spacing=FREE,
+        limits="as many as there are",
         model=True,
         zero="wherever the datum puts it; each file says where",
         switching="one file per table and grid: leave one out, and it is off",

@@ -21,6 +21,7 @@ class NeutralHdf5(OwnFiles):
         reversal=NO_REVERSAL,
         outside=HELD,
         spacing=FREE,
+        limits="as many as there are",
         model=True,
         zero="wherever the datum puts it; each file says where",
         switching="one file per grid: leave one out, and it is off",

@@ -54,6 +54,7 @@ DECLARATION = Declaration(
     reversal=COLUMNS,
     outside=ROLLS_OVER,
     spacing=EQUAL,
+    limits="as many as the memory allows; one table for each motor (option owners)",
     products=True,
     zero="the value at motor zero is 0 by definition; each axis is shifted as a whole so that it is",
     zero_fixed=True,

@@ -10,6 +10,7 @@ Not modelled: how fast the control follows a jump of the value at reversal.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from volid.compensation.package import Compensation
@@ -58,6 +59,7 @@ DECLARATION = Declaration(
     reversal=COLUMNS,
     outside=HELD,
     spacing=EQUAL,
+    limits="as many as MD18342 allows and, by option model: 62 tables; 8 tables of 200 points on an 828D, 2 of 350 on an 802D sl",
     products=True,
     zero="make the values 0 at the reference point (`zero`): the axis moves by what stands there when the compensation begins",
     switching="MD32710 $MA_CEC_ENABLE of each output axis for all its tables; SD41300 $SN_CEC_TABLE_ENABLE of each table; tables "
@@ -151,6 +153,10 @@ class SinumerikCec(Controller):
     """One file of numbered tables $AN_CEC."""
 
     declaration = DECLARATION
+
+    def declared_for(self, machine: Machine, options: Mapping[str, Any]) -> Declaration:
+        """The declaration with the points that tables of the model have."""
+        return replace(DECLARATION, most_points=MODELS[options["model"]][1])
 
     def write(self, job: Job) -> Written:
         """One file of all tables. Raises `InputError` for more tables or points than the model has."""

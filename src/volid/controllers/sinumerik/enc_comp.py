@@ -69,6 +69,7 @@ DECLARATION = Declaration(
     reversal=ONE_VALUE,
     outside=HELD,
     spacing=EQUAL,
+    limits="as many as MD38000 allows (option max_points), 200 on an 808D; one table for each measuring system",
     zero="make the value 0 at the reference point (`zero`): the axis moves by what stands there when the compensation begins",
     switching="MD32700 $MA_ENC_COMP_ENABLE of each axis and measuring system, 1 on and 0 off; one file per axis",
     options=(
@@ -142,6 +143,10 @@ class SinumerikEncComp(Controller):
     """Files of $AA_ENC_COMP, one per axis."""
 
     declaration = DECLARATION
+
+    def declared_for(self, machine: Machine, options: Mapping[str, Any]) -> Declaration:
+        """The declaration with the points that MD38000 allows, where it is stated."""
+        return replace(DECLARATION, most_points=options["max_points"])
 
     def write(self, job: Job) -> Written:
         """One file per axis, the backlash in a comment, and the machine data. Raises `InputError` for what it cannot hold."""

@@ -59,6 +59,7 @@ DECLARATION = Declaration(
     reversal=COLUMNS,
     outside=NOT_KNOWN,
     spacing=EQUAL,
+    limits="as many as the array has",
     zero="make the value 0 where the axis stands when the function block is enabled; Ramp bounds the speed of the "
     "step otherwise",
     switching="Enable of the function block, for each axis and direction",
