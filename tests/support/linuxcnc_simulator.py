@@ -50,7 +50,7 @@ def why_no_components() -> str | None:
 
 
 needs_compiler = pytest.mark.skipif(why_no_components() is not None, reason=why_no_components() or "")
-needs_linuxcnc = pytest.mark.skipif(shutil.which("linuxcnc") is None, reason=why_not() or "")
+needs_linuxcnc = pytest.mark.skipif(why_not() is not None, reason=why_not() or "")
 
 
 @dataclass(frozen=True)
