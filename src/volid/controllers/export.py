@@ -22,6 +22,7 @@ from volid.controllers.existing.conversion import on_top
 from volid.controllers.existing.reading import ExistingCompensation
 from volid.controllers.existing.state import not_described, not_recorded, would_replace
 from volid.controllers.exported import Export, write
+from volid.controllers.other_tools import other_tool_notes
 from volid.controllers.unsupported import reason
 from volid.exceptions import InputError
 from volid.fitting.solution import Solution
@@ -127,7 +128,7 @@ def export_of(solution: Solution, chosen: Controller, request: ExportRequest) ->
     helping = helping_motions(written.held, job, request.axes, model_reversal(solution))
     refuse_unsteady(helping, request.axes, job.machine)
     notes = (*found.notes, *work.notes(made), *without, *summed, *kept, *_helping_notes(helping, job.machine))
-    notes = (*notes, *written.notes, *_state_notes(solution, found.types, declared, request))
+    notes = (*notes, *other_tool_notes(job, declared), *written.notes, *_state_notes(solution, found.types, declared, request))
     return replace(written, axes=request.axes, solution=solution, helping=helping, notes=notes, existing=old)
 
 
