@@ -24,7 +24,7 @@ def test_a_rotation_of_20_microradians_is_2_micrometres_for_100_mm():
 
 
 def test_rotations_of_several_axes_about_one_direction_add_up():
-    """EBX from -10 to 30 µrad and EBZ from 0 to 15 µrad: 45 µrad at one corner. X and Z bear the tool or not: both turn it alike."""
+    """EBX from -10 to 30 µrad and EBZ from 0 to 15 µrad: 45 µrad at one corner, whichever side bears X and Z."""
     tables = (
         error_table("EBX", [0, 500, 1000], [-10e-6, 30e-6, 0.0], kind="L-ANG"),
         error_table("EBZ", [-500, 0], [0.0, 15e-6], kind="L-ANG"),
@@ -42,7 +42,7 @@ def test_controls_with_lever_arms_say_nothing():
 
 @pytest.mark.parametrize("name, options", [("sinumerik-cec", {}), ("pmac", {"counts": "10000"})])
 def test_an_export_says_it_and_a_longer_tool_is_off_by_no_more(name, options):
-    """The files' motion, for tools 100 mm longer in each direction, against that for the tool itself by a control with a model."""
+    """Against a control with a kinematic model, told of tools 100 mm longer in each direction, and of the tool itself."""
     solution = made_up(MACHINE)
     base = volid.compensation_base(solution, tuple(TOOL.tolist()))
     sign = "error" if name == "sinumerik-cec" else None

@@ -128,7 +128,12 @@ def export_of(solution: Solution, chosen: Controller, request: ExportRequest) ->
     helping = helping_motions(written.held, job, request.axes, model_reversal(solution))
     refuse_unsteady(helping, request.axes, job.machine)
     notes = (*found.notes, *work.notes(made), *without, *summed, *kept, *_helping_notes(helping, job.machine))
-    notes = (*notes, *other_tool_notes(job, declared), *written.notes, *_state_notes(solution, found.types, declared, request))
+    notes = (
+        *notes,
+        *other_tool_notes(job, declared),
+        *written.notes,
+        *_state_notes(solution, found.types, declared, request),
+    )
     return replace(written, axes=request.axes, solution=solution, helping=helping, notes=notes, existing=old)
 
 

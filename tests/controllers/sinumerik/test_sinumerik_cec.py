@@ -158,7 +158,9 @@ def test_each_table_is_switched_by_its_setting_data():
 def test_the_points_of_the_model_are_its_limit():
     """The manuals: 200 points for each table of an 828D, 350 on an 802D sl; on an 840D sl MD18342 decides."""
     most = {
-        model: CONTROLS[NAME].declared_for(MACHINE, options_of(CONTROLS[NAME].declaration, {"model": model})).most_points
+        model: CONTROLS[NAME]
+        .declared_for(MACHINE, options_of(CONTROLS[NAME].declaration, {"model": model}))
+        .most_points
         for model in ("840d-sl", "828d", "802d-sl")
     }
     assert most == {"840d-sl": None, "828d": 200, "802d-sl": 350}

@@ -98,7 +98,8 @@ DECLARATION = Declaration(
     outside=NOT_KNOWN,
     limits="as many rows in all as max_records says; 10 files of each of 5 compensations",
     zero="nowhere; a value other than 0 where the machine stands when it is switched on makes it move",
-    switching="#VOLCOMP ON [ID0] and #VOLCOMP OFF [ID0]; each of up to five compensations by its number",
+    switching="#VOLCOMP ON [ID0] and #VOLCOMP OFF [ID0], 0 being the number of option id; the types of one export are on and off "
+    "together, because one number holds them all",
     model=True,
     options=(
         Option(
