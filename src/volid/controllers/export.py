@@ -19,7 +19,7 @@ from volid.controllers.axes import Axes, helping_motions, kept_to, refuse_unstea
 from volid.controllers.base import EQUAL, Declaration, Job, Written, options_of, sign_of
 from volid.controllers.choice import Choice, asked_types, most_types
 from volid.controllers.existing.conversion import on_top
-from volid.controllers.existing.reading import ExistingCompensation
+from volid.controllers.existing.reading import ExistingCompensation, unknown_control
 from volid.controllers.existing.state import not_described, not_recorded, would_replace
 from volid.controllers.exported import Export, write
 from volid.controllers.unsupported import reason
@@ -57,7 +57,7 @@ def controller(name: str) -> Controller:
     why = reason(name)
     if why:
         raise InputError(f"`cnc={name}`: nothing can be written for it: {why}")
-    raise InputError(f"`cnc={name}` is no control that volid knows; available: {', '.join(CONTROLS)}")
+    raise unknown_control(name)
 
 
 def export(
