@@ -226,7 +226,7 @@ class _Work:
         letters = [t.axis for t in made.tables] + [a for g in made.grids for a in g.axes]
         notes = cut_notes(self.solution, self.ranges, letters)
         missed = max((t for t in made.tables if t.unit == "mm"), key=lambda t: t.interpolation, default=None)
-        if missed is not None and missed.interpolation > LEFT_OUT:
+        if missed is not None and missed.interpolation > LEFT_OUT and not self.declared.linear:
             notes.append(
                 f"linear interpolation between the points misses at most {1e3 * missed.interpolation:.3g} µm "
                 f"({missed.function}, {len(missed.positions)} points); `max_error` or `step` take more points"

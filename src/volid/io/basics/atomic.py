@@ -47,8 +47,8 @@ def atomic_output(path: str | Path, overwrite: bool = False) -> Iterator[Path]:
 def atomic_folder(path: str | Path, overwrite: bool = False) -> Iterator[Path]:
     """A temporary folder, to be filled by the caller with files and folders; it becomes `path` when the block succeeds.
 
-    With `overwrite`, files of the same name in an existing folder, and in its folders, are replaced one by one; the others
-    stay. Raises `OutputError` when `path` holds something (unless `overwrite`), is a file, or cannot be written.
+    With `overwrite`, files of the same name in an existing folder are replaced one by one and the others stay. Raises
+    `OutputError` when `path` holds something (unless `overwrite`), is a file, or cannot be written.
     """
     path = Path(path)
     if os.path.isdir(path):  # False for a name too long, which Path.is_dir raises for
@@ -94,10 +94,11 @@ def _move(temporary: Path, path: Path, real: Path) -> None:
     if not real.is_dir():
         os.rename(temporary, real)
         return
-    items = [item for item in temporary.rglob("*") if item.is_file()]
-    targets = [(item, find_target(path / item.relative_to(temporary), overwrite=True)) for item in items]
+    places = [(item, path / item.relative_to(temporary)) for item in sorted(temporary.rglob("*")) if not item.is_dir()]
+    for _, place in places:
+        place.parent.mkdir(parents=True, exist_ok=True)
+    targets = [(item, find_target(place, overwrite=True)) for item, place in places]
     for item, target in targets:
-        target.path.parent.mkdir(parents=True, exist_ok=True)
         target.receive(item, overwrite=True)
 
 
