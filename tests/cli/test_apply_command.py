@@ -129,3 +129,24 @@ def test_gaps_between_motions_are_drawn_as_gaps():
     with pytest.raises(volid.InputError, match="no motion in feed"):
         empty = volid.apply_to_program(grid, "G21", volid.ProgramSetting())
         volid.plot.program_figure(empty, "part.nc")
+
+
+def test_files_of_a_control_are_applied_as_it_would(run, folder):
+    """X stands 20 µm too far at 200 mm in both directions: it is sent to 199.98, from 100, where it is 10 µm too far."""
+    (folder / "x.comp").write_text("0 0 0\n1000 1000.1 1000.1\n")
+    status, output, _ = run("apply", "x.comp", "part.nc", *OPTIONS[:1], "G54=0,0,0", *OPTIONS[2:])
+    assert status == 0 and "largest correction: X 20.00, Y 0.00, Z 0.00 µm" in output
+    assert "G1 X199.98 F100" in (folder / "out.nc").read_bytes().decode("cp1252")
+
+
+def test_the_sign_of_files_is_an_option(run, folder):
+    (folder / "cec.ini").write_text("$AN_CEC[0,0]=0\n")
+    status, _, errors = run("apply", "cec.ini", "part.nc", *OPTIONS)
+    assert status == 2 and "state --sign error" in errors
+
+
+def test_a_grid_without_rotations_is_for_its_tool(run, folder):
+    """The grid of GRID has none and is for (0, 0, -150)."""
+    words = [w if w != "0,0,-150" else "0,0,-200" for w in OPTIONS]
+    status, _, errors = run("apply", "grid.csv", "part.nc", *words)
+    assert status == 1 and "holds for the tool vector 0, 0, -150 mm alone" in errors and "with 0, 0, -200 mm" in errors

@@ -100,3 +100,44 @@ def test_bad_input_has_one_clear_message(solution, run, tmp_path, words, message
 def test_a_folder_and_a_solution_are_asked_for(solution, run):
     assert "-o DIR is missing" in run("export", solution, "--cnc", "linuxcnc")[2]
     assert "no solution is named" in run("export", "--cnc", "linuxcnc", "-o", "x")[2]
+
+
+def test_files_from_before_are_named(solution, run, tmp_path):
+    """With all controls too, folders of an earlier run are filled again; a table that is of no part of it any more is named."""
+    out = tmp_path / "controls"
+    assert run("export", solution, "--cnc", "all", "-o", out)[0] == 0
+    (out / "linuxcnc" / "y.comp").write_text("0 0 0\n100 100.01 100.01\n")
+    (out / "linuxcnc" / "notes.txt").write_text("of a person\n")
+    (out / "linuxcnc" / "x.comp").write_text("")
+    status, _, err = run("export", solution, "--cnc", "all", "-o", out, "--force")
+    assert status == 1 and "not part of this export: linuxcnc/y.comp; remove them" in err
+    assert len((out / "linuxcnc" / "x.comp").read_text().splitlines()) > 2
+    status, _, err = run("export", solution, "--cnc", "linuxcnc", "-o", out / "linuxcnc", "--force")
+    assert status == 1 and "not part of this export: y.comp; remove them" in err
+    (out / "linuxcnc" / "y.comp").unlink()
+    assert run("export", solution, "--cnc", "linuxcnc", "-o", out / "linuxcnc", "--force")[0] == 0
+
+
+def test_an_explanation_is_json_too(run):
+    found = json.loads(run("export", "--cnc", "fanuc-pitch", "--explain", "--json")[1])
+    options = {o["name"]: o["default"] for o in found["options"]}
+    assert found["name"] == "fanuc-pitch" and options["bidirectional"] == "0" and options["limit"] == "not stated"
+    assert {"text", "basis", "source"} == set(found["facts"][0]) and found["commissioning"]["backup"]
+
+
+def test_options_that_were_not_stated_are_so_in_the_record(solution, run, tmp_path):
+    run("export", solution, "--cnc", "linuxcnc", "-o", tmp_path / "c")
+    record = (tmp_path / "c" / "RECORD.md").read_text(encoding="utf-8")
+    rows = {
+        cells[1].strip(): cells[2].strip()
+        for cells in (line.split("|") for line in record.splitlines())
+        if len(cells) > 2
+    }
+    assert rows["option coordinates"] == "not stated" and rows["option units"] == "mm"
+
+
+def test_the_sign_of_existing_files_is_asked_for_by_its_own_option(solution, run, tmp_path):
+    (tmp_path / "cec.ini").write_text("$AN_CEC[0,0]=0\n")
+    words = ("--cnc", "sinumerik-cec", "--sign", "error", "--add-to", tmp_path / "cec.ini", "-o", tmp_path / "c")
+    status, _, err = run("export", solution, *words)
+    assert status == 2 and "state --add-to-sign error (actual - nominal) or --add-to-sign compensation" in err

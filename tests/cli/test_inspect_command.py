@@ -110,7 +110,15 @@ def test_own_tables_are_inspected_and_converted(tmp_path, capsys):
         (["nowhere.comp"], "nowhere.comp: there is no such file"),
         (["{x}", "--cnc", "linuxcnc", "--option", "comp_file_type=1"], "if the files need one, name it with --machine"),
         (["pyproject.toml"], "pyproject.toml: looks like a file of no control that volid knows"),
-        (["{x}", "--cnc", "linuxnc"], "is no control that volid knows; available: linuxcnc"),
+        (["{x}", "--cnc", "linuxnc"], "is no control that volid knows; did you mean linuxcnc"),
+        (
+            ["{x}", "--to", "sinumerik-cec", "-o", "out"],
+            "state --to-sign error (actual - nominal) or --to-sign compensation",
+        ),
+        (
+            ["{x}", "--to", "heidenhain", "-o", "out"],
+            "--to heidenhain is no control that volid knows; did you mean heidenhain-",
+        ),
         (["{x}", "--to", "linuxcnc"], "--to linuxcnc writes files; name a folder for them with -o"),
         (["{x}", "-o", "out"], "nothing is written without --at POINTS.csv or --to NAME"),
         (["{x}", "--mean"], "--mean says how files of another control are made; name it with --to"),
@@ -156,3 +164,40 @@ def test_simulate_records_the_files_and_keeps_them(files, tmp_path, capsys):
     assert campaign.active_files[0].files == {"x.comp": X.encode()}
     (found,) = volid.recorded_compensations(campaign)
     assert found.words in campaign.conditions["active_compensations"]
+
+
+def test_points_with_axes_that_no_file_names_ask_for_the_machine(files, tmp_path, capsys):
+    (tmp_path / "points.csv").write_text("X,Y,Z\n0,0,0\n")
+    status, _, err = run(capsys, "inspect", files / "x.comp", "--at", tmp_path / "points.csv")
+    assert status == 2 and "unknown column 'Y'" in err and "the files name X alone; name it with --machine" in err
+
+
+def test_what_a_folder_holds_besides_is_named(files, capsys):
+    """A damaged table beside two good ones, and a table of another control: neither is read, both are named."""
+    (files / "z.comp").write_text("; z\n0 0 0\n")
+    (files / "old.ini").write_text("$AN_CEC[0,0]=0\n")
+    (files / "letter.txt").write_text("hello\n")
+    err = run(capsys, "inspect", files, "--machine", MACHINE)[2]
+    assert "left out, because linuxcnc does not know them: old.ini, z.comp\n" in err
+
+
+def test_positions_without_a_machine_are_said_to_be_made_up(tmp_path, capsys):
+    """Z is moved over X: where Z stands then is in no file."""
+    values = "".join(f"$AN_CEC[0,{i}]={v}\n" for i, v in enumerate((0.0, 0.010, 0.020)))
+    settings = {"INPUT_AXIS": "(X1)", "OUTPUT_AXIS": "(Z1)", "STEP": 100, "MIN": 0, "MAX": 200, "DIRECTION": 0}
+    lines = "".join(f"$AN_CEC_{k}[0]={v}\n" for k, v in {**settings, "MULT_BY_TABLE": 0, "IS_MODULO": 0}.items())
+    (tmp_path / "cec.ini").write_text(values + lines)
+    command = ("inspect", tmp_path / "cec.ini", "--sign", "error", "--to", "heidenhain-com")
+    _, out, _ = run(capsys, *command, "-o", tmp_path / "a")
+    assert "no table is over Z: positions of it in the commissioning sheet are made up" in out
+    assert "are made up" in (tmp_path / "a" / "COMMISSIONING.md").read_text(encoding="utf-8")
+    assert "made up" not in run(capsys, *command, "-o", tmp_path / "b", "--machine", MACHINE)[1]
+
+
+def test_a_grid_without_a_tool_vector_is_not_said_to_be_for_one(tmp_path, capsys):
+    """A grid of ISG holds three translations alone, whatever tool it was made for."""
+    rows = "".join(f"{x} {y} {z} 0.01 0 0\n" for z in (-500, 0) for y in (0, 600) for x in (0, 1000))
+    (tmp_path / "vol.csv").write_text(f"X Y Z EXX EYY EZZ\n{rows}")
+    _, out, _ = run(capsys, "inspect", tmp_path / "vol.csv", "--cnc", "isg-volcomp", "--machine", MACHINE)
+    words = " ".join(out.split())
+    assert "without a tool vector: the same values with every tool" in words and "0, 0, 0" not in words

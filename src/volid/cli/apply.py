@@ -7,6 +7,7 @@ import re
 from typing import TYPE_CHECKING
 
 from volid.cli.common import add_output, check_figure, check_output, conclude, explain, print_json, tell, write_figure
+from volid.cli.control_options import add_files_of
 from volid.cli.numbers import count, finite, number, tool_vector, vector
 from volid.cli.progress import Progress
 
@@ -34,8 +35,9 @@ example:
   volid grid solution.h5 --type L-VOL --step 50 -o grid.csv
   volid apply grid.csv part.nc --offset G54=400,200,-300 --tool 0,0,-150 -o part_corrected.nc
 
-exit status: 0 good; 1 written, but a point lies outside the grid, where its end values are held, or files
-correct something twice; 2 bad input, also a program with something that is not followed: then nothing is written
+exit status: 0 good; 1 written, but a point lies outside the grid, where its end values are held, files correct
+something twice, or a grid without rotations is for another tool vector; 2 bad input, also a program with
+something that is not followed: then nothing is written
 """
 _NUMBERED_TOOL = re.compile(r"T(\d+)=(.*)")
 _NUMBERED_LENGTH = re.compile(r"[HT]?(\d+)=(.*)")
@@ -46,9 +48,12 @@ _origin = vector("origin", "G54=400,200,-300")
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
     explain(parser, _EPILOG)
-    parser.add_argument("grid", metavar="GRID", help="a grid of volid, a table, or a folder of them")
+    parser.add_argument(
+        "grid", metavar="GRID", help="a grid or table of volid, files of a control, or a folder of them"
+    )
     parser.add_argument("program", metavar="PROGRAM.nc", help="the program")
-    parser.add_argument("--machine", metavar="MACHINE.toml", help="needed for tables; a grid alone does without")
+    add_files_of(parser, of="GRID")
+    parser.add_argument("--machine", metavar="MACHINE.toml", help="needed for tables of error functions alone")
     parser.add_argument(
         "--offset", metavar="G54=x,y,z", type=_offset, action="append", default=[], help="work offset, mm; repeat it"
     )
@@ -111,7 +116,8 @@ def run(args: argparse.Namespace) -> int:
             progress("drawing")
             _draw(made, args)
     _say(made, args)
-    return conclude(args, [*control.corrected_twice, *([] if args.allow_beyond else _beyond(made))])
+    odd = [*control.corrected_twice, *_for_another_tool(control, setting)]
+    return conclude(args, [*odd, *([] if args.allow_beyond else _beyond(made))])
 
 
 def _say(made: CorrectedProgram, args: argparse.Namespace) -> None:
@@ -133,6 +139,31 @@ def _beyond(made: CorrectedProgram) -> list[str]:
     return [f"{line_words(outside)}: outside the nodes, where the end values are held"] if outside else []
 
 
+def _for_another_tool(control: Control, setting: ProgramSetting) -> list[str]:
+    """That a grid has no rotations by which it could be taken to the tool vectors of the program, where these are others."""
+    import numpy as np
+
+    from volid.compensation.active import vector_words
+    from volid.compensation.types import TYPES
+
+    tools = [t for t in (setting.tool, *setting.tools.values()) if t is not None]
+    found = []
+    for g in control.grids:
+        types = [TYPES[n] for n in re.split(r" \+ | on top of ", g.type) if n in TYPES]
+        fixed = (
+            any("angular" in t.effects for t in types)
+            and not np.nan_to_num(g.values[:, 3:]).any()
+            and np.any(g.reference)
+        )
+        others = [t for t in tools if fixed and not np.allclose(t, g.reference)]
+        if others:
+            found.append(
+                f"{g.type}: the grid has no rotations and holds for the tool vector {vector_words(g.reference)} alone; the "
+                f"program was corrected by it with {vector_words(others[0])}"
+            )
+    return found
+
+
 def _control(args: argparse.Namespace) -> Control:
     """The compensation, on the machine that is named or on plain axes."""
     from volid.controllers.programs.program import plain_machine
@@ -141,8 +172,9 @@ def _control(args: argparse.Namespace) -> Control:
     from volid.io.machines import read_machine
 
     machine = plain_machine() if args.machine is None else read_machine(args.machine)
-    control = load_control(machine, [args.grid])
-    if not control.tables and not control.grids:
+    of = {"cnc": args.cnc, "sign": args.sign, "control_options": dict(args.option)}
+    control = load_control(machine, [args.grid], **of)
+    if not (control.tables or control.grids or control.axis_tables):
         raise InputError(f"{args.grid}: holds no table or grid (*.csv, *.h5); expected at least one")
     if control.tables and args.machine is None:
         raise InputError(

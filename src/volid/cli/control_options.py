@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from volid.cli.compensation_options import ByAxis, limits
@@ -93,6 +96,25 @@ def add_files_of(parser: argparse.ArgumentParser, before: str = "", of: str = "t
     )
 
 
+@contextmanager
+def in_words_of(**called: str) -> Iterator[None]:
+    """Messages about files of a control name the options that the verb has for them: with sign="to_sign" `sign` becomes that.
+
+    >>> from volid.exceptions import InputError
+    >>> with in_words_of(sign="to_sign"):
+    ...     raise InputError("state `sign=error`")
+    Traceback (most recent call last):
+    volid.exceptions.InputError: state `to_sign=error`
+    """
+    from volid.exceptions import InputError
+
+    try:
+        yield
+    except InputError as error:
+        pattern = rf"`({'|'.join(called)})(?=[=`])"
+        raise InputError(re.sub(pattern, lambda found: f"`{called[found[1]]}", str(error))) from None
+
+
 def one_option(text: str) -> tuple[str, str]:
     """ "comp_file_type=1" as key and value, for argparse."""
     key, found, value = text.partition("=")
@@ -112,7 +134,8 @@ def control_from(args: argparse.Namespace, machine: Machine) -> Control | None:
             ask_tools(machine, [args.control_tool], name="`control_tool`")
         of = {"cnc": args.compensation_cnc, "sign": args.compensation_sign}
         of |= {"control_options": dict(args.compensation_option)}
-        control = load_control(machine, args.compensation, tool=args.control_tool, **of, **control_limits(args))
+        with in_words_of(cnc="compensation_cnc", sign="compensation_sign"):
+            control = load_control(machine, args.compensation, tool=args.control_tool, **of, **control_limits(args))
         if not (control.tables or control.grids or control.axis_tables):
             raise InputError(
                 f"{', '.join(args.compensation)}: holds no table or grid (*.csv, *.h5); expected at least one"
@@ -131,4 +154,7 @@ def loaded_files(args: argparse.Namespace, machine: Machine) -> tuple[ExistingCo
     from volid.io.control_files import existing_of
 
     options = dict(args.compensation_option)
-    return existing_of(machine, args.compensation, args.compensation_cnc, sign=args.compensation_sign, options=options)
+    with in_words_of(cnc="compensation_cnc", sign="compensation_sign"):
+        return existing_of(
+            machine, args.compensation, args.compensation_cnc, sign=args.compensation_sign, options=options
+        )

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from volid.cli.control_options import add_files_of
+from volid.cli.control_options import add_files_of, in_words_of
 
 if TYPE_CHECKING:
     from volid.compensation.grids.grid import AnyGrid
@@ -43,7 +43,8 @@ def existing_from(solution: Solution, args: argparse.Namespace) -> tuple[Existin
     found: tuple[ExistingCompensation, ...] = ()
     if args.add_to:
         options = dict(args.add_to_option)
-        found = existing_of(machine, args.add_to, args.add_to_cnc, sign=args.add_to_sign, options=options)
+        with in_words_of(cnc="add_to_cnc", sign="add_to_sign"):
+            found = existing_of(machine, args.add_to, args.add_to_cnc, sign=args.add_to_sign, options=options)
     if not args.add_active:
         return found
     recorded = recorded_compensations(solution.campaign)

@@ -19,6 +19,7 @@ from volid.cli.compensation_options import (
     sampling_of,
 )
 from volid.cli.existing_options import add_existing, existing_from
+from volid.cli.left_over import files_in, left_over
 from volid.cli.numbers import add_unusual, count
 from volid.cli.progress import Progress
 
@@ -102,14 +103,15 @@ def run(args: argparse.Namespace) -> int:
     """Explain, or read, make, write. Raises `InputError`, `OutputError`, `NotDeterminedError`."""
     from volid.cli.export_all import export_all, list_controls, refuse_existing
     from volid.controllers.export import controller
-    from volid.controllers.handover.explain import explained
+    from volid.controllers.handover.explain import explained, explained_data
 
     if args.cnc == LIST or (args.explain and args.cnc == ALL):
         return list_controls(args)
     if args.cnc != ALL:
         controller(args.cnc)
     if args.explain:
-        print(explained(controller(args.cnc)), end="")
+        chosen = controller(args.cnc)
+        print_json(explained_data(chosen)) if args.json else print(explained(chosen), end="")
         return 0
     _ask_for_files(args)
     refuse_existing(args)
@@ -173,11 +175,12 @@ def options_from(args: argparse.Namespace) -> dict[str, str]:
 
 def _one(solution: Solution, request: ExportRequest, notes: list[str], args: argparse.Namespace) -> int:
     """One control: its files into the folder, what they are to standard output."""
-    from volid.cli.export_all import in_json
+    from volid.cli.export_all import in_json, names_of
     from volid.controllers.existing.state import NOT_ACTIVE, REPLACED
     from volid.controllers.export import controller, export_of
     from volid.io.exports import RECORD, SHEET, save_export
 
+    before = files_in(args.output)
     made = export_of(solution, controller(args.cnc), request)
     save_export(made, args.output, overwrite=args.force, source=args.solution, command=args.command_line)
     if args.json:
@@ -190,4 +193,5 @@ def _one(solution: Solution, request: ExportRequest, notes: list[str], args: arg
         print(f"  {RECORD}: what the values are, and where they come from")
     wrong = [n for n in made.notes if REPLACED in n or NOT_ACTIVE in n]
     tell(args, [n for n in (*notes, *made.notes) if n not in wrong])
+    wrong += left_over(args.output, before, names_of(made))
     return conclude(args, attention(solution, named=True) + wrong)

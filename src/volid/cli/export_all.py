@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from volid.cli.common import attention, conclude, in_options, print_json, tell
+from volid.cli.left_over import files_in, left_over
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -67,7 +68,7 @@ def export_all(
     from volid.io.basics.atomic import atomic_folder
 
     _refuse_strange_options(request, list(CONTROLS))
-    found = []
+    found, before = [], files_in(args.output)
     with atomic_folder(args.output, args.force) as folder:
         for chosen in CONTROLS.values():
             progress(f"making the files of {chosen.declaration.name}")
@@ -76,7 +77,15 @@ def export_all(
             raise InputError("no control can be written. " + ". ".join(_reasons(found)))
     _print(found, args)
     tell(args, notes)
-    return conclude(args, attention(solution, named=True))
+    written = [f"{o.name}/{name}" for o in found if o.made is not None for name in names_of(o.made)]
+    return conclude(args, attention(solution, named=True) + left_over(args.output, before, written))
+
+
+def names_of(made: Export) -> list[str]:
+    """Names of all files of an export."""
+    from volid.io.exports import RECORD, SHEET
+
+    return [*(f.name for f in made.written.files), SHEET, RECORD]
 
 
 def _reasons(found: list[Outcome]) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from volid.cli.common import (
@@ -17,7 +18,7 @@ from volid.cli.common import (
     write_sheet,
 )
 from volid.cli.compensation_options import ByAxis, assignments
-from volid.cli.control_options import add_files_of, one_option
+from volid.cli.control_options import add_files_of, in_words_of, one_option
 from volid.cli.numbers import tool_vector
 
 if TYPE_CHECKING:
@@ -95,6 +96,7 @@ def run(args: argparse.Namespace) -> int:
         _values(found, args)
     made = _convert(found, args) if args.to else None
     _say(found, made, args)
+    tell(args, _left_out(found, args))
     return conclude(args, oddities(found))
 
 
@@ -132,10 +134,19 @@ def _draw(found: ExistingCompensation, args: argparse.Namespace) -> None:
 
 def _values(found: ExistingCompensation, args: argparse.Namespace) -> None:
     from volid.controllers.existing.looks import points_beyond
+    from volid.exceptions import InputError
     from volid.io.existing_values import values_sheet
     from volid.io.functions_csv import read_points
 
-    points = read_points(args.at, found.machine, tools=False)
+    try:
+        points = read_points(args.at, found.machine, tools=False)
+    except InputError as error:
+        if args.machine:
+            raise
+        known = ", ".join(found.machine.letters)
+        raise InputError(
+            f"{error}. No machine was given, and the files name {known} alone; name it with --machine"
+        ) from None
     write_sheet(values_sheet(found, points), args)
     tell(args, [*points.notes, *points_beyond(found, points.positions)])
 
@@ -146,9 +157,43 @@ def _convert(found: ExistingCompensation, args: argparse.Namespace) -> Export:
     from volid.io.exports import save_export
 
     target = Target(args.to, args.to_sign, dict(args.to_option), args.line, args.tool, args.mean)
-    made = convert(found.compensation, found.machine, target)
+    with in_words_of(cnc="to", sign="to_sign"):
+        made = convert(found.compensation, found.machine, target)
+    made = replace(made, notes=(*made.notes, *_made_up(found, args)))
     save_export(made, args.output, overwrite=args.force)
     return made
+
+
+def _made_up(found: ExistingCompensation, args: argparse.Namespace) -> list[str]:
+    """That the sheet goes to positions of axes about which the files say nothing, and no machine either."""
+    from volid.controllers.existing.contents import nodes_by_axis
+
+    unknown = [a for a in found.machine.letters if a not in nodes_by_axis(found.compensation)]
+    if args.machine or not unknown:
+        return []
+    return [
+        f"no machine was given, and no table is over {', '.join(unknown)}: positions of it in the commissioning sheet are made "
+        "up; with `machine` they lie within its travel"
+    ]
+
+
+def _left_out(found: ExistingCompensation, args: argparse.Namespace) -> list[str]:
+    """Files of controls in the folders that were named, which are no part of this compensation, and others of the same kind."""
+    from pathlib import Path
+
+    from volid.controllers import CONTROLS
+    from volid.exceptions import cut
+
+    read = {Path(name).resolve() for name in found.files}
+    kinds = {p.suffix for p in read}
+    inside = [p for f in args.files if Path(f).is_dir() for p in sorted(Path(f).iterdir()) if p.is_file()]
+    others = [p for p in inside if p.resolve() not in read]
+    names = [
+        p.name
+        for p in others
+        if p.suffix in kinds or any(c.recognises(p.name, p.read_bytes()) for c in CONTROLS.values())
+    ]
+    return [f"left out, because {found.cnc} does not know them: {cut(', '.join(names), 200)}"] if names else []
 
 
 def _say(found: ExistingCompensation, made: Export | None, args: argparse.Namespace) -> None:

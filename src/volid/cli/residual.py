@@ -32,7 +32,7 @@ from volid.cli.compensation_options import (
     rule_from,
     scatter,
 )
-from volid.cli.control_options import add_control_limits, add_files_of, control_limits
+from volid.cli.control_options import add_control_limits, add_files_of, control_limits, in_words_of
 from volid.cli.numbers import add_unusual, count, number, seed, tool_vector
 from volid.cli.progress import Progress
 
@@ -214,7 +214,8 @@ def _loaded(solution: Solution, args: argparse.Namespace) -> tuple[dict[str, Com
     if not args.compensation:
         return {}, []
     of = {"sign": args.compensation_sign, "options": dict(args.compensation_option)}
-    held = existing_of(solution.machine, args.compensation, args.compensation_cnc, **of)
+    with in_words_of(cnc="compensation_cnc", sign="compensation_sign"):
+        held = existing_of(solution.machine, args.compensation, args.compensation_cnc, **of)
     if not held:
         return {}, []
     names = ", ".join(dict.fromkeys(n.rsplit("/", 1)[-1] for e in held for n in e.files))

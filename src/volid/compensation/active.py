@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 
+import numpy as np
+
 from volid.compensation.grids.grid import AnyGrid
 from volid.compensation.grids.sides import LINEAR
 from volid.compensation.tables.axis_table import AxisTable
@@ -27,8 +29,16 @@ def table_words(tables: Iterable[ErrorTable]) -> list[str]:
 
 def grid_words(grid: AnyGrid) -> str:
     """Such as "L-VOL: grid over X, Y, Z for the tool vector 0, 0, -150 mm"."""
-    at = "for the tool vector" if grid.side == LINEAR else f"of the {grid.side}, at the point"
-    return f"{grid.type}: grid over {', '.join(grid.axes)} {at} {vector_words(grid.reference)}"
+    return f"{grid.type}: grid over {', '.join(grid.axes)} {reference_words(grid)}"
+
+
+def reference_words(grid: AnyGrid) -> str:
+    """Such as "for the tool vector 0, 0, -150 mm"; a grid without rotations and tool vector, as many controls have, says that."""
+    if grid.side != LINEAR:
+        return f"of the {grid.side}, at the point {vector_words(grid.reference)}"
+    if not np.any(grid.reference) and not np.nan_to_num(grid.values[:, 3:]).any():
+        return "without a tool vector: the same values with every tool"
+    return f"for the tool vector {vector_words(grid.reference)}"
 
 
 def axis_table_words(table: AxisTable) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from volid.controllers.base import Option
@@ -52,13 +52,18 @@ def by_axis(convert: Callable[[str], Any], default: Any = None) -> Callable[[str
 
 def of_axis(option: Any, letter: str, control: str, name: str) -> Any:
     """The value of one axis. Raises `InputError` where the option must be stated and is not."""
-    value = or_none(option, letter)
-    if value is None:
+    ask_axes(option, [letter], control, name)
+    return or_none(option, letter)
+
+
+def ask_axes(option: Any, letters: Iterable[str], control: str, name: str) -> None:
+    """Raises `InputError` with all axes of which an option that must be stated is not."""
+    missing = [letter for letter in letters if or_none(option, letter) is None]
+    if missing:
         raise InputError(
-            f"{control}: option {name} of {letter} is missing, and no public source can know it; state it, as in "
-            f"{name}={letter}=…"
+            f"{control}: option {name} of {', '.join(missing)} is missing, and no public source can know it; state it, as in "
+            f"{name}={','.join(f'{letter}=…' for letter in missing)}"
         )
-    return value
 
 
 def or_none(option: Any, letter: str) -> Any:

@@ -19,7 +19,7 @@ from volid.controllers.axes import Axes, helping_motions, kept_to, refuse_unstea
 from volid.controllers.base import EQUAL, Declaration, Job, Written, options_of, sign_of
 from volid.controllers.choice import Choice, asked_types, most_types
 from volid.controllers.existing.conversion import on_top
-from volid.controllers.existing.reading import ExistingCompensation
+from volid.controllers.existing.reading import ExistingCompensation, unknown_control
 from volid.controllers.existing.state import not_described, not_recorded, would_replace
 from volid.controllers.exported import Export, write
 from volid.controllers.other_tools import other_tool_notes
@@ -58,7 +58,7 @@ def controller(name: str) -> Controller:
     why = reason(name)
     if why:
         raise InputError(f"`cnc={name}`: nothing can be written for it: {why}")
-    raise InputError(f"`cnc={name}` is no control that volid knows; available: {', '.join(CONTROLS)}")
+    raise unknown_control(name)
 
 
 def export(
@@ -232,7 +232,7 @@ class _Work:
         letters = [t.axis for t in made.tables] + [a for g in made.grids for a in g.axes]
         notes = cut_notes(self.solution, self.ranges, letters)
         missed = max((t for t in made.tables if t.unit == "mm"), key=lambda t: t.interpolation, default=None)
-        if missed is not None and missed.interpolation > LEFT_OUT:
+        if missed is not None and missed.interpolation > LEFT_OUT and not self.declared.linear:
             notes.append(
                 f"linear interpolation between the points misses at most {1e3 * missed.interpolation:.3g} µm "
                 f"({missed.function}, {len(missed.positions)} points); `max_error` or `step` take more points"

@@ -12,6 +12,7 @@ from volid.compensation.package import Compensation
 from volid.controllers import CONTROLS
 from volid.controllers.existing.contents import moved_axes, nodes_by_axis
 from volid.controllers.existing.reading import (
+    NO_MACHINE,
     OWN,
     ExistingCompensation,
     control_called,
@@ -193,7 +194,7 @@ def _best(files: Mapping[str, bytes]) -> Any:
 def _plain(letters: Iterable[str], ranges: Mapping[str, tuple[float, float]]) -> Machine:
     """A machine with all axes on the tool side, linear ones first."""
     chosen = [a for a in _LETTERS if a in letters]
-    lines = ['format = "volid-machine/1"', 'name = "no machine given"', f'structure = "w b {" ".join(chosen)} t"']
+    lines = ['format = "volid-machine/1"', f'name = "{NO_MACHINE}"', f'structure = "w b {" ".join(chosen)} t"']
     for letter in chosen:
         low, high = ranges[letter]
         lines += [f"[axis.{letter}]", f"travel = [{low!r}, {high!r}]"]
@@ -210,4 +211,4 @@ def _plain_of(made: Compensation) -> tuple[Machine, str]:
     ranges = {a: (float(n[0]), float(n[-1])) for a, n in nodes.items() if n[-1] > n[0]}
     machine = _plain(letters, {**{a: (0.0, 1000.0) for a in letters}, **ranges})
     code = machine.structure.strip()
-    return machine, f"no machine given: a plain one with the axes {', '.join(machine.letters)}, its structure {code}"
+    return machine, f"{NO_MACHINE}: a plain one with the axes {', '.join(machine.letters)}, its structure {code}"

@@ -105,7 +105,9 @@ def test_files_say_to_which_state_they_belong(solution):
     (warned,) = [n for n in alone.notes if "REPLACE" in n]
     assert existing.words in warned and "`volid.recorded_compensations`" in warned
     both = volid.export(solution, "linuxcnc", ["L-POS"], add_to=[existing])
-    assert f"sum with {existing.words}: load it in the place of these files, not beside them" in both.notes
+    assert (
+        f"the new files are a sum with {existing.words}: load them in the place of those, not beside them" in both.notes
+    )
     assert not [n for n in both.notes if "REPLACE" in n or "not active" in n]
 
 

@@ -240,3 +240,9 @@ def test_options_say_what_they_take(option, value):
 def test_every_axis_needs_a_joint():
     with pytest.raises(InputError, match="`coordinates=XY`: the machine's axis Z has no joint"):
         written("linuxcnc", pitch(), coordinates="XY")
+
+
+def test_a_machine_in_inches_is_told_that_its_sheet_is_in_mm():
+    for unit, said in (("inch", True), ("mm", False)):
+        notes = CONTROLS["linuxcnc"].write(job("linuxcnc", pitch(), units=unit)).notes
+        assert any("sheet are in mm: command them after G21" in n for n in notes) == said

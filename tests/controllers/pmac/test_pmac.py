@@ -248,8 +248,10 @@ def test_what_is_left_out_is_said():
 
 
 def test_counts_must_be_stated():
-    with pytest.raises(InputError, match=r"pmac: option counts of X is missing.*counts=X=…"):
+    with pytest.raises(InputError, match=r"pmac: option counts of Y, X, Z is missing.*counts=Y=…,X=…,Z=…"):
         written("pmac", pitch())
+    with pytest.raises(InputError, match=r"pmac: option counts of Z is missing.*counts=Z=…"):
+        written("pmac", pitch(), counts="X=1000,Y=1000")
 
 
 def test_more_tables_than_owners_are_refused():

@@ -122,6 +122,14 @@ def test_a_control_whose_product_acts_alone_gets_plain_tables():
     assert len(tables.variables) == 4
 
 
+def test_how_far_a_plain_table_alone_would_move_its_axis_is_said():
+    """dY = -20 µrad · z, in units of 10 m -0.2 mm: the plain table of Y over Y has 0.2 mm more than its own 8 µm."""
+    (note,) = [n for n in CONTROLS[NAME].write(job(NAME, levered(), "error")).notes if "ramps" in n]
+    assert "A plain table alone would move its axis by up to 0.208 mm, and no sign of Y can be proved" in note
+    (note,) = [n for n in CONTROLS[NAME].write(job(NAME, levered(), "error", multiplied="not")).notes if "ramps" in n]
+    assert "multiplied=not" in note and "plain" not in note
+
+
 def test_both_directions_stand_in_two_tables():
     found = Tables(written(NAME, pitch(), "error")["nc_cec.ini"])
     x = [

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from support.control_cases import MACHINE, crossed, pitch, spatial
+from support.control_cases import MACHINE, crossed, error_table, pitch, spatial
 
 import volid
 from volid.compensation.package import Compensation
@@ -41,3 +41,16 @@ def test_a_grid_over_one_axis_is_a_line():
     grid = volid.Grid("L-STR", ("X",), (x,), x[:, None], values, values, x > 1e4, (0.0, 0.0, 0.0), "machine", "")
     panels = figure_of(Compensation((), (), (grid,))).axes
     np.testing.assert_allclose(panels[1].lines[-1].get_ydata(), [0.0, 10.0])
+
+
+def test_what_was_assumed_is_said_in_the_language(tmp_path):
+    (tmp_path / "x.comp").write_text("0 0 0\n500 500.01 500.013\n")
+    figure = volid.plot.existing_figure(volid.load_compensation([tmp_path / "x.comp"]), texts=Texts("de"))
+    words = " ".join(t.get_text() for t in figure.texts).replace("\n", " ")
+    assert "keine Maschine angegeben" in words and "wie ihr Inhalt sagt" in words and "no machine" not in words
+
+
+def test_a_constant_is_a_level_line_over_no_axis():
+    (panel,) = figure_of(Compensation((), (error_table("EX0S", [0.0], [0.003]),), ())).axes
+    np.testing.assert_allclose(panel.lines[-1].get_ydata(), [3.0, 3.0])
+    assert panel.get_xlabel() == "a constant" and list(panel.get_xticks()) == []

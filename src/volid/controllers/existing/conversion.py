@@ -133,7 +133,9 @@ def on_top(chosen: Controller, job: Job, existing: Sequence[ExistingCompensation
     if held.axis_tables and job.compensation.tables and not declared.model:
         job = replace(job, compensation=_by_axis(job, declared))
     both = in_form(add_compensations(job.compensation, held), job.machine, declared, job.tool)
-    notes = [f"sum with {e.words}: load it in the place of these files, not beside them" for e in existing]
+    notes = [
+        f"the new files are a sum with {e.words}: load them in the place of those, not beside them" for e in existing
+    ]
     whole = replace(job, compensation=replace(both, names=job.compensation.names))
     _refuse_loss(chosen, job, whole, old)
     return Sum(whole, old, tuple(notes))

@@ -6,6 +6,7 @@ their content. What public sources leave open, such as the sign, the user states
 
 from __future__ import annotations
 
+import difflib
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -21,6 +22,7 @@ from volid.exceptions import InputError
 from volid.model.machine import Machine
 
 OWN = "volid"  # in place of a control's name: volid's own tables and grids
+RECOGNISED, NO_MACHINE = "recognised as files of", "no machine given"  # how sentences about what was assumed begin
 Files = Mapping[str, bytes]
 
 
@@ -136,7 +138,7 @@ def read_existing(
     held = chosen.read(files, machine, {**options_of(declared, stated), "sign": meaning})
     if not (held.tables or held.grids or held.axis_tables):
         raise InputError(f"{', '.join(list(files)[:3])}: holds no table or grid of {declared.title}")
-    assumed = () if cnc else (f"recognised as files of {declared.name} ({declared.title})",)
+    assumed = () if cnc else (f"{RECOGNISED} {declared.name} ({declared.title})",)
     return ExistingCompensation(
         declared.name, machine, held, dict(files), meaning if declared.sign == OPEN else None, stated, assumed
     )
@@ -145,8 +147,21 @@ def read_existing(
 def control_called(cnc: str) -> Controller:
     """The control of a name. Raises `InputError` for a name that there is not."""
     if cnc not in CONTROLS:
-        raise InputError(f"`cnc={cnc}` is no control that volid knows; available: {', '.join(CONTROLS)}")
+        raise unknown_control(cnc)
     return CONTROLS[cnc]
+
+
+def unknown_control(cnc: str) -> InputError:
+    """The error for a name that no control has, with those that are like it.
+
+    >>> str(unknown_control("Sinumerik"))[:80]
+    '`cnc=Sinumerik` is no control that volid knows; did you mean sinumerik-enc-comp '
+    """
+    text = cnc.lower()
+    like = [n for n, c in CONTROLS.items() if text and (text in n or text in c.declaration.title.lower())]
+    like = like or difflib.get_close_matches(text, list(CONTROLS), cutoff=0.65)
+    meant = f"; did you mean {' or '.join(like)}?" if like else ";"
+    return InputError(f"`cnc={cnc}` is no control that volid knows{meant} available: {', '.join(CONTROLS)}")
 
 
 def _refuse_twice(files: Files) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict, fields
+from typing import Any
 
 import numpy as np
 
@@ -26,12 +28,36 @@ def explained(control: Controller) -> str:
     lines += [*heading("Types of ISO/TR 16907 that it carries, the most complete first"), *_carried(d)]
     lines += ["", f"Others: {d.nearest}."]
     if d.options:
-        rows = [[o.name, o.meaning, "" if o.default is None else str(o.default)] for o in d.options]
+        rows = [[o.name, o.meaning, option_words(o.default)] for o in d.options]
         lines += [*heading("Options"), *table(["option", "meaning", "default"], rows)]
     lines += [*heading("What is known, and on what it rests"), *fact_lines(d.facts)]
     for title, texts in commissioning(d):
         lines += [*heading(title), *steps(texts)]
     return text_of(lines)
+
+
+def option_words(value: Any) -> str:
+    """The value of an option as a user would state it.
+
+    >>> option_words(True), option_words(None), option_words({"X": "X1", "Y": "Y1"}), option_words({})
+    ('1', 'not stated', 'X=X1,Y=Y1', 'not stated')
+    """
+    if value is None or value == {}:
+        return "not stated"
+    if isinstance(value, bool):
+        return str(int(value))
+    if type(value) is dict:
+        return ",".join(f"{k}={v}" for k, v in value.items())
+    return str(value)
+
+
+def explained_data(control: Controller) -> dict[str, Any]:
+    """The declaration of a control for JSON."""
+    d = control.declaration
+    found = {f.name: getattr(d, f.name) for f in fields(d)}
+    options = [{"name": o.name, "meaning": o.meaning, "default": option_words(o.default)} for o in d.options]
+    told = {"options": options, "facts": [asdict(f) for f in d.facts], "commissioning": asdict(d.commissioning)}
+    return found | {"carries": dict(d.carries)} | told
 
 
 def commissioning(d: Declaration) -> list[tuple[str, Sequence[str]]]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from volid.compensation.residual.volume import ResidualPrediction, predict_left, predict_uncompensated
 from volid.controllers.export import Export
-from volid.controllers.handover.explain import properties_of_files
+from volid.controllers.handover.explain import option_words, properties_of_files
 from volid.controllers.handover.markdown import bullets, heading, table, text_of
 from volid.controllers.handover.sheet import parts_of
 from volid.exceptions import InputError, NotDeterminedError
@@ -134,7 +134,7 @@ def _meaning(made: Export) -> list[list[str]]:
         ["tool vector", f"{', '.join(f'{v:g}' for v in job.tool)} mm, from the tool frame to the functional point"],
         ["lines cross at", lines],
         ["frame of rotary values", _rotary_frames(machine)],
-        *[[f"option {name}", str(value)] for name, value in job.options.items()],
+        *[[f"option {name}", option_words(value)] for name, value in job.options.items()],
     ]
 
 

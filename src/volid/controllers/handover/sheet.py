@@ -94,7 +94,7 @@ def _signs(made: Export) -> list[str]:
 
 _HEADER = [
     "[ ] table",
-    "command",
+    "command, mm or °",
     "coming from",
     "axis",
     "must move by (alone)",

@@ -39,6 +39,7 @@ from volid.controllers.base import (
 from volid.controllers.linuxcnc.hal.text import FORMAT, MOST, TYPES, UNITS, HalGrid, read_grid, write_grid
 from volid.controllers.linuxcnc.hal.values import corrections_of, for_tool, grid_of, nodes_of, steepest
 from volid.controllers.linuxcnc.hal.wiring import wiring
+from volid.controllers.linuxcnc.joints.ini import INCHES, SHEET_IN_MM
 from volid.exceptions import InputError
 from volid.model.iso230 import LINEAR_AXES
 from volid.model.machine import Machine
@@ -223,7 +224,7 @@ def _parameters(grids: tuple[Grid, ...], letters: str) -> tuple[tuple[str, str, 
 
 
 def _notes(job: Job, grids: tuple[Grid, ...]) -> tuple[str, ...]:
-    notes = []
+    notes = [SHEET_IN_MM] if job.options["unit"] == INCHES else []
     for grid in grids:
         tool = ", ".join(f"{v:g}" for v in grid.tool)
         turn = np.linalg.norm(grid.values[:, 3:], axis=1).max()

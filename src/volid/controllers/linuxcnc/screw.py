@@ -38,7 +38,15 @@ from volid.controllers.base import (
     text_of,
 )
 from volid.controllers.linuxcnc.joints import comp_file
-from volid.controllers.linuxcnc.joints.ini import MM, coordinates, joints_of, states_compensation, units
+from volid.controllers.linuxcnc.joints.ini import (
+    INCHES,
+    MM,
+    SHEET_IN_MM,
+    coordinates,
+    joints_of,
+    states_compensation,
+    units,
+)
 from volid.controllers.linuxcnc.joints.loaded import tables_of
 from volid.controllers.linuxcnc.joints.prepared import left_by_backlash, one_per_axis, scales, step_at_home
 from volid.model.machine import Machine
@@ -172,6 +180,7 @@ class LinuxCNC(Controller):
         files = [] if alone else [_file(t, job) for t in tables]
         notes = [left_by_backlash(t, machine) for t in tables] if alone else []
         notes += [] if alone else [n for t in tables for n in step_at_home(t, machine, job.options["home"])]
+        notes += [SHEET_IN_MM] if job.options["units"] == INCHES else []
         ini = ControlFile(INI, _fragment(parameters), "lines for the [JOINT_n] sections of the INI file")
         return Written((*files, ini), tuple(parameters), tuple(notes), 10.0**-comp_file.DIGITS)
 

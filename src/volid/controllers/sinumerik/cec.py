@@ -13,6 +13,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from volid.compensation.package import Compensation
 from volid.compensation.types import TABLES
 from volid.controllers.base import (
@@ -259,11 +261,24 @@ def _notes(entries: list[Entry], job: Job) -> list[str]:
     if products:
         tool = ", ".join(f"{v:g}" for v in job.tool)
         found.append(
-            f"{len(products)} tables are multiplied by ramps of lever arms; all hold for the tool vector ({tool}) mm. The plain "
-            "tables contain what takes the single values of both out, so all tables of an output axis are switched together; a "
-            "table times a lever arm is proved with all of them loaded, never alone"
+            f"{len(products)} tables are multiplied by ramps of lever arms; all hold for the tool vector ({tool}) mm. "
+            + _acting(entries, job)
         )
     return list(dict.fromkeys(sentence for sentence in found if sentence))
+
+
+def _acting(entries: list[Entry], job: Job) -> str:
+    """How the tables of a product act beside it, and how far a plain table alone would move its axis then."""
+    if job.options["multiplied"] != ALSO:
+        return "By the option multiplied=not, a table of a product is taken to do nothing but the product"
+    moved = {e.output for e in entries if e.times is not None}
+    plain = [e for e in entries if e.times is None and not e.source.startswith("lever arm") and e.output in moved]
+    most = max((float(np.abs(e.values).max()) for e in plain), default=0.0)
+    return (
+        "The plain tables contain what takes the single values of both out, so that their values are large; all tables of an "
+        f"output axis are switched together. A plain table alone would move its axis by up to {most:.3f} mm, and no sign of "
+        f"{', '.join(sorted(moved))} can be proved by single tables: take the column 'all loaded' of section 5"
+    )
 
 
 SINUMERIK_CEC = SinumerikCec()

@@ -11,7 +11,7 @@ import numpy as np
 
 from volid.compensation.grids.grid import AnyGrid
 from volid.controllers.existing.looks import Look, looks
-from volid.controllers.existing.reading import ExistingCompensation
+from volid.controllers.existing.reading import NO_MACHINE, RECOGNISED, ExistingCompensation
 from volid.exceptions import cut
 from volid.report.language import ENGLISH, Texts
 from volid.report.plot.palette import BLACK, BLUE, FAINT, NEUTRAL, ORANGE, SIGNED
@@ -71,7 +71,7 @@ def existing_figure(found: ExistingCompensation, *, texts: Texts = ENGLISH) -> F
         panel.set_axis_off()
     handles = {label: h for p in flat for h, label in zip(*p.get_legend_handles_labels(), strict=True)}
     heading(figure, _title(found, texts), list(handles.values()), list(handles))
-    note_below(figure, [texts("existing.corrects"), *(texts("existing.assumed", text=t) for t in found.assumed)])
+    note_below(figure, [texts("existing.corrects"), *(_assumed(found, text, texts) for text in found.assumed)])
     figure_in_language(figure, texts)
     return figure
 
@@ -88,6 +88,16 @@ def _title(found: ExistingCompensation, texts: Texts) -> str:
     )
 
 
+def _assumed(found: ExistingCompensation, text: str, texts: Texts) -> str:
+    """One sentence about what was assumed, in the language."""
+    declared, machine = found.declaration, found.machine
+    if text.startswith(RECOGNISED) and declared is not None:
+        return texts("existing.recognised", name=declared.name, title=declared.title)
+    if text.startswith(NO_MACHINE):
+        return texts("existing.plain", axes=", ".join(machine.letters), structure=machine.structure.strip())
+    return texts("existing.assumed", text=text)
+
+
 def _draw_table(panel: Any, look: Look, end: float, texts: Texts) -> None:
     """One table: a line for each direction, or one line where they are the same."""
     panel.axhline(0.0, color=FAINT, lw=0.8, zorder=0)
@@ -95,15 +105,29 @@ def _draw_table(panel: Any, look: Look, end: float, texts: Texts) -> None:
     ways = [(look.forward, "up", BLUE, "-"), (look.reverse, "down", ORANGE, DASHES)]
     if np.array_equal(look.forward, look.reverse):
         ways = [(look.forward, "both", BLACK, "-")]
+    single = len(look.positions) == 1  # a constant, over no axis
+    places = (0.0, 1.0) if single else look.positions
     for values, key, colour, style in ways:
         label = texts(f"existing.{key}")
-        panel.plot(look.positions, scale * values, color=colour, ls=style, marker=mark, ms=4, lw=1.3, label=label)
+        panel.plot(
+            places,
+            scale * (values.repeat(2) if single else values),
+            color=colour,
+            ls=style,
+            marker=mark,
+            ms=4,
+            lw=1.3,
+            label=label,
+        )
     output = look.name.split(" over ")
     words = {"output": output[0], "argument": look.argument, "factor": look.factor}
     title = texts("existing.times" if look.factor else "existing.table", **words) if len(output) > 1 else look.name
     panel.set_title(title + (f" ({look.source})" if look.source not in ("", look.name) else ""), **_TITLE)
     panel.set_ylim(-end, end)
     _axes_named(panel, look.argument, unit_of(look.unit))
+    if single:
+        panel.set_xticks([])
+        panel.set_xlabel(texts("existing.constant"), fontsize=8)
 
 
 _TITLE = {"fontsize": 8, "loc": "left", "color": NEUTRAL}

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from volid.compensation.active import vector_words
+from volid.compensation.active import reference_words
 from volid.compensation.grids.grid import AnyGrid
 from volid.controllers.base import POSITION
 from volid.controllers.existing.looks import Look, beyond, looks, oddities
@@ -60,7 +60,7 @@ def _sense(found: ExistingCompensation) -> list[str]:
 
 def _row(look: Look) -> list[str]:
     mean, most = look.reversal
-    step = "free" if look.step is None else f"{look.step:g}"
+    step = "one value" if len(look.positions) == 1 else "free" if look.step is None else f"{look.step:g}"
     values = [micro(v, look.unit, 2) for v in (look.largest, mean, most)]
     ends = [f"{v:g}" for v in (look.positions[0], look.positions[-1])]
     named = look.name if look.source in ("", look.name) else f"{look.name} ({look.source})"
@@ -74,7 +74,7 @@ def _grid_words(grid: AnyGrid) -> str:
     spans = "; ".join(f"{a} {n[0]:g} … {n[-1]:g} ({len(n)})" for a, n in zip(grid.axes, grid.nodes, strict=True))
     turns = f", rotations up to {1e6 * np.nanmax(np.abs(grid.values[:, 3:])):.1f} µrad" if _turned(grid) else ""
     return (
-        f"{grid.type} grid ({grid.side}), {len(grid.positions)} nodes: {spans}; for {vector_words(grid.reference)}; largest "
+        f"{grid.type} grid ({grid.side}), {len(grid.positions)} nodes: {spans}; {reference_words(grid)}; largest "
         f"{1e3 * size[i]:.2f} µm at {at}{turns}"
     )
 

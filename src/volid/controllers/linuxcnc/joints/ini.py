@@ -18,6 +18,9 @@ from volid.model.machine import Machine
 LETTERS = "XYZABCUVW"
 INCH = 25.4  # mm
 MM, INCHES = "mm", "inch"
+SHEET_IN_MM = (
+    "positions and motions in the commissioning sheet are in mm: command them after G21; displays are in inches"
+)
 _SECTION, _LINE = re.compile(r"\s*\[([^\]]*)\]"), re.compile(r"\s*(\w+)\s*=\s*(.*?)\s*$")
 
 

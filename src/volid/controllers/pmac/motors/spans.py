@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from volid.controllers.axis_values import of_axis, or_none
+from volid.controllers.axis_values import ask_axes, of_axis, or_none
 from volid.exceptions import InputError
 from volid.model.iso230 import LINEAR_AXES, ROTARY_AXES
 from volid.model.machine import Machine
@@ -89,6 +89,7 @@ class Span:
 
 def motors_of(machine: Machine, options: Mapping[str, Any], control: str) -> dict[str, Motor]:
     """The motor of each axis, by its letter. Raises `InputError` where counts are missing, or two axes have one motor."""
+    ask_axes(options["counts"], machine.letters, control, "counts")
     found: dict[str, Motor] = {}
     numbered = enumerate((*LINEAR_AXES, *ROTARY_AXES), 1)
     for i, letter in ((i, a) for i, a in numbered if a in machine.letters):
