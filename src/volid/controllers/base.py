@@ -197,6 +197,10 @@ class Controller(ABC):
         `options`: those of the declaration, and "sign" where it is open. Raises `InputError` that names file and line.
         """
 
+    def without_reversal_value(self, table: AxisTable, options: Mapping[str, Any]) -> AxisTable:
+        """What a table does where the reversal value beside it is set to 0; in the mean of both directions by default."""
+        return table
+
     def recognises(self, name: str, content: str | bytes) -> bool:
         """Whether a file looks like one of this control; used where no control is named."""
         return False

@@ -275,7 +275,7 @@ def test_sections_meet_the_positions_of_the_table_where_they_can():
 
 def test_what_is_left_out_is_said():
     notes = FANUC.write(job("fanuc-pitch", pitch(), "error", interval="X=400")).notes
-    assert any(n.startswith("Y: error values are -0.006 mm less than in the table everywhere") for n in notes)
+    assert any(n.startswith("Y: 6.00 µm are added to its error values everywhere") for n in notes)
     assert any(n.startswith("X: other positions than those of the table") for n in notes)
     assert any("put out at one place of its section" in n and "Y 0.012" in n for n in notes)
 

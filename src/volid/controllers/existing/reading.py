@@ -20,6 +20,7 @@ from volid.controllers.existing.contents import types_of
 from volid.exceptions import InputError
 from volid.model.machine import Machine
 
+RECOGNISED = "recognised as files of"  # begins what is assumed where no control is named
 OWN = "volid"  # in place of a control's name: volid's own tables and grids
 Files = Mapping[str, bytes]
 
@@ -136,7 +137,7 @@ def read_existing(
     held = chosen.read(files, machine, {**options_of(declared, stated), "sign": meaning})
     if not (held.tables or held.grids or held.axis_tables):
         raise InputError(f"{', '.join(list(files)[:3])}: holds no table or grid of {declared.title}")
-    assumed = () if cnc else (f"recognised as files of {declared.name} ({declared.title})",)
+    assumed = () if cnc else (f"{RECOGNISED} {declared.name} ({declared.title})",)
     return ExistingCompensation(
         declared.name, machine, held, dict(files), meaning if declared.sign == OPEN else None, stated, assumed
     )

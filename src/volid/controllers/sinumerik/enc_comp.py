@@ -102,7 +102,10 @@ DECLARATION = Declaration(
             "Set MD32450 $MA_BACKLASH as the file states it, instead of what it was when the machine was measured.",
         ),
         activate=("Set MD32700 to 1, and reference the axis: backlash and table act from then on.",),
-        remove=("Set MD32700 to 0, and MD32450 to its former value.",),
+        remove=(
+            "Set MD32700 to 0, read the former table from the backup, and set MD32450 and MD32700 to their former values.",
+            "Where MD38000 was raised it can stay; to lower it again, format and read in the archive as in section 3.",
+        ),
         watch=("The service display of the axis shows the sum of leadscrew error and backlash compensation.",),
     ),
     facts=(

@@ -11,8 +11,9 @@ import numpy as np
 
 from volid.compensation.grids.grid import AnyGrid
 from volid.controllers.existing.looks import Look, looks
-from volid.controllers.existing.reading import ExistingCompensation
+from volid.controllers.existing.reading import RECOGNISED, ExistingCompensation
 from volid.exceptions import cut
+from volid.model.machine import Machine
 from volid.report.language import ENGLISH, Texts
 from volid.report.plot.palette import BLACK, BLUE, FAINT, NEUTRAL, ORANGE, SIGNED
 from volid.report.plot.panels import (
@@ -71,9 +72,18 @@ def existing_figure(found: ExistingCompensation, *, texts: Texts = ENGLISH) -> F
         panel.set_axis_off()
     handles = {label: h for p in flat for h, label in zip(*p.get_legend_handles_labels(), strict=True)}
     heading(figure, _title(found, texts), list(handles.values()), list(handles))
-    note_below(figure, [texts("existing.corrects"), *(texts("existing.assumed", text=t) for t in found.assumed)])
+    note_below(figure, [texts("existing.corrects"), *(_assumed(t, found.machine, texts) for t in found.assumed)])
     figure_in_language(figure, texts)
     return figure
+
+
+def _assumed(text: str, machine: Machine, texts: Texts) -> str:
+    """What was taken for granted, in the language of the figure."""
+    if text.startswith(RECOGNISED):
+        return texts("existing.recognised", control=text.removeprefix(RECOGNISED).strip())
+    if text.startswith("no machine given"):
+        return texts("existing.plain", axes=", ".join(machine.letters), structure=machine.structure)
+    return texts("existing.assumed", text=text)
 
 
 _UNITS = ("mm", "rad")
