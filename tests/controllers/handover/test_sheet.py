@@ -81,9 +81,9 @@ def test_a_product_is_checked_near_the_end_of_its_lever():
 
 
 def test_a_point_shows_the_same_direction_alone_and_with_everything_loaded():
-    """At X = 600 EYX alone moves Y most, 6 µm up, but EYY takes it down by 8 µm: at X = 400, 5 µm up, EYY has no part in it.
+    """At X = 600 EYX alone moves Y most, 6 µm up, but EYY takes it down by 8 µm: at X = 400 a third table undoes EYY.
 
-    Y stays on its line at 300, where EYY is 8 µm; a third table over X undoes it at X = 400 alone.
+    Errors there are -5 µm, 8 µm and -8 µm, so that EYX moves Y by 5 µm alone, and so does everything together.
     """
     x, y = np.array([0.0, 200.0, 400.0, 600.0, 1000.0]), np.array([0.0, 300.0, 600.0])
     values = {

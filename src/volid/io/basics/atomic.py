@@ -45,7 +45,7 @@ def atomic_output(path: str | Path, overwrite: bool = False) -> Iterator[Path]:
 
 @contextmanager
 def atomic_folder(path: str | Path, overwrite: bool = False) -> Iterator[Path]:
-    """A temporary folder, to be filled by the caller with files; it becomes `path` when the block succeeds.
+    """A temporary folder, to be filled by the caller with files and folders; it becomes `path` when the block succeeds.
 
     With `overwrite`, files of the same name in an existing folder are replaced one by one and the others stay. Raises
     `OutputError` when `path` holds something (unless `overwrite`), is a file, or cannot be written.
@@ -94,7 +94,10 @@ def _move(temporary: Path, path: Path, real: Path) -> None:
     if not real.is_dir():
         os.rename(temporary, real)
         return
-    targets = [(item, find_target(path / item.name, overwrite=True)) for item in temporary.iterdir()]
+    places = [(item, path / item.relative_to(temporary)) for item in sorted(temporary.rglob("*")) if not item.is_dir()]
+    for _, place in places:
+        place.parent.mkdir(parents=True, exist_ok=True)
+    targets = [(item, find_target(place, overwrite=True)) for item, place in places]
     for item, target in targets:
         target.receive(item, overwrite=True)
 
