@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 WRITTEN, REFUSED, ASKS, OPEN_DATA = "written", "refused", "asks for the sign", "not determined"
 
 
+REASON = 110  # characters of a reason where no control can be written
+
+
 class Outcome(NamedTuple):
     """What became of one control. `words`: the types written, or the reason."""
 
@@ -63,7 +66,7 @@ def export_all(
 ) -> int:
     """Every control into its own folder; the exit status."""
     from volid.controllers import CONTROLS
-    from volid.exceptions import InputError
+    from volid.exceptions import InputError, cut
     from volid.io.basics.atomic import atomic_folder
 
     _refuse_strange_options(request, list(CONTROLS))
@@ -73,7 +76,8 @@ def export_all(
             progress(f"making the files of {chosen.declaration.name}")
             found.append(_tried(solution, request, chosen, folder, args))
         if not any(o.status == WRITTEN for o in found):
-            raise InputError("no control can be written. " + ". ".join(_grouped((o.name, o.words) for o in found)))
+            reasons = _grouped((o.name, cut(o.words, REASON)) for o in found)
+            raise InputError(f"no control can be written; volid export --cnc NAME says all of it. {'. '.join(reasons)}")
     _print(found, args)
     tell(args, notes)
     return conclude(args, attention(solution, named=True))

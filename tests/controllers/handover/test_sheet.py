@@ -180,3 +180,24 @@ def test_names_from_files_cannot_break_the_sheet():
     strange = replace(MACHINE, name="a|b\nc\x1b[2J")
     odd = replace(made(), job=replace(JOB, machine=strange))
     assert "\x1b" not in commissioning_sheet(odd)
+
+
+def test_the_sheet_says_what_options_made_of_the_files():
+    said = {}
+    for options in ({}, {"comp_file_type": "1", "units": "inch"}, {"reversal": "backlash"}):
+        text = commissioning_sheet(replace(made(), job=job("linuxcnc", pitch(), **options)))
+        rows = [[c.strip() for c in line.strip("|").split("|")] for line in text.splitlines() if line.startswith("|")]
+        cells = {r[0]: r[1] for r in rows}
+        said[tuple(options)] = cells["sign"], cells["units"], cells["reversal"]
+    assert said[()] == ("actual positions: nominal + error", "mm, degrees for rotary joints", "both directions")
+    assert said["comp_file_type", "units"] == (
+        "what is added to the command, -(actual - nominal)",
+        "inch, degrees for rotary joints",
+        "both directions",
+    )
+    assert said["reversal",][2] == "one value for the axis"
+
+
+def test_names_keep_their_letters_at_the_beginning_of_a_sentence():
+    text = commissioning_sheet(made({"switching": "lr_param.ssfk of the axis"}))
+    assert "\nlr_param.ssfk of the axis.\n" in text

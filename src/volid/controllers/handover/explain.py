@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -56,8 +56,8 @@ def fact_lines(facts: Sequence[Fact]) -> list[str]:
     return lines
 
 
-def properties_of_files(d: Declaration, sign: str) -> list[list[str]]:
-    """How the values of its files are meant, where the sign is stated."""
+def properties_of_files(d: Declaration, sign: str, own: Mapping[str, str] | None = None) -> list[list[str]]:
+    """How the values of its files are meant, where the sign is stated; `own`: properties that options decide."""
     rows = [
         ["sign", SIGNS.get(sign, sign)],
         ["values", "increments from row to row" if d.rows == INCREMENTAL else "absolute, not incremental"],
@@ -73,7 +73,7 @@ def properties_of_files(d: Declaration, sign: str) -> list[list[str]]:
             else []
         ),
     ]
-    return rows
+    return [[name, (own or {}).get(name, text)] for name, text in rows]
 
 
 def _properties(d: Declaration) -> list[list[str]]:

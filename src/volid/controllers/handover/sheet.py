@@ -152,7 +152,8 @@ def _span(positions: np.ndarray) -> str:
 def _behaviour(made: Export) -> list[str]:
     """Meaning of the values, ends, reversal, and axes that only help."""
     d = made.declaration
-    lines = table(["property", "of these files"], properties_of_files(d, made.job.sign))
+    own = made.controller.of_these_files(made.job.options)
+    lines = table(["property", "of these files"], properties_of_files(d, made.job.sign, own))
     lines += [""]
     if d.outside != HELD:
         lines += bullets(["Beyond the positions of a table its effect is not sure: keep the axes within them."])

@@ -156,7 +156,7 @@ def _reachable(axis: Axis, positions: object) -> np.ndarray:
         return q  # it goes on
     gap = EDGE * (high - low)
     inside = q[(q >= low + gap) & (q <= high - gap)]
-    return inside if len(inside) > 2 else np.unique(np.clip(q, low + gap, high - gap))
+    return inside if len(inside) > 2 else np.unique(np.clip(q, low + gap, high - gap).round(3))
 
 
 def short_grid_words(grid: AnyGrid) -> str:

@@ -236,9 +236,10 @@ class _Axis:
         lost = self.scale * np.abs(table.forward - table.reverse - table.reversal_value).max() / 2.0
         found = [covers(self.lattice, self.values, self.axis, unit)]
         if lost > 1e-7:
+            size = f"{1000.0 * lost:.2f} µm" if self.axis.is_linear else f"{lost:.6f}°"
             found.append(
-                f"{table.output}: the reversal changes along the axis; one backlash for all positions leaves up to {lost:.6f} "
-                f"{unit}. sinumerik-cec holds both directions"
+                f"{table.output}: the reversal changes along the axis; one backlash for all positions leaves up to {size}. "
+                "sinumerik-cec holds both directions"
             )
         moved = self.scale * loss(replace(table, forward=table.mean, reverse=table.mean), self.lattice)
         if moved > 1e-7:
