@@ -99,6 +99,15 @@ def test_a_point_shows_the_same_direction_alone_and_with_everything_loaded():
     assert row(check)[1:] == ({"Y": 300.0, "X": 400.0, "Z": -250.0}, 1.0, "Y", 0.005, 0.005)
 
 
+def test_where_no_point_shows_the_same_direction_the_table_alone_is_shown():
+    """EYX moves Y up by 5 µm at X = 400, where another table takes 6 µm off; 1 µm at X = 600 is nothing for a dial."""
+    x = np.array([0.0, 200.0, 400.0, 600.0, 1000.0])
+    values = {"EYX": [0.0, 0.0, -0.005, -0.001, 0.0], "other": [0.0, 0.0, 0.006, 0.0, 0.0]}
+    tables = tuple(AxisTable("Y", "X", x, np.array(v), np.array(v), source=n) for n, v in values.items())
+    check = sign_checks(held(axis_tables=tables), JOB)[0]
+    assert row(check)[1:] == ({"Y": 300.0, "X": 400.0, "Z": -250.0}, 1.0, "Y", 0.005, -0.001)
+
+
 def test_ends_of_travels_are_no_places():
     """The table reaches over both ends of X, 0 … 1000, and is largest there."""
     x = np.linspace(-100.0, 1100.0, 13)

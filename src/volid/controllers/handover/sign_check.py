@@ -3,8 +3,8 @@
 Only a motion shows a sign. For each table and grid that the control holds, the correction c = command to the drive - programmed
 position is computed by the simulated control: with this table alone, and with everything that is loaded. The place is taken where
 the smaller of both is largest among those that have the same sign, so that either way of checking shows the same direction; where
-there is none, that of the largest motion alone. It can be approached from both sides: ends of travels are no places. An indicator
-at the axis, or the service display of the drive, must show the motion when the compensation is switched on.
+a dial shows none of these, that of the largest motion alone. It can be approached from both sides: ends of travels are no places.
+An indicator at the axis, or the service display of the drive, must show the motion when the compensation is switched on.
 """
 
 from __future__ import annotations
@@ -96,12 +96,13 @@ class _Look(NamedTuple):
         alone, total = (self._motions(c, places) for c in (part.control(job.machine), self.whole))
         seen = np.where(alone * total > 0.0, np.minimum(np.abs(alone), np.abs(total)), 0.0)
         for k, axis in enumerate(job.machine.axes):
-            sure = seen[:, :, k] if seen[:, :, k].max() > NOTHING else np.abs(alone[:, :, k])
+            unit = "mm" if axis.is_linear else "°"
+            sure = seen[:, :, k] if seen[:, :, k].max() >= SMALL[unit] else np.abs(alone[:, :, k])
             w, m = np.unravel_index(int(np.argmax(sure)), sure.shape)
             if abs(alone[w, m, k]) > NOTHING:
                 at = {a: round(float(v), 6) for a, v in zip(job.machine.letters, places[m], strict=True)}
                 moves = float(alone[w, m, k]), float(total[w, m, k])
-                check = SignCheck(words, at, self.ways[w], axis.letter, *moves, "mm" if axis.is_linear else "°")
+                check = SignCheck(words, at, self.ways[w], axis.letter, *moves, unit)
                 found.append((float(sure[w, m]), check))
         return [check for _, check in sorted(found, key=lambda f: -f[0])]
 
