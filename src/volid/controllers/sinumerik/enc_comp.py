@@ -104,7 +104,7 @@ DECLARATION = Declaration(
         activate=("Set MD32700 to 1, and reference the axis: backlash and table act from then on.",),
         remove=(
             "Set MD32700 to 0, read the former table from the backup, and set MD32450 and MD32700 to their former values.",
-            "Where MD38000 was raised it can stay; to lower it again, format and read in the archive as in section 3.",
+            "Where MD38000 was raised it can stay; to lower it again, format and read in the archive as for loading.",
         ),
         watch=("The service display of the axis shows the sum of leadscrew error and backlash compensation.",),
     ),
