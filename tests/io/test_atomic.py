@@ -121,6 +121,16 @@ def test_the_working_folder_can_be_named_by_a_dot(tmp_path, monkeypatch):
     assert names(tmp_path) == ["a.csv", "b.csv"]
 
 
+def test_folders_within_a_folder_are_filled_again(tmp_path):
+    for text in ("old", "new"):
+        with atomic_folder(tmp_path / "out", overwrite=True) as temporary:
+            (temporary / "inner").mkdir()
+            (temporary / "inner" / "a.csv").write_text(text)
+            (temporary / "inner" / f"{text}.csv").write_text(text)
+    inner = tmp_path / "out" / "inner"
+    assert (inner / "a.csv").read_text() == "new" and names(inner) == ["a.csv", "new.csv", "old.csv"]
+
+
 def test_folder_that_holds_something(tmp_path):
     (tmp_path / "a.csv").write_text("old")
     (tmp_path / "other.txt").write_text("other")

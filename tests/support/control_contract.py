@@ -231,6 +231,16 @@ def deviation(case: Case, exact: ExactMachine, q: np.ndarray, way: np.ndarray) -
     return exact.functional_point(q, TOOL, truth_of(case), way) - exact.functional_point(q, TOOL)
 
 
+def between(case: Case, exact: ExactMachine, q: np.ndarray, way: np.ndarray) -> np.ndarray:
+    """The deviation as a control without a model holds it: linear between Y = 300 and 600, where `levered` has its positions."""
+    y = q[:, case.machine.index("Y")]
+    if case.make is not levered or not np.all((y > 300.0) & (y < 600.0)):
+        return deviation(case, exact, q, way)
+    low, high, w = q.copy(), q.copy(), (y - 300.0) / 300.0
+    low[:, case.machine.index("Y")], high[:, case.machine.index("Y")] = 300.0, 600.0
+    return (1.0 - w) * deviation(case, exact, low, way) + w * deviation(case, exact, high, way)
+
+
 def left(case: Case, control: Control, q: np.ndarray, way: np.ndarray) -> np.ndarray:
     """What the separate chain says is left of the deviation of the functional point when the control moves it, (m, 3) [mm]."""
     exact = exact_of(case.machine)

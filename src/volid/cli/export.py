@@ -120,11 +120,24 @@ def run(args: argparse.Namespace) -> int:
         solution = usable_solution(args.solution)
         tool = solution.most_used_tool() if args.tool is None else args.tool
         solution, notes = prepared(solution, args, [tool])
+        notes += _not_stated(solution)
         request = request_from(solution, args, tool)
         if args.cnc == ALL:
             return export_all(solution, request, notes, args, progress)
         progress("making the files")
         return _one(solution, request, notes, args)
+
+
+def _not_stated(solution: Solution) -> list[str]:
+    """What the record lacks of ISO/TR 16907 9.1."""
+    from volid.controllers.handover.record import missing_items
+
+    missing = missing_items(solution)
+    return (
+        [f"RECORD.md lacks what the campaign does not state: {', '.join(missing)} (ISO/TR 16907 9.1)"]
+        if missing
+        else []
+    )
 
 
 def _ask_for_files(args: argparse.Namespace) -> None:

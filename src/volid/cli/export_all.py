@@ -11,13 +11,16 @@ from volid.cli.common import attention, conclude, in_options, print_json, tell
 from volid.cli.left_over import files_in, left_over
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
     from volid.controllers import Controller
     from volid.controllers.export import Export, ExportRequest
     from volid.fitting.solution import Solution
 
 WRITTEN, REFUSED, ASKS, OPEN_DATA = "written", "refused", "asks for the sign", "not determined"
+
+
+REASON = 110  # characters of a reason where no control can be written
 
 
 class Outcome(NamedTuple):
@@ -64,7 +67,7 @@ def export_all(
 ) -> int:
     """Every control into its own folder; the exit status."""
     from volid.controllers import CONTROLS
-    from volid.exceptions import InputError
+    from volid.exceptions import InputError, cut
     from volid.io.basics.atomic import atomic_folder
 
     _refuse_strange_options(request, list(CONTROLS))
@@ -74,7 +77,8 @@ def export_all(
             progress(f"making the files of {chosen.declaration.name}")
             found.append(_tried(solution, request, chosen, folder, args))
         if not any(o.status == WRITTEN for o in found):
-            raise InputError("no control can be written. " + ". ".join(_reasons(found)))
+            reasons = _grouped((o.name, cut(o.words, REASON)) for o in found)
+            raise InputError(f"no control can be written; volid export --cnc NAME says all of it. {'. '.join(reasons)}")
     _print(found, args)
     tell(args, notes)
     written = [f"{o.name}/{name}" for o in found if o.made is not None for name in names_of(o.made)]
@@ -88,11 +92,11 @@ def names_of(made: Export) -> list[str]:
     return [*(f.name for f in made.written.files), SHEET, RECORD]
 
 
-def _reasons(found: list[Outcome]) -> list[str]:
-    """Each reason once, with the controls that it holds for."""
+def _grouped(found: Iterable[tuple[str, str]]) -> list[str]:
+    """Each sentence once, with the controls that it holds for, from pairs of both."""
     names: dict[str, list[str]] = {}
-    for o in found:
-        names.setdefault(o.words, []).append(o.name)
+    for name, words in found:
+        names.setdefault(words, []).append(name)
     return [f"{', '.join(n)}: {words}" for words, n in names.items()]
 
 
@@ -126,7 +130,8 @@ def _tried(
     except NotDeterminedError as error:
         return Outcome(d.name, OPEN_DATA, in_options(str(error).removeprefix(f"{d.name}: "), args))
     except InputError as error:
-        return Outcome(d.name, REFUSED, in_options(str(error).removeprefix(f"{d.name}: "), args))
+        words = in_options(str(error).removeprefix(f"{d.name}: "), args)
+        return Outcome(d.name, REFUSED, words.replace("state it, as in ", f"state it, as in --option {d.name}."))
     save_export(made, folder / d.name, source=args.solution, command=args.command_line)
     return Outcome(d.name, WRITTEN, ", ".join(made.types), made)
 
@@ -139,12 +144,13 @@ def _print(found: list[Outcome], args: argparse.Namespace) -> None:
         return
     rows = [[o.name, o.status, o.words] for o in found if o.made is not None]
     print("\n".join(table(["control", "", "types"], rows, left=3)))
-    for o in (o for o in found if o.made is None):
-        print(f"{o.name}: {o.status}: {o.words}")
-    for o in found:
-        for note in () if o.made is None else o.made.notes:
-            print(f"{o.name}: note: {in_options(note, args)}")
-    print(f"{sum(o.made is not None for o in found)} of {len(found)} controls written: {args.output}")
+    missing = [(o.name, f"{o.status}: {o.words}") for o in found if o.made is None]
+    if missing:
+        print("\nnot written:", *_grouped(missing), sep="\n  ")
+    noted = [(o.name, in_options(note, args)) for o in found if o.made is not None for note in o.made.notes]
+    if noted:
+        print("\nnotes (in the sheets too):", *_grouped(noted), sep="\n  ")
+    print(f"\n{sum(o.made is not None for o in found)} of {len(found)} controls written: {args.output}")
 
 
 def _in_json(outcome: Outcome) -> dict[str, Any]:
@@ -156,10 +162,8 @@ def in_json(made: Export) -> dict[str, Any]:
     """An export for machine reading."""
     from dataclasses import asdict
 
-    from volid.controllers.base import COLUMNS
-    from volid.controllers.handover.sign_check import sign_checks
+    from volid.controllers.handover.sheet import checks_of
 
-    checks = sign_checks(made.held, made.job, made.declaration.reversal == COLUMNS)
     return {
         "cnc": made.declaration.name,
         "types": made.types,
@@ -167,7 +171,7 @@ def in_json(made: Export) -> dict[str, Any]:
         "files": [{"name": f.name, "what": f.what} for f in made.written.files],
         "parameters": [dict(zip(("name", "value", "meaning"), p, strict=True)) for p in made.written.parameters],
         "rounding": made.written.rounding,
-        "sign_checks": [asdict(c) for c in checks],
+        "sign_checks": [asdict(c) for c in checks_of(made)],
         "helping_axes": [asdict(h) for h in made.helping],
         "notes": made.notes,
     }

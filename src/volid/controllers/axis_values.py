@@ -97,6 +97,16 @@ def whole(text: str, least: int = 1) -> int:
     return int(text)
 
 
+def taken_off(amount: float, linear: bool) -> str:
+    """What is taken off values, or added to them, in words [mm or °].
+
+    >>> taken_off(-0.01265, True), taken_off(0.002, False)
+    ('12.65 µm are added to', '0.002000° are taken off')
+    """
+    size = f"{1000.0 * abs(amount):.2f} µm" if linear else f"{abs(amount):.6f}°"
+    return f"{size} are {'taken off' if amount > 0.0 else 'added to'}"
+
+
 def way(text: str) -> str:
     """The direction + or -. Raises `ValueError` for another text."""
     if text not in ("+", "-"):

@@ -199,6 +199,14 @@ class Controller(ABC):
         `options`: those of the declaration, and "sign" where it is open. Raises `InputError` that names file and line.
         """
 
+    def of_these_files(self, options: Mapping[str, Any]) -> Mapping[str, str]:
+        """What options decide of the declaration, in words: "sign", "units" or another property of the sheet."""
+        return {}
+
+    def without_reversal_value(self, table: AxisTable, options: Mapping[str, Any]) -> AxisTable:
+        """What a table does where the reversal value beside it is set to 0; in the mean of both directions by default."""
+        return table
+
     def recognises(self, name: str, content: str | bytes) -> bool:
         """Whether a file looks like one of this control; used where no control is named."""
         return False

@@ -275,7 +275,7 @@ def test_sections_meet_the_positions_of_the_table_where_they_can():
 
 def test_what_is_left_out_is_said():
     notes = FANUC.write(job("fanuc-pitch", pitch(), "error", interval="X=400")).notes
-    assert any(n.startswith("Y: error values are -0.006 mm less than in the table everywhere") for n in notes)
+    assert any(n.startswith("Y: 6.00 µm are added to its error values everywhere") for n in notes)
     assert any(n.startswith("X: other positions than those of the table") for n in notes)
     assert any("put out at one place of its section" in n and "Y 0.012" in n for n in notes)
 
@@ -341,3 +341,14 @@ def test_its_lists_are_recognised():
 
 def test_an_option_for_all_axes_or_for_one():
     assert by_axis(int, 1)("3") == {"": 3} and by_axis(int, 1)("x=3, Y=4") == {"": 1, "X": 3, "Y": 4}
+
+
+def test_without_its_reversal_value_both_directions_are_the_amounts_of_the_list():
+    """1851 acts only against the direction of the return to the reference; at 0 the amounts stand alone: X 0, 10, -4 µm."""
+    done = job("fanuc-pitch", pitch(), "error")
+    files = {f.name: f.content for f in FANUC.write(done).files}
+    assert settings_of(files, "X")["1851"] == 3
+    held = FANUC.read(files, MACHINE, {**done.options, "sign": "error"})
+    (x,) = [FANUC.without_reversal_value(t, done.options) for t in held.axis_tables if t.output == "X"]
+    for values in (x.forward, x.reverse):
+        np.testing.assert_allclose(values, [0.0, 0.0, 0.010, -0.004], atol=1e-12)

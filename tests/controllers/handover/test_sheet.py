@@ -27,7 +27,10 @@ def row(check):
 
 
 def test_tables_of_axes_are_checked_where_and_whence_they_move_most():
-    """X is 13 µm too far at 500 when it comes from above, Y 12 µm at 600: they are moved back by that."""
+    """X is 13 µm too far at 500 when it comes from above, and 12 µm · 288/300 at Y = 588: it is moved back by that.
+
+    The end of the travel, Y = 600, cannot be approached from above: 2 % of it stay free.
+    """
     x, y = np.array([0.0, 500.0, 1000.0]), np.array([0.0, 300.0, 600.0])
     found = sign_checks(
         held(
@@ -42,11 +45,11 @@ def test_tables_of_axes_are_checked_where_and_whence_they_move_most():
         ("table of EXX: X over X", {"Y": 300.0, "X": 500.0, "Z": -250.0}, -1.0, "X", -0.013, -0.013),
         (
             "table of EXY: X over Y",
-            {"Y": 600.0, "X": 500.0, "Z": -250.0},
+            {"Y": 588.0, "X": 500.0, "Z": -250.0},
             1.0,
             "X",
-            -0.012,
-            -0.022,
+            -0.01152,
+            -0.02152,
         ),  # and -10 µm of EXX
     ]
 
@@ -58,20 +61,59 @@ def test_with_one_value_of_reversal_the_mean_is_checked():
     assert (check.way, check.alone) == (0.0, pytest.approx(-0.0115))
 
 
-def test_a_product_is_checked_at_the_end_of_its_lever():
-    """20 µrad at Y = 600 times 250 mm of Z above or below its line: 5 µm, error -5 µm below, so that it moves by +5 µm."""
+def test_a_product_is_checked_near_the_end_of_its_lever():
+    """19.6 µrad at Y = 588 times 240 mm of Z below its line: error -4.704 µm, so that it moves by +4.704 µm."""
     y = np.array([0.0, 600.0])
     lever = Factor("Z", np.array([-500.0, 0.0]), np.array([-250.0, 250.0]))
     table = AxisTable("Y", "Y", y, np.array([0.0, 20e-6]), np.array([0.0, 20e-6]), lever, "EAY")
     (check,) = sign_checks(held(axis_tables=(table,)), JOB)
     assert row(check) == (
         "table of EAY: Y over Y, times Z",
-        {"Y": 600.0, "X": 500.0, "Z": -500.0},
+        {"Y": 588.0, "X": 500.0, "Z": -490.0},
         1.0,
         "Y",
-        0.005,
-        0.005,
+        0.004704,
+        0.004704,
     )
+    assert check.is_product
+    (line,) = [x for x in commissioning_sheet(made(axis_tables=(table,))).splitlines() if "[ ] table of EAY" in x]
+    assert [cell.strip() for cell in line.strip("|").split("|")][4:] == ["-", "-", "+0.0047 mm"]
+
+
+def test_a_point_shows_the_same_direction_alone_and_with_everything_loaded():
+    """At X = 600 EYX alone moves Y most, 6 µm up, but EYY takes it down by 8 µm: at X = 400 a third table undoes EYY.
+
+    Errors there are -5 µm, 8 µm and -8 µm, so that EYX moves Y by 5 µm alone, and so does everything together.
+    """
+    x, y = np.array([0.0, 200.0, 400.0, 600.0, 1000.0]), np.array([0.0, 300.0, 600.0])
+    values = {
+        "EYX": (x, [0.0, 0.0, -0.005, -0.006, 0.0]),
+        "other": (x, [0.0, 0.0, -0.008, 0.0, 0.0]),
+        "EYY": (y, [0.008] * 3),
+    }
+    tables = tuple(
+        AxisTable("Y", "Y" if n == "EYY" else "X", q, np.array(v), np.array(v), source=n)
+        for n, (q, v) in values.items()
+    )
+    check = sign_checks(held(axis_tables=tables), JOB)[0]
+    assert row(check)[1:] == ({"Y": 300.0, "X": 400.0, "Z": -250.0}, 1.0, "Y", 0.005, 0.005)
+
+
+def test_where_no_point_shows_the_same_direction_the_table_alone_is_shown():
+    """EYX moves Y up by 5 µm at X = 400, where another table takes 6 µm off; 1 µm at X = 600 is nothing for a dial."""
+    x = np.array([0.0, 200.0, 400.0, 600.0, 1000.0])
+    values = {"EYX": [0.0, 0.0, -0.005, -0.001, 0.0], "other": [0.0, 0.0, 0.006, 0.0, 0.0]}
+    tables = tuple(AxisTable("Y", "X", x, np.array(v), np.array(v), source=n) for n, v in values.items())
+    check = sign_checks(held(axis_tables=tables), JOB)[0]
+    assert row(check)[1:] == ({"Y": 300.0, "X": 400.0, "Z": -250.0}, 1.0, "Y", 0.005, -0.001)
+
+
+def test_ends_of_travels_are_no_places():
+    """The table reaches over both ends of X, 0 … 1000, and is largest there."""
+    x = np.linspace(-100.0, 1100.0, 13)
+    table = AxisTable("X", "X", x, 1e-5 * (x - 450.0), 1e-5 * (x - 450.0))
+    (check,) = sign_checks(held(axis_tables=(table,)), JOB)
+    assert (check.at["X"], round(check.alone, 6)) == (900.0, -0.0045)
 
 
 def test_a_function_of_a_model_is_checked_on_the_axis_that_it_moves_most():
@@ -80,19 +122,19 @@ def test_a_function_of_a_model_is_checked_on_the_axis_that_it_moves_most():
     assert (check.table, check.axis, abs(round(check.alone, 6))) == (
         "table of EAY over Y",
         "Y",
-        0.013,
-    )  # 20 µrad · 650 mm
+        0.012288,
+    )  # 20 µrad · (588 - 300)/(600 - 300) · 640 mm
     assert (check.at["Y"], check.at["Z"]) == (
-        600.0,
-        -500.0,
-    )  # the functional point 650 mm below the origin: Z -500, tool 150
+        588.0,
+        -490.0,
+    )  # the functional point 640 mm below the origin: Z -490, tool 150
 
 
 def test_a_grid_has_one_check_for_each_axis_that_it_moves():
-    """dX = 10 µm · X/1000, dY = -5 µm · Z/500, dZ = 2 µm: largest at X = 1000, at Z = -500, everywhere."""
+    """dX = 10 µm · X/1000, dY = -5 µm · Z/500, dZ = 2 µm: largest at X = 980, at Z = -490, everywhere."""
     found = {c.axis: c for c in sign_checks(spatial(), JOB)}
-    assert {a: round(c.alone, 6) for a, c in found.items()} == {"X": -0.010, "Y": -0.005, "Z": -0.002}
-    assert found["X"].at["X"] == 1000.0 and found["Y"].at["Z"] == -500.0
+    assert {a: round(c.alone, 6) for a, c in found.items()} == {"X": -0.0098, "Y": -0.0049, "Z": -0.002}
+    assert found["X"].at["X"] == 980.0 and found["Y"].at["Z"] == -490.0
 
 
 def test_what_moves_nothing_has_no_check():
@@ -147,3 +189,24 @@ def test_names_from_files_cannot_break_the_sheet():
     strange = replace(MACHINE, name="a|b\nc\x1b[2J")
     odd = replace(made(), job=replace(JOB, machine=strange))
     assert "\x1b" not in commissioning_sheet(odd)
+
+
+def test_the_sheet_says_what_options_made_of_the_files():
+    said = {}
+    for options in ({}, {"comp_file_type": "1", "units": "inch"}, {"reversal": "backlash"}):
+        text = commissioning_sheet(replace(made(), job=job("linuxcnc", pitch(), **options)))
+        rows = [[c.strip() for c in line.strip("|").split("|")] for line in text.splitlines() if line.startswith("|")]
+        cells = {r[0]: r[1] for r in rows}
+        said[tuple(options)] = cells["sign"], cells["units"], cells["reversal"]
+    assert said[()] == ("actual positions: nominal + error", "mm, degrees for rotary joints", "both directions")
+    assert said["comp_file_type", "units"] == (
+        "what is added to the command, -(actual - nominal)",
+        "inch, degrees for rotary joints",
+        "both directions",
+    )
+    assert said["reversal",][2] == "one value for the axis"
+
+
+def test_names_keep_their_letters_at_the_beginning_of_a_sentence():
+    text = commissioning_sheet(made({"switching": "lr_param.ssfk of the axis"}))
+    assert "\nlr_param.ssfk of the axis.\n" in text

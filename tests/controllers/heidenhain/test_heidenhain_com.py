@@ -61,7 +61,7 @@ def test_backlash_as_a_parameter_is_positive_where_the_table_travels_too_little(
     assert [row[2] for row in cells(text)[2:5]] == ["0.0010", "0.0115", "-0.0025"]
     assert ("MP710 / MP_backLash of X", "0.0027", "backlash [mm], not the former") in made.parameters
     other = CONTROLS[NAME].write(job(NAME, pitch()))
-    assert ("MP710 / MP_backLash of X", "0", "the reversal stands in the column BACKLASH") in other.parameters
+    assert ("MP710, MP750 / MP_backLash of X", "0", "the reversal stands in the column BACKLASH") in other.parameters
 
 
 def test_a_rotary_table_is_in_degrees_and_only_within_a_turn():

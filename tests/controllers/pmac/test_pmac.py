@@ -240,7 +240,7 @@ def test_sixteenths_of_a_count_are_lost_at_most_by_half():
 def test_what_is_left_out_is_said():
     turned = error_table("EXX", [0, 1000], [0.001, 0.002], [-0.001, 0.0])
     notes = PMAC.write(job("pmac", Compensation(("L-POS",), (turned,), ()), counts="1000")).notes
-    assert any("X: error values of all its tables together are 0.001 mm less everywhere" in n for n in notes)
+    assert any("X: 1.00 µm are taken off the error values of all its tables together everywhere" in n for n in notes)
     assert any("runs ahead by 0.002 mm after a reversal; I186 holds no such value" in n for n in notes)
     crossed = error_table("EXY", [0, 600], [0.0, 0.002], [0.001, 0.003], kind="L-SQU")
     notes = PMAC.write(job("pmac", Compensation(("L-SQU",), (crossed,), ()), counts="1000")).notes

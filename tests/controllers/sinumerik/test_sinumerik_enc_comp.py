@@ -43,7 +43,7 @@ def test_backlash_is_positive_where_the_table_lags_behind():
     text = next(f.content for f in made.files if f.name == "x_eec.ini")
     assert "; MD32450 $MA_BACKLASH[0,X1]=0.002666667" in text.splitlines()
     assert any("MD32450" in name and value == "0.002666667" for name, value, _ in made.parameters)
-    assert any("X: the reversal changes along the axis" in note and "0.000333 mm" in note for note in made.notes)
+    assert any("X: the reversal changes along the axis" in note and "0.33 µm" in note for note in made.notes)
 
 
 def test_names_of_axes_and_second_encoder():

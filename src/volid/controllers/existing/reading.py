@@ -21,6 +21,7 @@ from volid.controllers.existing.contents import types_of
 from volid.exceptions import InputError
 from volid.model.machine import Machine
 
+RECOGNISED = "recognised as files of"  # begins what is assumed where no control is named
 OWN = "volid"  # in place of a control's name: volid's own tables and grids
 RECOGNISED, NO_MACHINE = "recognised as files of", "no machine given"  # how sentences about what was assumed begin
 Files = Mapping[str, bytes]

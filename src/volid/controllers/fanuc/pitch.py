@@ -13,6 +13,7 @@ from math import radians
 from typing import Any
 
 from volid.compensation.package import Compensation
+from volid.compensation.tables.axis_table import AxisTable
 from volid.compensation.types import TABLES
 from volid.controllers.axis_values import axis_option, number, of_axis, positive, way, whole
 from volid.controllers.base import (
@@ -146,12 +147,19 @@ class FanucPitch(Controller):
             program = _program_text(made, job.options["data_number"])
             files.append(ControlFile("fanuc_pitch.nc", program, "the same values as lines N…P…"))
         parameters = tuple((n, f"{a}: {v:g}", MEANING[n]) for m in made for n, a, v in m.rows)
-        sizes = ", ".join(f"{m.axis} {m.largest:.6g}" for m in made)
+        units = {a.letter: "mm" if a.is_linear else "°" for a in job.machine.axes}
+        sizes = ", ".join(f"{m.axis} {m.largest:.6g} {units[m.axis]}" for m in made)
         put_out = (
             f"each value is put out at one place of its section, so that up to all of it is off there; largest: {sizes}"
         )
-        notes = (*(note for m in made for note in m.notes), f"{put_out} (mm or °)")
+        notes = (*(note for m in made for note in m.notes), put_out)
         return Written(tuple(files), parameters, notes, max((m.loss for m in made), default=0.0))
+
+    def without_reversal_value(self, table: AxisTable, options: Mapping[str, Any]) -> AxisTable:
+        """1851 acts only against the direction of the return to the reference position; at 0 both are as in this direction."""
+        ahead = of_axis(options["reference_return"], table.output, "fanuc-pitch", "reference_return") == "+"
+        one = table.forward if ahead else table.reverse
+        return table if options["bidirectional"] else replace(table, forward=one, reverse=one)
 
     def read(self, files: Mapping[str, str | bytes], machine: Machine, options: Mapping[str, Any]) -> Compensation:
         """Tables of the axes from both lists, or from the parameters and lines N…P…."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields
 from typing import Any
 
@@ -82,8 +82,8 @@ def fact_lines(facts: Sequence[Fact]) -> list[str]:
     return lines
 
 
-def properties_of_files(d: Declaration, sign: str) -> list[list[str]]:
-    """How the values of its files are meant, where the sign is stated."""
+def properties_of_files(d: Declaration, sign: str, own: Mapping[str, str] | None = None) -> list[list[str]]:
+    """How the values of its files are meant, where the sign is stated; `own`: properties that options decide."""
     rows = [
         ["sign", _sense(d, sign)],
         ["values", "increments from row to row" if d.rows == INCREMENTAL else "absolute, not incremental"],
@@ -99,7 +99,7 @@ def properties_of_files(d: Declaration, sign: str) -> list[list[str]]:
             else []
         ),
     ]
-    return rows
+    return [[name, (own or {}).get(name, text)] for name, text in rows]
 
 
 def _sense(d: Declaration, sign: str) -> str:

@@ -127,7 +127,7 @@ def _meaning(made: Export) -> list[list[str]]:
     lines = ", ".join(f"{a.letter} = {v:g} {a.unit}" for a, v in zip(machine.axes, job.at, strict=True))
     return [
         ["compensation types", ", ".join(made.types) or "as read from files"],
-        *properties_of_files(made.declaration, job.sign),
+        *properties_of_files(made.declaration, job.sign, made.controller.of_these_files(job.options)),
         ["largest change by the steps of the values", _rounding(made.written.rounding)],
         ["kinematic chain, workpiece to tool", f"[{chain}]; as CARTO spells it: {carto_chain(machine)} (F: bed)"],
         ["order of the axes", ", ".join(machine.letters)],

@@ -6,16 +6,18 @@ says what these files do and not what was wanted. One sheet for each export; it 
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from volid.compensation.active import axis_table_words, grid_words
+from volid.compensation.active import axis_table_words
 from volid.compensation.helping_axes import helping_words
 from volid.compensation.package import Compensation
 from volid.controllers.base import COLUMNS, HELD, NO_REVERSAL, ONE_VALUE, OPEN
 from volid.controllers.export import Export
 from volid.controllers.handover.explain import commissioning, fact_lines, properties_of_files
 from volid.controllers.handover.markdown import bullets, heading, steps, table, text_of
-from volid.controllers.handover.sign_check import SignCheck, sign_checks, with_unit
+from volid.controllers.handover.sign_check import SignCheck, short_grid_words, sign_checks, with_unit
 from volid.model.machine import Machine
 
 SAFE = "Work without tool and workpiece, with a low feed override, until section 5 is done."
@@ -26,7 +28,7 @@ def commissioning_sheet(made: Export) -> str:
     """The sheet of an export, a text with headings, boxes to tick and tables."""
     d, machine = made.declaration, made.job.machine
     lines = heading(f"Commissioning sheet: {d.title}", 1)
-    lines += [f"Machine: {machine.name} [{machine.structure.strip().strip('[]')}]"]
+    lines += [f"Machine: {machine.name} [{machine.structure.strip().strip('[]')}]", ""]
     lines += [f"Compensation: {', '.join(made.types) or 'as read from files'}", "", SAFE]
     lines += [*heading("Files in this folder"), *_files(made)]
     done = dict(commissioning(d))
@@ -44,6 +46,15 @@ def commissioning_sheet(made: Export) -> str:
     return text_of(lines)
 
 
+def checks_of(made: Export) -> tuple[SignCheck, ...]:
+    """The sign checks of an export; where reversal is a parameter, with this parameter at 0."""
+    held, job, both = made.held, made.job, made.declaration.reversal == COLUMNS
+    if not both:
+        plain = (made.controller.without_reversal_value(t, job.options) for t in held.axis_tables)
+        held = replace(held, axis_tables=tuple(plain))
+    return sign_checks(held, job, both)
+
+
 def _files(made: Export) -> list[str]:
     rows = [[f.name, f.what] for f in made.written.files]
     rows += [["COMMISSIONING.md", "this sheet"], ["RECORD.md", "what the values are, and where they come from"]]
@@ -57,17 +68,10 @@ def _parameters(made: Export) -> list[str]:
 
 def _signs(made: Export) -> list[str]:
     """What to command and what must be seen, one row for each table."""
-    checks = sign_checks(made.held, made.job, made.declaration.reversal == COLUMNS)
-    lines = [
-        "For each row: with the compensation off, go to the position, all axes coming from the stated side (from below: in +),",
-        "and set an indicator at the axis to zero, or read where the control shows the position of the drive with the correction",
-        "in it. Switch the compensation on, leave the position and come back from the same side. The axis must now stand off by",
-        "what the row says, as a command of this size would move it. 'Alone' holds where the other tables are off or zero, 'all",
-        "loaded' for all of them together. A position display may show the programmed position without the correction.",
-        "",
-        *bullets(f"Shown by the control: {text}" for text in made.declaration.commissioning.watch),
-        "",
-    ]
+    checks = checks_of(made)
+    lines = ["For each row:", "", *(f"{i}. {text}" for i, text in enumerate(_HOW, start=1)), "", *_READING, ""]
+    lines += bullets(f"Shown by the control: {text}" for text in made.declaration.commissioning.watch)
+    lines += [""]
     if made.declaration.sign == OPEN:
         lines += [
             f"**Public sources do not say which sign this control wants. These files hold {made.job.sign} values. Do not cut",
@@ -87,11 +91,25 @@ def _signs(made: Export) -> list[str]:
     if any(c.is_small for c in checks):
         lines += [
             "",
-            "Motions below 0.001 are too small for a dial: take what the control shows, or an interferometer.",
+            "Motions below 0.003 mm or 0.001° are too small for a dial: take what the control shows, or an interferometer.",
         ]
+    if any(c.unit == "°" for c in checks):
+        lines += ["", "At a distance of 100 mm from a rotary axis, 0.001° are 0.0017 mm at the indicator."]
+    if any(c.is_product for c in checks):
+        lines += ["", "A table that is multiplied by another one is seen with all of them loaded, never alone (-)."]
     return [*lines, "", f"Tool vector of these numbers: {', '.join(f'{v:g}' for v in made.job.tool)} mm."]
 
 
+_HOW = (
+    "Switch the compensation off, and go to the position in 'command', all axes coming from the stated side (below: in +).",
+    "Set an indicator at the axis that is named to zero, or note the position of its drive where the control shows it.",
+    "Switch the compensation on (section 4), go away, and come back to the position from the same side.",
+    "The axis must now stand off by what the row says, in the direction in which a command of this size would move it.",
+)
+_READING = (
+    "'Alone' holds where the other tables of this folder are off or zero, 'all loaded' for all of them together; other",
+    "compensations of these axes are off. A position display may show the programmed position without the correction.",
+)
 _HEADER = [
     "[ ] table",
     "command, mm or °",
@@ -107,8 +125,9 @@ def _row(machine: Machine, check: SignCheck) -> list[str]:
     place = "  ".join(f"{a} {v:.9g}" for a, v in check.at.items())
     side = "above (-)" if check.way < 0 else "below (+)"
     stands = f"{check.axis} {check.at[check.axis] + check.alone:.6f}"
-    moves = (with_unit(machine, check.axis, v, sign=True) for v in (check.alone, check.together))
-    alone, together = moves
+    alone, together = (with_unit(machine, check.axis, v, sign=True) for v in (check.alone, check.together))
+    if check.is_product:
+        alone, stands = "-", "-"
     return [f"[ ] {check.table}", place, side, check.axis, alone, stands, together]
 
 
@@ -121,7 +140,7 @@ def parts_of(held: Compensation) -> list[str]:
     found = [f"{axis_table_words(t)}, {_span(t.positions)}" for t in held.axis_tables]
     found += [f"table of {t.function} over {t.axis}, {_span(t.positions)}" for t in held.tables]
     return found + [
-        f"{grid_words(g)}, {', '.join(f'{a} {_span(n)}' for a, n in zip(g.axes, g.nodes, strict=True))}"
+        f"{short_grid_words(g)}, {', '.join(f'{a} {_span(n)}' for a, n in zip(g.axes, g.nodes, strict=True))}"
         for g in held.grids
     ]
 
@@ -133,7 +152,8 @@ def _span(positions: np.ndarray) -> str:
 def _behaviour(made: Export) -> list[str]:
     """Meaning of the values, ends, reversal, and axes that only help."""
     d = made.declaration
-    lines = table(["property", "of these files"], properties_of_files(d, made.job.sign))
+    own = made.controller.of_these_files(made.job.options)
+    lines = table(["property", "of these files"], properties_of_files(d, made.job.sign, own))
     lines += [""]
     if d.outside != HELD:
         lines += bullets(["Beyond the positions of a table its effect is not sure: keep the axes within them."])
@@ -149,4 +169,6 @@ def _behaviour(made: Export) -> list[str]:
 
 
 def _sentence(text: str) -> str:
-    return f"{text[:1].upper()}{text[1:]}."
+    """With a capital and a full stop; a name such as lr_param.ssfk stays as it is."""
+    begin = text.split(" ")[0].strip(",;:")
+    return f"{text[:1].upper() if begin.isalpha() and begin.islower() else text[:1]}{text[1:]}."

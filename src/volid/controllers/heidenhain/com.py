@@ -220,7 +220,7 @@ class _Cause:
         letter = self.axis.letter
         found = [(f"MP730, bit of {letter}", "1", "nonlinear axis error compensation")]
         if self._both:
-            found.append((f"MP710 / MP_backLash of {letter}", "0", "the reversal stands in the column BACKLASH"))
+            found.append((f"MP710, MP750 / MP_backLash of {letter}", "0", "the reversal stands in the column BACKLASH"))
         elif self._own is not None and self._own.has_reversal:
             lost = -self._scale(letter) * self._own.reversal_value
             found.append(

@@ -142,7 +142,7 @@ DECLARATION = Declaration(
         activate=(
             "Reference all axes, and command #VOLCOMP ON [ID0] in the NC program (0: its number); a reset "
             "switches it off.",
-            "Where an axis moves the wrong way in the one-point check, enter the line 'negate X' (its letter) "
+            "Where one axis alone moves the wrong way in the one-point check, enter the line 'negate X' (its letter) "
             "in vol.lis.",
         ),
         remove=("Command #VOLCOMP OFF [ID0], and put the copied files back.",),

@@ -127,6 +127,10 @@ class LinuxCNCHal(Controller):
 
     declaration = DECLARATION
 
+    def of_these_files(self, options: Mapping[str, Any]) -> Mapping[str, str]:
+        """The machine unit."""
+        return {"units": f"{options['unit']}, positions and values"}
+
     def write(self, job: Job) -> Written:
         """One .grid file per type, and volid_grid.hal. Raises `InputError` for what is no grid over X, Y, Z."""
         grids = _grids(job)

@@ -24,6 +24,7 @@ from volid.controllers.base import (
     DOCUMENTED,
     FREE,
     HELD,
+    ONE_VALUE,
     POSITION,
     RUN,
     Commissioning,
@@ -170,6 +171,15 @@ class LinuxCNC(Controller):
     """Files of COMP_FILE, one per axis, or BACKLASH."""
 
     declaration = DECLARATION
+
+    def of_these_files(self, options: Mapping[str, Any]) -> Mapping[str, str]:
+        """The machine unit, and what stands in the columns."""
+        own = {"units": f"{options['units']}, degrees for rotary joints"}
+        if options["reversal"] == BACKLASH:
+            return {**own, "sign": "BACKLASH is minus the mean reversal value, E(+) - E(-)", "reversal": ONE_VALUE}
+        if options["comp_file_type"] == 1:
+            return {**own, "sign": "what is added to the command, -(actual - nominal)"}
+        return own
 
     def write(self, job: Job) -> Written:
         """One .comp file per axis, or none with BACKLASH, and the lines of the INI file."""

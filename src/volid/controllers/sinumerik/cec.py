@@ -109,7 +109,10 @@ DECLARATION = Declaration(
             "arm: the display must stay at the plain error. Where it does not, the tables of a product do not act by themselves "
             "at this control: write the files again with the option multiplied=not.",
         ),
-        remove=("Set MD32710 of the output axes to 0.",),
+        remove=(
+            "Set MD32710 of the output axes to 0, read the former tables from the backup, and set SD41300 and MD32710 to their "
+            "former values; without former tables, SD41300 of these tables and MD32710 stay 0.",
+        ),
         watch=(
             "The service display of the output axis shows the sum of sag and temperature compensation, as in the file.",
         ),

@@ -103,7 +103,10 @@ DECLARATION = Declaration(
             "Set MD32450 $MA_BACKLASH as the file states it, instead of what it was when the machine was measured.",
         ),
         activate=("Set MD32700 to 1, and reference the axis: backlash and table act from then on.",),
-        remove=("Set MD32700 to 0, and MD32450 to its former value.",),
+        remove=(
+            "Set MD32700 to 0, read the former table from the backup, and set MD32450 and MD32700 to their former values.",
+            "Where MD38000 was raised it can stay; to lower it again, format and read in the archive as for loading.",
+        ),
         watch=("The service display of the axis shows the sum of leadscrew error and backlash compensation.",),
     ),
     facts=(
@@ -238,9 +241,10 @@ class _Axis:
         lost = self.scale * np.abs(table.forward - table.reverse - table.reversal_value).max() / 2.0
         found = [covers(self.lattice, self.values, self.axis, unit)]
         if lost > 1e-7:
+            size = f"{1000.0 * lost:.2f} µm" if self.axis.is_linear else f"{lost:.6f}°"
             found.append(
-                f"{table.output}: the reversal changes along the axis; one backlash for all positions leaves up to {lost:.6f} "
-                f"{unit}. sinumerik-cec holds both directions"
+                f"{table.output}: the reversal changes along the axis; one backlash for all positions leaves up to {size}. "
+                "sinumerik-cec holds both directions"
             )
         moved = self.scale * loss(replace(table, forward=table.mean, reverse=table.mean), self.lattice)
         if moved > 1e-7:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from volid.compensation.tables.axis_table import AxisTable
-from volid.controllers.axis_values import of_axis, or_none
+from volid.controllers.axis_values import of_axis, or_none, taken_off
 from volid.controllers.base import Job
 from volid.controllers.fanuc.pitch_memory.sections import (
     Numbering,
@@ -227,7 +227,7 @@ def _notes(table: AxisTable, form: Form, sections: Sections, held: list[Incremen
     found = [*table.notes]
     if abs(off) > 1e-9:
         found.append(
-            f"{form.axis}: error values are {off:.6g} {unit} less than in the table everywhere, so that the reference is 0"
+            f"{form.axis}: {taken_off(off, unit == 'mm')} its error values everywhere, so that the reference is 0"
         )
     between = _resampled(table, form, sections)
     if between > 1e-9:

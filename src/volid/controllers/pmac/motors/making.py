@@ -12,6 +12,7 @@ import numpy as np
 
 from volid.compensation.grids.grid import AnyGrid, Grid
 from volid.compensation.tables.axis_table import AxisTable
+from volid.controllers.axis_values import taken_off
 from volid.controllers.base import Job
 from volid.controllers.pmac.motors.script import BLCOMP, COMP, MotorTable, Script
 from volid.controllers.pmac.motors.spans import Motor, Span, span_over
@@ -172,8 +173,9 @@ class _Maker:
 
 
 def _shift_words(motor: Motor, zero: float) -> str:
-    off, unit = (zero, "mm") if motor.linear else (float(np.rad2deg(zero)), "°")
-    return f"{motor.axis}: error values of all its tables together are {off:.6g} {unit} less everywhere, so that motor zero is 0"
+    off = zero if motor.linear else float(np.rad2deg(zero))
+    words = taken_off(off, motor.linear)
+    return f"{motor.axis}: {words} the error values of all its tables together everywhere, so that motor zero is 0"
 
 
 def _largest(table: AxisTable) -> float:
