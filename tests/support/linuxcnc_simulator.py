@@ -173,6 +173,11 @@ def alone() -> Iterator[None]:
             if time.monotonic() > end:
                 raise LinuxCNCError(f"LinuxCNC already runs on this computer: {', '.join(running())}; end it first")
             time.sleep(0.5)
+        with suppress(FileNotFoundError):
+            if os.geteuid() not in (0, OWN_LOCK.stat().st_uid):
+                raise LinuxCNCError(
+                    f"{OWN_LOCK} is another user's, and no LinuxCNC runs that it could stand for; remove it first"
+                )
         yield
 
 

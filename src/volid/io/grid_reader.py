@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from math import isfinite, prod
 from pathlib import Path
@@ -24,6 +25,7 @@ from volid.io.record import SIGN, notes_of, read_header, require_keys
 from volid.model.iso230 import LINEAR_AXES, ROTARY_AXES
 
 _ROTARY = "R-VOL"
+_OTHER_UNITS = re.compile(r"\b([munµμ]?m|cm|in|inch|inches|mil|[munµμ]?rad|arcsec|arcmin)\b")  # mm is among them
 _NAMED = ("type", "values", "frame", "datum")
 
 
@@ -122,6 +124,10 @@ def _assemble(
         raise InputError(f"{path}: format is '{header['format']}'; this volid reads '{FORMAT}'")
     if header["values"] not in SIGN:
         raise InputError(f"{path}: values are '{header['values']}'; expected {' or '.join(SIGN)}")
+    if other := [unit for unit in _OTHER_UNITS.findall(header.get("units", "")) if unit != "mm"]:
+        raise InputError(
+            f"{path}: units name '{other[0]}'; a grid is read in mm and degrees: convert its columns, and say so there"
+        )
     nodes = tuple(np.unique(column) for column in positions.T)
     whole = prod(map(len, nodes)) == len(positions)  # of scattered positions the regular grid would not fit into memory
     if not whole or not np.array_equal(grid_positions(nodes), positions):
