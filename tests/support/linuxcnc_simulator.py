@@ -140,7 +140,7 @@ def run(
         folder = Path(place)
         folder.chmod(0o755)
         write(setup, folder)
-        task = {"steps": list(steps), "pins": list(pins), "seconds": seconds}
+        task = {"steps": list(steps), "pins": list(pins), "seconds": seconds, "owner": os.getpid()}
         (folder / "task.json").write_text(json.dumps(task), encoding="utf-8")
         compile_components(setup.components, folder)
         printed = start(folder, seconds + 30 if stop_after is None else stop_after, bool(setup.components))
