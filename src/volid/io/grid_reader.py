@@ -106,16 +106,8 @@ def _six(table: CsvTable, names: tuple[str, ...]) -> np.ndarray:
     return np.stack([table.numbers(n, "mm or degrees", "or an empty cell", gaps=True) for n in names], axis=1)
 
 
-def _assemble(
-    path: str,
-    header: Mapping[str, str],
-    axes: tuple[str, ...],
-    positions: np.ndarray,
-    values: np.ndarray,
-    u: np.ndarray,
-    outside: np.ndarray,
-) -> AnyGrid:
-    rotary = "side" in header or header.get("type") == _ROTARY or axes[0] in ROTARY_AXES
+def _check_header(path: str, header: Mapping[str, str], rotary: bool) -> None:
+    """Raises `InputError` where the lines of a grid are missing, or say something that is not read."""
     special = ("side", "reference point", "period") if rotary else ("tool vector",)
     require_keys(
         path, header, (*_NAMED, *special), f"a grid written by volid, '{FORMAT}', or lines '# key: value' that say it"
@@ -128,6 +120,19 @@ def _assemble(
         raise InputError(
             f"{path}: units name '{other[0]}'; a grid is read in mm and degrees: convert its columns, and say so there"
         )
+
+
+def _assemble(
+    path: str,
+    header: Mapping[str, str],
+    axes: tuple[str, ...],
+    positions: np.ndarray,
+    values: np.ndarray,
+    u: np.ndarray,
+    outside: np.ndarray,
+) -> AnyGrid:
+    rotary = "side" in header or header.get("type") == _ROTARY or axes[0] in ROTARY_AXES
+    _check_header(path, header, rotary)
     nodes = tuple(np.unique(column) for column in positions.T)
     whole = prod(map(len, nodes)) == len(positions)  # of scattered positions the regular grid would not fit into memory
     if not whole or not np.array_equal(grid_positions(nodes), positions):
