@@ -46,7 +46,7 @@ typedef struct {
     char *problem; /* what is wrong, at least 200 characters */
 } volid_reader;
 
-/* The next word; 0 at the end of the file or if it is too long. */
+/* The next word; 0 at the end of the file, where it is empty, or if it is too long. */
 static int volid_next(volid_reader *r) {
     int c = fgetc(r->file), n = 0;
     while (c != EOF && (isspace(c) || c == '#')) {
@@ -58,7 +58,7 @@ static int volid_next(volid_reader *r) {
     for (; c != EOF && !isspace(c) && c != '#' && n < VOLID_WORD - 1; c = fgetc(r->file)) r->word[n++] = (char)(c ? c : '?');
     r->word[n] = '\0';
     if (c != EOF) ungetc(c, r->file);
-    return n > 0;
+    return n > 0 && (c == EOF || isspace(c) || c == '#');
 }
 
 static int volid_wrong(volid_reader *r, const char *expected) {
@@ -129,7 +129,7 @@ static int volid_values(volid_reader *r, volid_grid *g) {
     for (long i = 0; i < 3 * all; i++)
         if (!volid_number(r, &g->values[i])) return 0;
     if (!volid_expect(r, "end")) return 0;
-    return !volid_next(r) || volid_wrong(r, "nothing after 'end'");
+    return (!volid_next(r) && !r->word[0]) || volid_wrong(r, "nothing after 'end'");
 }
 
 static void volid_free(volid_grid *g) {

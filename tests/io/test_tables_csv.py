@@ -327,6 +327,7 @@ def text_grid(grid, solution):
         ("# values: error\n", "", "header 'values' is missing"),
         ("# values: error\n", "# values: both\n", "values are 'both'; expected error or compensation"),
         ("volid-grid/1", "volid-grid/7", "format is 'volid-grid/7'; this volid reads 'volid-grid/1'"),
+        ("dX, dY, dZ mm", "dX, dY, dZ µm", "units name 'µm'; a grid is read in mm and degrees"),
         ("tool vector: 0, 0", "tool vector: 0", "tool vector is '0, -150 mm.*expected three numbers"),
         ("\n1000.0,0.0,-500.0,", "\n999.0,0.0,-500.0,", "no regular grid; expected every combination"),
         ("X,Y,Z,dX", "X,Y,Z,dx", "unknown column 'dx'; did you mean 'dX'"),

@@ -123,3 +123,29 @@ def test_inches_and_a_rotary_joint(tmp_path):
     correction = found[at_middle] - places[at_middle]
     assert correction[letters.index("X")] == pytest.approx(-0.013, abs=ALIKE)
     assert correction[letters.index("C")] == pytest.approx(-np.rad2deg(40e-6), abs=ALIKE)
+
+
+STEPS = {  # mm, of the correction at reversal, at MAX_ACCELERATION in mm/s²: whether the motor makes it
+    "X": (0.020, 1e5, True),
+    "Y": (0.030, 1e5, False),
+    "Z": (-0.045, 1e5, False),
+    "A": (0.060, 1e5, True),
+    "U": (0.0004, 2e3, True),
+    "V": (0.0007, 2e3, False),
+    "W": (-0.0012, 2e3, True),
+}
+
+
+def test_the_ramp_at_reversal_leaves_out_steps_of_one_size():
+    """With A the MAX_ACCELERATION and T = 1 ms, a step from A T² / 4 to A T² / 2 is not made, whichever its sign."""
+    joints, files = [], {}
+    for n, (letter, (step, acceleration, made)) in enumerate(STEPS.items()):
+        quarter = 0.25 * acceleration * 1e-3**2
+        assert made == (not quarter < abs(step) <= 2 * quarter)
+        lines = f"COMP_FILE_TYPE = 1\nCOMP_FILE = joint{n}.comp"
+        joints.append(Joint(letter, -10, 300, 0.0, lines, acceleration=acceleration))
+        files[f"joint{n}.comp"] = f"0 0 {step}\n300 0 {step}\n"
+    steps = [{"mdi": "G53 G0 " + " ".join(f"{a}{x}" for a in STEPS)} for x in (100, 50)]
+    rows = run(Setup(joints, files), [{"home": True}, *steps], [f"joint.{n}.motor-pos-cmd" for n in range(7)]).rows
+    assert rows[1] == pytest.approx([100.0] * 7, abs=ALIKE)
+    assert rows[2] == pytest.approx([50.0 + made * step for step, _, made in STEPS.values()], abs=ALIKE)

@@ -120,6 +120,8 @@ def test_an_axis_with_one_node_changes_nothing(component):
         ("\nend\n", "\n", "found the end of the file, expected end"),
         ("\nend\n", "\nend of it\n", "found 'of', expected nothing after 'end'"),
         ("-0.002000000", "-0,002000000", "found '-0,002000000', expected a number"),
+        ("-0.002000000", "-0.002" + "0" * 70, "0000', expected a number"),
+        ("\nend\n", "\nend\n" + "x" * 64 + "\n", "x', expected nothing after 'end'"),
         ("-0.002000000", "nan", "found 'nan', expected a number"),
     ],
 )

@@ -1,7 +1,14 @@
 """The simulator of the tests ends, whatever happens, and is started again as if nothing had been."""
 
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
 import pytest
-from support.linuxcnc_simulator import OWN_LOCK, Joint, LinuxCNCError, Setup, needs_linuxcnc, run, running
+from support.linuxcnc_simulator import LOCK, OWN_LOCK, Joint, LinuxCNCError, Setup, needs_linuxcnc, run, running
 
 pytestmark = [needs_linuxcnc, pytest.mark.slow]
 JOINTS = [Joint("X", -10, 1010), Joint("Y", -10, 610), Joint("Z", -510, 10)]
@@ -11,6 +18,27 @@ PINS = ["joint.0.motor-pos-cmd", "joint.1.motor-pos-cmd", "joint.2.motor-pos-cmd
 def test_a_run_that_hangs_is_stopped():
     with pytest.raises(LinuxCNCError, match=r"(?s)or was stopped.*Starting LinuxCNC"):
         run(Setup(JOINTS), [{"home": True}, {"wait": 300}], PINS, stop_after=4.0)
+    assert running() == [] and not OWN_LOCK.exists()
+
+
+ORPHAN = """from test_simulator_stops import *
+run(Setup(JOINTS), [{"home": True}, {"wait": 300}], PINS)"""
+
+
+def test_linuxcnc_ends_when_the_tests_are_killed():
+    before = set(LOCK.parent.glob("volid-linuxcnc-*"))
+    paths = os.pathsep.join([*sys.path, os.path.dirname(__file__)])
+    tests = subprocess.Popen([sys.executable, "-c", ORPHAN], env={**os.environ, "PYTHONPATH": paths})
+    end = time.monotonic() + 30.0
+    while "milltask" not in str(running()) and time.monotonic() < end:
+        time.sleep(0.2)
+    assert "milltask" in str(running())
+    os.kill(tests.pid, signal.SIGKILL)
+    tests.wait()
+    while (running() or OWN_LOCK.exists()) and time.monotonic() < end:
+        time.sleep(0.2)
+    for folder in set(LOCK.parent.glob("volid-linuxcnc-*")) - before:  # which nobody is left to remove
+        shutil.rmtree(folder)
     assert running() == [] and not OWN_LOCK.exists()
 
 

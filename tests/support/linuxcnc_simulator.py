@@ -140,7 +140,7 @@ def run(
         folder = Path(place)
         folder.chmod(0o755)
         write(setup, folder)
-        task = {"steps": list(steps), "pins": list(pins), "seconds": seconds}
+        task = {"steps": list(steps), "pins": list(pins), "seconds": seconds, "owner": os.getpid()}
         (folder / "task.json").write_text(json.dumps(task), encoding="utf-8")
         compile_components(setup.components, folder)
         printed = start(folder, seconds + 30 if stop_after is None else stop_after, bool(setup.components))
@@ -173,6 +173,11 @@ def alone() -> Iterator[None]:
             if time.monotonic() > end:
                 raise LinuxCNCError(f"LinuxCNC already runs on this computer: {', '.join(running())}; end it first")
             time.sleep(0.5)
+        with suppress(FileNotFoundError):
+            if os.geteuid() not in (0, OWN_LOCK.stat().st_uid):
+                raise LinuxCNCError(
+                    f"{OWN_LOCK} is another user's, and no LinuxCNC runs that it could stand for; remove it first"
+                )
         yield
 
 

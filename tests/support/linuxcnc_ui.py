@@ -2,7 +2,8 @@
 
 This file runs under the interpreter that LinuxCNC's own modules belong to, outside the tests and outside volid. task.json holds
 
-    {"steps": [{"mdi": "G53 G1 X10.0 F6000"}, {"home": true}, …], "pins": ["joint.0.motor-pos-cmd", …], "seconds": 40}
+    {"steps": [{"mdi": "G53 G1 X10.0 F6000"}, {"home": true}, …], "pins": ["joint.0.motor-pos-cmd", …], "seconds": 40,
+     "owner": number of the process without which all of it ends}
 
 and answer.json, written when all is done, {"rows": [[value of each pin after each step] …], "messages": [what LinuxCNC said],
 "error": …}.
@@ -10,7 +11,9 @@ A step may also have {"set": {"matrixkins.C_xy": 1e-3}} (halcmd setp; "after": t
 """
 
 import json
+import os
 import sys
+import threading
 import time
 
 import hal
@@ -113,10 +116,22 @@ class Screen:
             hal.set_p(name, repr(value))
 
 
+def end_with(owner):
+    """Ends the screen, and LinuxCNC with it, where the process that runs the tests has been killed."""
+    while True:
+        time.sleep(0.5)
+        try:
+            os.kill(owner, 0)
+        except ProcessLookupError:
+            os._exit(1)
+
+
 def main():
     """Runs the task of the folder."""
     with open("task.json", encoding="utf-8") as file:
         task = json.load(file)
+    if "owner" in task:
+        threading.Thread(target=end_with, args=(task["owner"],), daemon=True).start()
     answer = {"rows": [], "messages": [], "error": None}
     screen = None
     try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from math import isfinite, prod
 from pathlib import Path
@@ -24,6 +25,7 @@ from volid.io.record import SIGN, notes_of, read_header, require_keys
 from volid.model.iso230 import LINEAR_AXES, ROTARY_AXES
 
 _ROTARY = "R-VOL"
+_OTHER_UNITS = re.compile(r"\b([munµμ]?m|cm|in|inch|inches|mil|[munµμ]?rad|arcsec|arcmin)\b")  # mm is among them
 _NAMED = ("type", "values", "frame", "datum")
 
 
@@ -104,6 +106,22 @@ def _six(table: CsvTable, names: tuple[str, ...]) -> np.ndarray:
     return np.stack([table.numbers(n, "mm or degrees", "or an empty cell", gaps=True) for n in names], axis=1)
 
 
+def _check_header(path: str, header: Mapping[str, str], rotary: bool) -> None:
+    """Raises `InputError` where the lines of a grid are missing, or say something that is not read."""
+    special = ("side", "reference point", "period") if rotary else ("tool vector",)
+    require_keys(
+        path, header, (*_NAMED, *special), f"a grid written by volid, '{FORMAT}', or lines '# key: value' that say it"
+    )
+    if header.get("format", FORMAT) != FORMAT:
+        raise InputError(f"{path}: format is '{header['format']}'; this volid reads '{FORMAT}'")
+    if header["values"] not in SIGN:
+        raise InputError(f"{path}: values are '{header['values']}'; expected {' or '.join(SIGN)}")
+    if other := [unit for unit in _OTHER_UNITS.findall(header.get("units", "")) if unit != "mm"]:
+        raise InputError(
+            f"{path}: units name '{other[0]}'; a grid is read in mm and degrees: convert its columns, and say so there"
+        )
+
+
 def _assemble(
     path: str,
     header: Mapping[str, str],
@@ -114,14 +132,7 @@ def _assemble(
     outside: np.ndarray,
 ) -> AnyGrid:
     rotary = "side" in header or header.get("type") == _ROTARY or axes[0] in ROTARY_AXES
-    special = ("side", "reference point", "period") if rotary else ("tool vector",)
-    require_keys(
-        path, header, (*_NAMED, *special), f"a grid written by volid, '{FORMAT}', or lines '# key: value' that say it"
-    )
-    if header.get("format", FORMAT) != FORMAT:
-        raise InputError(f"{path}: format is '{header['format']}'; this volid reads '{FORMAT}'")
-    if header["values"] not in SIGN:
-        raise InputError(f"{path}: values are '{header['values']}'; expected {' or '.join(SIGN)}")
+    _check_header(path, header, rotary)
     nodes = tuple(np.unique(column) for column in positions.T)
     whole = prod(map(len, nodes)) == len(positions)  # of scattered positions the regular grid would not fit into memory
     if not whole or not np.array_equal(grid_positions(nodes), positions):

@@ -98,6 +98,33 @@ def test_each_tool_has_its_own_vector():
     assert [r for r in rows if r.startswith("G1")] == ["G1 X10. F100", "G1 X10.002"]
 
 
+@pytest.mark.parametrize("change", ["T2 M6", "M6 T2", "T2\nM6", "T1 M6\nT3 M6\nM61 Q2", "T2\nT3 M6\nM6 T2"])
+@pytest.mark.parametrize("between", ["", "\nG64 P0.01 Q0.01", "\nM100 Q3", "\nT3"])
+def test_the_tool_in_the_spindle(change, between):
+    """T acts before M6 in whatever order; Q is a tool with M61 alone. 10 µrad about Y: T2 of 200 mm is pushed by 2 µm."""
+    tools = {n: (0.0, 0.0, -100.0 * n) for n in (1, 2, 3)}
+    setting = volid.ProgramSetting(offsets=OFFSETS, tools=tools, passing=(100.0,))
+    program = made(
+        f"{change}{between}\nG0 X0 Y0 Z50\nG1 X100 F100", grid((0, 0, 0), turn=1e-5), setting, head="G21 G90\n"
+    )
+    assert body_of(program)[-1] == "G1 X100.002 F100"
+
+
+def test_turns_of_a_modal_helix():
+    """P stands without G3, which is in force: two turns are twice as long."""
+    rows = ["G3 X0 Y0 I-20 Z-5 F100", "X0 Y0 I-20 Z-10 P2"]
+    once = made(rows[0], grid((0, 0, 0))).counted.length
+    both = made("\n".join(rows), grid((0, 0, 0))).counted.length
+    assert both - once == pytest.approx(4 * np.pi * 20, rel=1e-3)
+
+
+def test_inverse_time_has_no_exponent():
+    """E would be a word of its own: the first piece, 0.2 µm of 500 mm, has a large F."""
+    program = made("G93 G1 X0 F2\nG0 Z0\nG1 X0.0002 F9000000\nX-100 F2", grid((1e-4, 0, 0)))
+    feeds = [row.split("F")[1] for row in body_of(program) if "F" in row]
+    assert "9000000" in feeds and not any("E" in f.upper() for f in feeds)
+
+
 def test_increments_do_not_add_up_their_rounding():
     """1e-4 of 0.0123 mm is below the last digit: 1000 steps still end where they should."""
     text = made("G91 G1 F100\n" + "X0.0123\n" * 1000).text
@@ -135,6 +162,15 @@ def test_reversal_is_taken_up_before_the_motion():
     program = made("G1 X200 F100\nX100 F50\nY10", volid.Control(machine, (table,)))
     assert body_of(program) == ["G1 X-0.01 F100", "X199.99", "X199.996 F50", "X99.996", "Y10."]
     assert program.counted.taken_up == 2, "at first too: from where X came to its first place is not known"
+
+
+def test_from_the_reference_no_direction_is_known():
+    """EXX is 10 µm in + and 4 µm in -: whence X comes after G28 is not known, so that the mean of 7 µm counts until it moves."""
+    machine, x = volid.load_machine("models/wYXbZt_vertical.toml"), np.array([0.0, 1000.0])
+    up, down = np.full(2, 0.010), np.full(2, 0.004)
+    table = ErrorTable("L-POS", "EXX", x, up, down, np.zeros((2, 2)), x > 1e9, "kinematic model", 0.0)
+    program = made("G1 X200 F100\nG28\nG0 X50 Y0 Z50\nG1 Y10\nX60", volid.Control(machine, (table,)))
+    assert body_of(program)[2:] == ["G28", "G0 X49.993 Y0. Z50.", "G1 Y10.", "X49.99", "X59.99"]
 
 
 def test_a_circle_turns_where_its_axes_do():
@@ -201,6 +237,7 @@ def test_points_outside_are_named_and_the_end_is_held():
 
 # ---------------------------------------------------------------------------------------------- what is refused
 
+NEW = "\n"
 REFUSED = {
     "G81 X1 Z-5 R2": "canned cycle",
     "G38.2 Z-5 F10": "probe",
@@ -244,6 +281,12 @@ REFUSED = {
     "G43 H9": "state it as `length`",
     "G55 G1 X1 F10": "G55 is active, and where it lies is not stated",
     "G4 X1 Y2": "a dwell",
+    "G1 X1 F10\nG4 P1 X5": "a dwell",
+    "G43 H0": "that of the loaded tool on another",
+    "M2\nG1 X5 F10": "after the program's end",
+    "M30\n%\n(next)\nX5": "after the program's end",
+    "G1 X5 T" + "9" * 400: "is a larger number",
+    "G1 X1000000001 F10": "is a larger number",
     "I5": "without a motion it means nothing",
     "G1 X5 P3 F10": "P3 stands without",
     "H3": "H3 stands without G43",
@@ -255,7 +298,7 @@ REFUSED = {
 
 @pytest.mark.parametrize("body", REFUSED)
 def test_what_cannot_be_followed_is_refused_with_its_line(body):
-    with pytest.raises(volid.InputError, match=r"^part\.nc, line 4: ") as refused:
+    with pytest.raises(volid.InputError, match=rf"^part\.nc, line {4 + body.count(NEW)}: ") as refused:
         made(f"M8\n{body}", name="part.nc")
     assert REFUSED[body] in str(refused.value)
 

@@ -18,7 +18,7 @@ from volid.exceptions import InputError
 
 MADE_BY_VOLID = "CORRECTED BY VOLID"
 DWELL, HOME, SECOND_HOME, IN_MACHINE = 40, 280, 300, 530
-_FIRST_MANY = 100_000  # numbers of turns that P may have
+_FIRST_MANY = 1_000  # numbers of turns that P may have
 
 
 class Reader:
@@ -44,7 +44,7 @@ class Reader:
         where = f"{self.name}, line {block.number}"
         self._begun = True
         found = codes_of(block, where)
-        check_words(block, found, where, self.setting.passing)
+        check_words(block, {codes.MOTION: self.state.motion, **found}, where, self.setting.passing)
         self.state.take(block, found, where)
         motion = self._motion(block, found.get(codes.ALONE), where)
         stops = {w.value for w in block.words if w.letter == "M"}
@@ -65,6 +65,11 @@ class Reader:
             raise InputError(
                 f"{self.name}, line {block.number}: the program is corrected already; correct the original instead"
             )
+        if self.ended and block.first(LETTERS) is not None:
+            raise InputError(
+                f"{self.name}, line {block.number}: axes are named after the program's end, where LinuxCNC stops reading and "
+                "grbl goes on; take out what follows the end"
+            )
         if self.ended or not block.words or self.is_skipped(block):
             return True
         if block.deleted and self.setting.block_delete != RUN:
@@ -78,7 +83,7 @@ class Reader:
     def _motion(self, block: Block, alone: int | None, where: str) -> Motion | None:
         named = frozenset(LETTERS.index(w.letter) for w in block.words if w.letter in LETTERS)
         if alone == DWELL:
-            self._only(block, "GMNPXSF", where, "a dwell, G4, has a time as P (or X) and nothing else")
+            self._only(block, "GMNPSF", where, "a dwell, G4, has its time as P; X moves the axis on LinuxCNC and grbl")
             return None
         if alone in (HOME, SECOND_HOME):
             return self._home(block, named, where)

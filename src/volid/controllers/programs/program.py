@@ -171,9 +171,10 @@ def _lines(motions: Sequence[Motion], setting: ProgramSetting) -> Lines:
     tool = np.array([m.tool for m in motions]).reshape(-1, 3)[owner]
     tolerance = np.array([_tolerance(m, setting) for m in motions])[owner]
     acts = np.array([m.act in (RAPID, CUT) for m in motions], dtype=bool)[owner]
+    way = _directions(start, end)
     start = np.where(np.isnan(start), end, start)
     base = np.array([m.base if setting.touched else (np.nan,) * 3 for m in motions]).reshape(-1, 3)
-    return Lines(owner, start, end, tool, _directions(start, end), tolerance, base[owner]).rows(acts)
+    return Lines(owner, start, end, tool, way, tolerance, base[owner]).rows(acts)
 
 
 def _tolerance(motion: Motion, setting: ProgramSetting) -> float:
@@ -184,10 +185,11 @@ def _tolerance(motion: Motion, setting: ProgramSetting) -> float:
 
 
 def _directions(start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """Signs of the motion of each axis, (m, 3); an axis at rest keeps its last one, 0 before it moves."""
-    moved = np.nan_to_num(end - start)
+    """Signs of the motion of each axis, (m, 3); an axis at rest keeps its last one, 0 before it moves and where it comes from or
+    goes to a place that is not known."""
+    moved = end - start
     sign = np.where(np.abs(moved) > 1e-9, np.sign(moved), 0.0)
-    at = np.where(sign != 0.0, np.arange(len(sign))[:, None], 0)
+    at = np.where((sign != 0.0) | np.isnan(moved), np.arange(len(sign))[:, None], 0)
     return np.asarray(np.take_along_axis(sign, np.maximum.accumulate(at, axis=0), axis=0)) if len(sign) else sign
 
 

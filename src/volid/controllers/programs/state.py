@@ -14,7 +14,7 @@ from volid.controllers.programs.words import Block
 from volid.exceptions import InputError
 
 _WANTED = {"P": (40, 640, 20, 30), "Q": (640,), "H": (430,)}  # codes with which a word may stand
-_Q_M = 61.0  # M61 Q: the tool in the spindle
+_Q_M, _CHANGE = 61.0, 6.0  # M61 Q: the tool in the spindle; M6: change of tools
 
 
 def codes_of(block: Block, where: str) -> dict[str, int]:
@@ -41,7 +41,7 @@ def codes_of(block: Block, where: str) -> dict[str, int]:
     return found
 
 
-def check_words(block: Block, found: Mapping[str, int], where: str, passing: tuple[float, ...]) -> None:
+def check_words(block: Block, found: Mapping[str, int | None], where: str, passing: tuple[float, ...]) -> None:
     """Raises `InputError` for a letter or an M code that is refused or unknown, and for a letter that stands twice."""
     seen = set()
     for letter, value, text in block.words:
@@ -58,7 +58,7 @@ def check_words(block: Block, found: Mapping[str, int], where: str, passing: tup
         _check_company(block, found, where)
 
 
-def _check_company(block: Block, found: Mapping[str, int], where: str) -> None:
+def _check_company(block: Block, found: Mapping[str, int | None], where: str) -> None:
     """Raises `InputError` for a word that means nothing without a code."""
     for letter, wanted in _WANTED.items():
         word = block.first(letter)
@@ -99,8 +99,9 @@ class Modal:
         if code := found.get(codes.UNITS):
             self.unit = INCH if code == 200 else 1.0
         self.feed_mode = found.get(FEED, self.feed_mode)
-        for letter, value, _ in block.words:
-            self._one_word(letter, value)
+        if word := block.first("F"):
+            self.feed = word.value * (self.unit or 1.0) if self.feed_mode == 940 else 0.0
+        self._tools(block)
         if code := found.get(LENGTH):
             self._length_offset(code == 430, block, where)
         self.plane = found.get(codes.PLANE, self.plane)
@@ -111,16 +112,16 @@ class Modal:
         if codes.MOTION in found:
             self.motion = None if found[codes.MOTION] == 800 else found[codes.MOTION]
 
-    def _one_word(self, letter: str, value: float) -> None:
-        if letter == "T":
-            self.selected = int(value)
-        elif letter == "Q":
-            self.loaded = int(value)
-        elif letter == "F":
-            self.feed = value * (self.unit or 1.0) if self.feed_mode == 940 else 0.0
-        elif letter == "M" and value == 6.0:
+    def _tools(self, block: Block) -> None:
+        """T acts before M6 wherever it stands in the block; Q is a tool with M61 alone."""
+        codes_m = {w.value for w in block.words if w.letter == "M"}
+        if word := block.first("T"):
+            self.selected = int(word.value)
+        if _CHANGE in codes_m:
             self.loaded = self.selected
             self.parked = {0, 1, 2}  # a change of tools may have moved them
+        if _Q_M in codes_m and (word := block.first("Q")):
+            self.loaded = int(word.value)
 
     def _length_offset(self, on: bool, block: Block, where: str) -> None:
         self.offset_on = on
@@ -129,9 +130,11 @@ class Modal:
             return
         word = block.first("H")
         number = self.loaded if word is None else int(word.value)
-        if number == 0 and word is not None:
-            self.length = 0.0
-            return
+        if number == 0:
+            raise InputError(
+                f"{where}: the length of number 0 is none on one control, that of the loaded tool on another (LinuxCNC); write "
+                "G49, or G43 with the number of the length"
+            )
         if number is None or number not in self.setting.lengths:
             named = (
                 "G43 without H, and no tool is loaded" if number is None else f"G43 takes the length of number {number}"

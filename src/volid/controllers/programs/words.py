@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 from volid.exceptions import InputError
 
+_LARGEST = 1e9  # of a number: beyond any machine, and within what coordinates can be rounded to
 _COMMENT = re.compile(r"\([^()]*\)|;.*")
 _WORD = re.compile(r"([A-Z])([+-]?(?:\d+\.?\d*|\.\d+))")
 _STRANGE = {
@@ -95,7 +96,13 @@ def parsed(line: str, number: int, name: str) -> Block:
     found = _WORD.findall(code)
     if sum(map(len, map("".join, found))) != len(code):
         raise InputError(f"{name}, line {number}: {_what_is_strange(code)}")
-    return Block(number, line, tuple(Word(a, float(v), a + v) for a, v in found), comments, deleted)
+    words = tuple(Word(a, float(v), a + v) for a, v in found)
+    huge = next((w for w in words if abs(w.value) > _LARGEST), None)
+    if huge is not None:
+        raise InputError(
+            f"{name}, line {number}: {huge.text[:20]} is a larger number than {_LARGEST:g}; write a smaller one"
+        )
+    return Block(number, line, words, comments, deleted)
 
 
 def _what_is_strange(code: str) -> str:

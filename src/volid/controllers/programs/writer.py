@@ -63,10 +63,10 @@ class Writer:
         targets = self._targets(motion, cut)
         rows = [self._coordinates(motion, target, i == len(targets) - 1) for i, (target, _) in enumerate(targets)]
         self.taken_up += len(targets) - len(cut.last)
-        feeds = [f" F{motion.inverse / share:.6g}" if motion.inverse else "" for _, share in targets]
+        feeds = [f" F{_plain_number(motion.inverse / share)}" if motion.inverse else "" for _, share in targets]
         kept = [(row, feed) for row, feed in zip(rows, feeds, strict=True) if row]
         if not kept:
-            kept = [("", f" F{motion.inverse:.6g}" if motion.inverse else "")]
+            kept = [("", f" F{_plain_number(motion.inverse)}" if motion.inverse else "")]
         return self._lines(block, motion, kept)
 
     def _stand(self, motion: Motion) -> None:
@@ -165,6 +165,15 @@ def _is_replaced(word: Word, motion: Motion) -> bool:
         or (motion.arc and word.letter in "IJKRP")
         or (motion.inverse > 0.0 and word.letter == "F")
     )
+
+
+def _plain_number(value: float) -> str:
+    """Six digits without an exponent, whose E would be a word of its own.
+
+    >>> _plain_number(8538800.0), _plain_number(0.00001234567)
+    ('8538800', '0.0000123457')
+    """
+    return np.format_float_positional(value, precision=6, unique=False, fractional=False, trim="-")
 
 
 def _number(ticks: int, digits: int) -> str:
