@@ -69,8 +69,13 @@ def _ask_tool_frame(machine: Machine, tables: Sequence[ErrorTable], at: np.ndarr
         )
 
 
+def turned_by(axis: Axis, function: str) -> float:
+    """How far a rotary axis turns, in its own sense, per unit of its own angular error: -1 where its line points the other way."""
+    return float((axis.frame.T @ np.asarray(axis.unit_vector))[parse(function).component - 3])
+
+
 def _of_itself(axis: Axis, table: ErrorTable) -> AxisTable:
-    along = float((axis.frame.T @ np.asarray(axis.unit_vector))[parse(table.function).component - 3])
+    along = turned_by(axis, table.function)
     return AxisTable(
         axis.letter,
         axis.letter,
