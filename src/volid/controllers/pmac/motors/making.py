@@ -21,6 +21,7 @@ from volid.model.jacobian import axis_directions
 from volid.model.machine import Machine
 
 _NOTHING = 1e-9  # mm or rad
+_MOST_OF_TWO = 200  # entries along either of two source motors, where the table itself has no more
 _MOST_BACKLASH = 8_388_607
 
 
@@ -110,7 +111,8 @@ class _Maker:
         """A table over two axes: error values of one axis, shape (nodes of the first, of the second) [mm]."""
         sources, target = tuple(self.motors[a] for a in axes), self.motors[output]
         spans = tuple(
-            span_over(m, float(n[0]), float(n[-1]), spacing_of(n, m.home)) for m, n in zip(sources, nodes, strict=True)
+            span_over(m, float(n[0]), float(n[-1]), spacing_of(n, m.home, _MOST_OF_TWO))
+            for m, n in zip(sources, nodes, strict=True)
         )
         along = np.stack([extended(nodes[0], column, spans[0].positions) for column in values.T])
         error = np.stack([extended(nodes[1], row, spans[1].positions) for row in along.T])
@@ -118,6 +120,9 @@ class _Maker:
         entries = self._entries(error, zero, target)
         self._own(words, target, sources, spans, entries[np.ix_(spans[0].order, spans[1].order)].T)
         self._shift(target, zero)
+        there = np.stack([np.interp(nodes[0], spans[0].positions, column) for column in error.T], axis=1)
+        there = np.stack([np.interp(nodes[1], spans[1].positions, row) for row in there])
+        self._missed(f"{output} over {axes[0]} and {axes[1]}", float(np.abs(there - values).max()), target)
 
     def _entries(self, error: np.ndarray, zero: float, target: Motor) -> np.ndarray:
         """What is added to the target [1/16 count]: minus the error, 0 at motor zero."""
