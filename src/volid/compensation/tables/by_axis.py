@@ -70,7 +70,7 @@ def _ask_tool_frame(machine: Machine, tables: Sequence[ErrorTable], at: np.ndarr
 
 
 def turned_by(axis: Axis, function: str) -> float:
-    """How far a rotary axis turns, in its own sense, per unit of its own angular error: -1 where its line points the other way."""
+    """Turn of a rotary axis in its own sense per unit of its own angular error: -1 where its line points the other way."""
     return float((axis.frame.T @ np.asarray(axis.unit_vector))[parse(function).component - 3])
 
 

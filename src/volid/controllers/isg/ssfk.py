@@ -237,9 +237,21 @@ def _table(name: str, found: dict[str, Entry], machine: Machine, numbers: Mappin
     down = _column(name, found, "neg", count) * unit if both else up.copy()
     _refuse_more(name, found, count)
     positions = at / STEPS
+    _ask_turn(found, axis, positions)
     others = any(k.startswith("kw.crosscomp") for k in found)
     notes = (f"{name} has lines kw.crosscomp too, which isg-crosscomp reads.",) if others else ()
     return AxisTable(axis.letter, axis.letter, positions, up, down, period=period_of(axis, positions), notes=notes)
+
+
+def _ask_turn(found: dict[str, Entry], axis: Axis, positions: np.ndarray) -> None:
+    """Raises `InputError` for a list that repeats, but not after a turn: what the control does in the gap is not stated."""
+    modulo = found.get("kw.ssfk.modulo", Entry("0", ""))
+    turn = not axis.is_linear and abs(positions[-1] - positions[0] - 360.0) < 1.0 / STEPS
+    if modulo.value.upper() not in ("0", "FALSE") and not turn:
+        raise InputError(
+            f"{modulo.where} is {modulo.value}, and the positions of {axis.letter} go from {positions[0]:g} to "
+            f"{positions[-1]:g}; expected a full turn of a rotary axis, with its first position again at the end"
+        )
 
 
 def _column(name: str, found: dict[str, Entry], column: str, count: int) -> np.ndarray:

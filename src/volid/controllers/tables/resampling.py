@@ -51,9 +51,10 @@ def extended(
 def spacing_of(positions: Float[np.ndarray, " n"], zero: float | None = None, most: int = 2000) -> float:
     """Spacing by which a control can count all positions, at most `most` of them, from its `zero` [mm or °].
 
-    Even positions keep their spacing, or with a zero between them the half, third … or tenth of it. Others take the largest step
-    of whole micrometres that meets them all. Where there is none, they are not met: the spacing is then a quarter of the narrowest
-    of theirs, or as near to that as the number allows, and divides their range. Two positions are a line, which any spacing holds.
+    Even positions keep their spacing, or with a zero between them the half, third … or tenth of it. Others take the largest
+    step of whole micrometres that meets them all. Where there is none, they are not met: the spacing is then a quarter of the
+    narrowest of theirs, or as near to that as the number allows, and divides their range. Two positions are a line, which any
+    spacing holds.
 
     >>> spacing_of(np.array([0.0, 40.0, 50.0, 100.0])), spacing_of(np.array([0.0, 50.0, 100.0]), 25.0)
     (10.0, 25.0)
