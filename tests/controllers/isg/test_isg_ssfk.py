@@ -166,6 +166,16 @@ def test_a_repeating_list_that_does_not_close_its_turn_is_refused():
         CONTROLS[NAME].read({"f.lis": lines}, TRUNNION, options_of(CONTROLS[NAME].declaration, {}))
 
 
+def test_a_list_repeats_only_where_it_says_so():
+    """P-COMP-00022 is 0 by default: compensation without modulo handling, though the positions are those of a turn."""
+    options = options_of(CONTROLS[NAME].declaration, {})
+    head = "kopf.log_achs_nr 6\nkw.ssfk.interval 1800000\nkw.ssfk.kw_startpos 0\nkw.ssfk.kw_nr_max 3\nkw.ssfk.unit 1\n"
+    rows = "".join(f"kw.ssfk.table[{i}].pos {v}\n" for i, v in enumerate((0, 10, 0)))
+    for line, period in (("", 0.0), ("kw.ssfk.modulo 0\n", 0.0), ("kw.ssfk.modulo 1\n", 360.0)):
+        (found,) = CONTROLS[NAME].read({"c.lis": head + line + rows}, TRUNNION, options).axis_tables
+        assert found.period == period
+
+
 def test_half_the_reversal_alone_stands_beside_a_compensation_of_the_mean():
     """X at 500 mm: 10 µm in + and 13 µm in - are -1.5 and +1.5 µm about the mean."""
     text = written(NAME, pitch(), values="reversal")["x_ssfk.lis"]
