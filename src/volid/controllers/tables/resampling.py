@@ -69,7 +69,7 @@ def spacing_of(positions: Float[np.ndarray, " n"], zero: float | None = None, mo
             away = 0.0 if zero is None else (positions[0] - zero) * part / least
             if abs(away - round(away)) < _ON_NODE:
                 return least / part
-    found = _lattice(positions, zero)
+    found = common_step(positions, zero)
     if found and span / found < most:
         return found
     count = float(np.ceil(span / least - _ON_NODE))
@@ -77,7 +77,7 @@ def spacing_of(positions: Float[np.ndarray, " n"], zero: float | None = None, mo
     return span / (count * min(_FINER, room))
 
 
-def _lattice(positions: np.ndarray, zero: float | None) -> float:
+def common_step(positions: np.ndarray, zero: float | None = None) -> float:
     """Largest step of whole micrometres (or 0.001°) between all positions, and to the zero; 0 where there is none."""
     away = np.diff(positions) if zero is None else np.append(np.diff(positions), positions[0] - zero)
     whole = np.round(away / _FINE)

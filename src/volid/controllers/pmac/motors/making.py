@@ -153,8 +153,9 @@ class _Maker:
         held = min(max(at_zero, 0), _MOST_BACKLASH)
         if held != at_zero:
             self.notes.append(
-                f"{motor.axis}: at motor zero the axis runs ahead by {-at_zero / motor.parts:.3g} mm after a reversal; "
-                f"I{motor.number}86 holds no such value, and none is compensated there"
+                f"{motor.axis}: at motor zero the axis runs ahead by {_size(-at_zero / motor.parts, motor)} after a reversal; "
+                f"I{motor.number}86 holds no such value: none is compensated there, "
+                "and less than all up to the next positions of its table"
             )
             self.rounding = max(self.rounding, abs(at_zero - held) / motor.parts)
         entries = (further - held)[span.order]
@@ -172,8 +173,12 @@ class _Maker:
 
     def _missed(self, what: str, missed: float, target: Motor) -> None:
         if missed > _NOTHING:
-            size = f"{missed:.3g} mm" if target.linear else f"{np.rad2deg(missed):.3g}°"
+            size = _size(missed, target)
             self.notes.append(f"{what}: other positions than those of the table: up to {size} off at these")
+
+
+def _size(value: float, motor: Motor) -> str:
+    return f"{value:.3g} mm" if motor.linear else f"{np.rad2deg(value):.3g}°"
 
 
 def _shift_words(motor: Motor, zero: float) -> str:
