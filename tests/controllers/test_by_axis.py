@@ -5,7 +5,7 @@ import pytest
 
 import volid
 from volid.compensation.tables.axis_table import AxisTable
-from volid.compensation.tables.by_axis import axis_tables
+from volid.compensation.tables.by_axis import axis_tables, bent_between
 from volid.compensation.tables.error_table import ErrorTable
 from volid.exceptions import InputError
 
@@ -43,6 +43,17 @@ def test_without_products_the_lines_are_right():
     q[:, machine.index("Z")] = tables[0].positions
     wanted = volid.Control(machine, tables).command(q, tool)
     np.testing.assert_allclose(volid.Control(machine, axis_tables=made).command(q, tool), wanted, atol=1e-9)
+
+
+def test_what_lines_between_the_positions_miss_of_rotations_that_act_through_their_own_position():
+    """20 µrad more over 300 mm, and 300 mm more lever arm: a quarter of 20e-6 · 300 mm off halfway; a gantry has no such arm."""
+    x, angle = np.array([0.0, 300.0, 600.0]), np.array([0.0, 0.0, 20e-6])
+    table = ErrorTable("L-VOL", "EAY", x, angle, angle, np.zeros((3, 2)), x > 1e9, "kinematic model", 0.0)
+    for structure, missed in (("wYXbZt_vertical", 1.5e-3), ("wbXYZt_gantry", 0.0)):
+        machine = volid.load_machine(f"models/{structure}.toml")
+        at = np.array([np.mean(a.travel) for a in machine.axes])
+        found = bent_between(machine, [table], at, np.array([0.0, 0.0, -150.0]))
+        assert found == pytest.approx(missed, abs=1e-12)
 
 
 def tool_frame(translation: float) -> list[ErrorTable]:

@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.control_cases import AT, MACHINE, TOOL, crossed
+from support.control_cases import AT, MACHINE, TOOL, crossed, error_table
+from support.control_cases import job as job_for
 from support.made_up import made_up
 
 import volid
@@ -12,6 +13,7 @@ from volid.compensation.package import Compensation
 from volid.compensation.tables.axis_table import AxisTable
 from volid.compensation.tables.sampling import Sampling
 from volid.compensation.types import GRID, TABLES
+from volid.controllers import CONTROLS
 from volid.controllers.axes import Axes, kept_to
 from volid.controllers.base import (
     EQUAL,
@@ -29,6 +31,7 @@ from volid.controllers.base import (
     Written,
 )
 from volid.controllers.export import ExportRequest, controller, export_of, sampling_for
+from volid.controllers.exported import write
 from volid.exceptions import InputError, NotDeterminedError
 
 FIVE = volid.load_machine("models/wCAYXbZt_trunnion.toml")
@@ -266,3 +269,14 @@ def test_helping_axes_of_steady_files_are_reported():
     assert {h.reversal for h in made.helping if h.helping == "Z"} == {0.002}
     loose = types(made_up(MACHINE), {"L-POS": TABLES, "L-STR": TABLES})
     assert max(h.turns for h in loose.helping) > 1
+
+
+@pytest.mark.parametrize(
+    "name", ["linuxcnc", "sinumerik-enc-comp", "heidenhain-com", "fanuc-pitch", "heidenhain-kinematicscomp"]
+)
+def test_files_that_would_move_no_axis_are_refused_in_plain_words(name):
+    nothing = () if CONTROLS[name].declaration.model else (error_table("EXX", [0, 1000], [0.0, 0.0]),)
+    made = Compensation(("L-POS",), nothing, ())
+    sign = "error" if CONTROLS[name].declaration.sign == "open" else None
+    with pytest.raises(InputError, match=f"{name}: nothing to write; what L-POS would correct is 0 everywhere"):
+        write(CONTROLS[name], job_for(name, made, sign), ("L-POS",))

@@ -25,6 +25,7 @@ from volid.compensation.active import (
 from volid.compensation.grids.grid import AnyGrid
 from volid.compensation.orientation import PoleRule, rotary_turns
 from volid.compensation.tables.axis_table import AxisTable
+from volid.compensation.tables.by_axis import turned_by
 from volid.compensation.tables.error_table import ITSELF, MODEL, ErrorTable
 from volid.exceptions import InputError
 from volid.model.iso230 import SPINDLE, parse
@@ -233,9 +234,8 @@ class Control:
             if table.applied == ITSELF:
                 i = self._place(table)
                 axis = self.machine.axes[i]
-                along = axis.frame.T @ np.asarray(axis.unit_vector)
                 value = table.at(q[:, i], way[:, i], self.smoothing.get(table.axis, 0.0))
-                turns[:, i] -= np.rad2deg(value) * along[parse(table.function).component - 3]
+                turns[:, i] -= np.rad2deg(value) * turned_by(axis, table.function)
         return turns
 
     def _by_axis(self, q: np.ndarray, directions: np.ndarray | None) -> np.ndarray:

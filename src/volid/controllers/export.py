@@ -13,6 +13,7 @@ from volid.compensation.grids.request import Rule
 from volid.compensation.helping_axes import HelpingMotion, helping_words, model_reversal
 from volid.compensation.package import Compensation, compensate
 from volid.compensation.ranges import Ranges, chosen_ranges, cut_notes, refuse_extrapolation
+from volid.compensation.tables.by_axis import bent_between
 from volid.compensation.tables.sampling import POINTS, Sampling
 from volid.controllers import CONTROLS, Controller
 from volid.controllers.axes import Axes, helping_motions, kept_to, refuse_unsteady
@@ -31,7 +32,8 @@ from volid.model.machine import Machine
 
 COARSE = 3  # points of tables and grids: to see whether a type can be made and held at all
 FEW = 3  # notes of one kind
-LEFT_OUT = 1e-6  # mm: what tables miss between their points is worth a word from here on
+LEFT_OUT = {"mm": 1e-6, "rad": 1e-8}  # what tables miss between their points is worth a word from here on
+BENT = 5e-5  # mm: so are curves of tables of axes
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,13 +233,28 @@ class _Work:
         """Ranges that are less than the travels, and what tables miss between their points."""
         letters = [t.axis for t in made.tables] + [a for g in made.grids for a in g.axes]
         notes = cut_notes(self.solution, self.ranges, letters)
-        missed = max((t for t in made.tables if t.unit == "mm"), key=lambda t: t.interpolation, default=None)
-        if missed is not None and missed.interpolation > LEFT_OUT and not self.declared.linear:
-            notes.append(
-                f"linear interpolation between the points misses at most {1e3 * missed.interpolation:.3g} µm "
-                f"({missed.function}, {len(missed.positions)} points); `max_error` or `step` take more points"
-            )
-        return notes
+        for unit, size, word in (("mm", 1e3, "µm"), ("rad", 1e6, "µrad")):
+            missed = max((t for t in made.tables if t.unit == unit), key=lambda t: t.interpolation, default=None)
+            if missed is not None and missed.interpolation > LEFT_OUT[unit] and not self.declared.linear:
+                notes.append(
+                    f"linear interpolation between the points misses at most {size * missed.interpolation:.3g} {word} "
+                    f"({missed.function}, {len(missed.positions)} points); `max_error` or `step` take more points"
+                )
+        return [*notes, *self._bent(made)]
+
+    def _bent(self, made: Compensation) -> list[str]:
+        """What tables of axes miss between their points of rotations with lever arms that contain the axis's own position."""
+        if self.declared.model or self.declared.linear or not made.tables:
+            return []
+        tables = tuple(t for t in made.tables if t.axis != SPINDLE)
+        products = self.declared.products
+        missed = bent_between(self.solution.machine, tables, self.base.at, self.base.tool, products=products)
+        if missed <= BENT:
+            return []
+        return [
+            f"tables of axes miss at most {1e3 * missed:.3g} µm between their points: rotations of an axis that carries the "
+            "workpiece act through its own position, and lines times lines are curves; `step` or `max_points` take more points"
+        ]
 
 
 def sampling_for(declared: Declaration, asked: Sampling | None) -> Sampling:

@@ -18,6 +18,7 @@ from volid.compensation.types import ANG, TYPES
 from volid.controllers import Controller
 from volid.controllers.axes import Axes
 from volid.controllers.base import Declaration, Job, Written
+from volid.exceptions import InputError
 from volid.fitting.solution import Solution
 
 
@@ -75,6 +76,7 @@ class Export:
 
 def write(chosen: Controller, job: Job, types: Sequence[str]) -> Export:
     """The files of a job, and what the control then holds."""
+    _ask_something(chosen, job)
     written = chosen.write(job)
     files = {f.name: f.content for f in written.files}
     held = _with_sources(chosen.read(files, job.machine, {**job.options, "sign": job.sign}), chosen, job)
@@ -97,6 +99,17 @@ def _named(held: AnyGrid, job: Job, types: Sequence[str]) -> AnyGrid:
     of_rotations = (t for t in types if ANG in TYPES[t].effects)  # products of two tables
     x, y, z = (float(v) for v in job.tool)
     return replace(held, type=next(of_rotations, held.type), tool=(x, y, z))
+
+
+def _ask_something(chosen: Controller, job: Job) -> None:
+    """Raises `InputError` where the job would move no axis, so that files would be empty."""
+    made, declared = job.compensation, chosen.declaration
+    held = (*made.tables, *made.axis_tables) if declared.model else job.axis_tables(products=declared.products)
+    if not (held or made.grids):
+        types = ", ".join(made.names) or "these types"
+        raise InputError(
+            f"{declared.name}: nothing to write; what {types} would correct is 0 everywhere, or was not measured"
+        )
 
 
 def _with_sources(held: Compensation, chosen: Controller, job: Job) -> Compensation:

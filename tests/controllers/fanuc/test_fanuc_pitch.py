@@ -280,6 +280,23 @@ def test_what_is_left_out_is_said():
     assert any("put out at one place of its section" in n and "Y 0.012" in n for n in notes)
 
 
+def test_one_backlash_for_a_reversal_that_changes_along_the_axis_is_said():
+    """E(+) - E(-) of X is -2, -3 and -3 µm: 1851 is 3, which is 1 µm too much at 0, and a third of that off on the mean."""
+    one, two = (FANUC.write(job("fanuc-pitch", pitch(), "error", bidirectional=both)) for both in ("0", "1"))
+    said = "X: the reversal changes along the axis; one backlash (1851) leaves up to 0.000333 mm"
+    assert any(n.startswith(said) for n in one.notes) and not any("reversal changes" in n for n in two.notes)
+    assert (
+        one.rounding == pytest.approx(0.0005 + 0.001 / 3.0) and two.rounding < 1e-12
+    )  # means of whole and half micrometres
+
+
+def test_with_one_table_the_shift_is_that_of_the_direction_of_the_reference_return():
+    """In the direction of the return the amount is 0 at the reference, where the error is 0 in + and 2 µm in -; B is -2.67 µm."""
+    for way, shift in (("+", 0.001 - 0.008 / 6.0), ("-", 0.001 + 0.008 / 6.0)):
+        notes = FANUC.write(job("fanuc-pitch", pitch(), "error", reference_return=way)).notes
+        assert any(n.startswith(f"X: error values are {shift:.6g} mm less") for n in notes)
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [

@@ -48,9 +48,11 @@ def files_of(machine, made: Compensation, sign="error", **options) -> dict[str, 
     return {f.name: f.content for f in CONTROLS[NAME].write(what).files}
 
 
+@pytest.mark.parametrize("c", [1.0, -1.0])
 @pytest.mark.parametrize("structure", ["w C' Y' X' b Z t", "w b X Y Z C t", "w X' b Y Z t", "w Y' C' b X Z t"])
-def test_the_chain_of_the_lines_is_the_machine_with_all_its_errors(structure):
-    exact = ExactMachine(structure, {a: t for a, t in TRAVEL.items() if a in structure})
+def test_the_chain_of_the_lines_is_the_machine_with_all_its_errors(structure, c):
+    turned = {"C": (0.0, 0.0, c)} if "C" in structure else {}
+    exact = ExactMachine(structure, {a: t for a, t in TRAVEL.items() if a in structure}, direction=turned)
     rng = np.random.default_rng(5)
     truth = random_truth(exact, rng)
     chain = Chain(exact, files_of(volid_machine(exact), sampled(exact, truth), decimals="7"))

@@ -1,5 +1,7 @@
 """The exchange text of ETALON, both ways."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from exact_chain import Truth
@@ -138,7 +140,10 @@ def test_the_order_of_axes_and_the_centres_are_told():
     declared, made = CONTROLS["etalon"].declaration, (error_table("EXC", [0, 360], [0.0, 0.001]),)
     job = Job(TRUNNION, Compensation((), made, ()), np.zeros(5), TOOL, "error", options_of(declared, {}))
     (note,) = CONTROLS["etalon"].write(job).notes
-    assert note.startswith("Axes from workpiece to tool, not in the file: CAYXZ; C about (")
+    assert note.startswith("Axes from workpiece to tool, not in the file: CAYXZ; C about (") and "along" not in note
+    axes = tuple(replace(a, direction=(0.0, 0.0, -1.0)) if a.letter == "C" else a for a in TRUNNION.axes)
+    (note,) = CONTROLS["etalon"].write(replace(job, machine=replace(TRUNNION, axes=axes))).notes
+    assert " mm along (0, 0, -1); A about (" in note
 
 
 def test_its_files_are_recognised():

@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 from support.control_cases import MACHINE, error_table, job, levered, pitch, spatial, written
 
+import volid
 from volid.compensation.package import Compensation
 from volid.controllers import CONTROLS
 from volid.controllers.base import options_of
 from volid.exceptions import InputError
 
 NAME = "isg-ssfk"
+TRUNNION = volid.load_machine("models/wCAYXbZt_trunnion.toml")
 EXAMPLE = """\
 kopf.log_achs_nr 2
 kopf.log_achs_name Y-ACHSE
@@ -44,6 +46,21 @@ def test_the_worked_example_of_the_vendor_is_read():
     at = table.positions.tolist().index(-19.8667)
     assert table.forward[at] == pytest.approx(19.8565 - 19.8667, abs=1e-12)
     assert table.reverse[at] == pytest.approx(19.8747 - 19.8667, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("name", "axis"), [("Achse_Y", "Y"), ("Y1", "Y"), ("AX2", "Y"), ("Bett", "Y"), ("X-ACHSE", None), ("C Y", "Y")]
+)
+def test_a_list_is_of_the_axis_that_its_name_or_its_number_says(name, axis):
+    """Not of the axis whose letter another word of the name begins with, such as A of Achse, on a machine that has A and C."""
+    machine = TRUNNION if axis else MACHINE
+    files = {"f.lis": EXAMPLE.replace("Y-ACHSE", name)}
+    options = options_of(CONTROLS[NAME].declaration, {})
+    if axis:
+        assert [t.output for t in CONTROLS[NAME].read(files, machine, options).axis_tables] == [axis]
+        return
+    with pytest.raises(InputError, match=r"line 2: kopf\.log_achs_name is X-ACHSE, but its number 2 is that of Y"):
+        CONTROLS[NAME].read(files, machine, options)
 
 
 def test_the_worked_example_of_the_vendor_is_written():
@@ -141,6 +158,22 @@ def test_a_turn_of_a_rotary_axis_is_counted_in_ten_thousandths_of_a_degree():
     assert values["kw.ssfk.modulo"] == "1" and values["kw.ssfk.interval"] == "900000"
     along = TRUNNION.axis("C").unit_vector[2]
     assert int(values["kw.ssfk.table[2].pos"]) == 23 * along
+
+
+def test_a_repeating_list_that_does_not_close_its_turn_is_refused():
+    lines = EXAMPLE.replace("Y-ACHSE", "C").replace("achs_nr 2", "achs_nr 6") + "kw.ssfk.modulo 1\n"
+    with pytest.raises(InputError, match=r"modulo is 1, and the positions of C go from -20 to -19\.8001"):
+        CONTROLS[NAME].read({"f.lis": lines}, TRUNNION, options_of(CONTROLS[NAME].declaration, {}))
+
+
+def test_a_list_repeats_only_where_it_says_so():
+    """P-COMP-00022 is 0 by default: compensation without modulo handling, though the positions are those of a turn."""
+    options = options_of(CONTROLS[NAME].declaration, {})
+    head = "kopf.log_achs_nr 6\nkw.ssfk.interval 1800000\nkw.ssfk.kw_startpos 0\nkw.ssfk.kw_nr_max 3\nkw.ssfk.unit 1\n"
+    rows = "".join(f"kw.ssfk.table[{i}].pos {v}\n" for i, v in enumerate((0, 10, 0)))
+    for line, period in (("", 0.0), ("kw.ssfk.modulo 0\n", 0.0), ("kw.ssfk.modulo 1\n", 360.0)):
+        (found,) = CONTROLS[NAME].read({"c.lis": head + line + rows}, TRUNNION, options).axis_tables
+        assert found.period == period
 
 
 def test_half_the_reversal_alone_stands_beside_a_compensation_of_the_mean():

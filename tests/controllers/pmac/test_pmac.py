@@ -10,7 +10,7 @@ from support.control_cases import MACHINE, TOOL, error_table, job, levered, pitc
 import volid
 from volid.compensation.control import Control
 from volid.compensation.package import Compensation
-from volid.compensation.tables.axis_table import AxisTable
+from volid.compensation.tables.axis_table import AxisTable, Factor
 from volid.compensation.tables.error_table import ITSELF, ErrorTable
 from volid.controllers import CONTROLS
 from volid.controllers.base import options_of
@@ -309,6 +309,23 @@ def test_an_axis_table_with_a_lever_and_a_grid_over_two_axes_are_one_table():
     q = np.array([[y, x, z] for y in (0.0, 450.0, 600.0) for x in (0.0, 1000.0) for z in (-500.0, -250.0, 0.0)])
     one, two = (read(t).control(MACHINE).command(q, TOOL) for t in (text, again))
     np.testing.assert_allclose(one, two, atol=1e-12)
+
+
+def test_a_table_with_a_lever_meets_its_positions_though_motor_zero_lies_between_them():
+    """Positions -200, -115, -30, 55 and motor zero at 0: 5 mm meet all, 40 sections below, 11 above, one that rolls over."""
+    x, angle = np.array([-200.0, -115.0, -30.0, 55.0]), np.array([0.0, 20e-6, -10e-6, 30e-6])
+    lever = Factor("Z", np.array([-500.0, 0.0]), np.array([-250.0, 250.0]))
+    done = PMAC.write(
+        job("pmac", Compensation((), (), (), (AxisTable("Y", "X", x, angle, angle, lever),)), counts="1000")
+    )
+    assert re.findall(r"DEFINE COMP [\w.#,]+", done.files[0].content) == ["DEFINE COMP 2.52,#1D,#3D,#2,260000,1000000"]
+    assert not any("other positions" in n for n in done.notes)
+    x = x + 0.12345
+    x[1] += 1.0
+    done = PMAC.write(
+        job("pmac", Compensation((), (), (), (AxisTable("Y", "X", x, angle, angle, lever),)), counts="1000")
+    )
+    assert any(n.startswith("Y over X and Z: other positions than those of the table: up to") for n in done.notes)
 
 
 def test_its_scripts_are_recognised():

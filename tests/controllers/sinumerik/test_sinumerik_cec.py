@@ -244,6 +244,11 @@ def test_a_table_that_is_switched_off_does_nothing():
         ("M17", "$AN_CEC_DIRECTION[0]=2", r"old.ini, line 19: \$AN_CEC_DIRECTION is 2; expected 0, 1, -1"),
         ("M17", "$AN_CEC_IS_MODULO[0]=1", "line 19: .*table 0 repeats after 600; expected a rotary axis and 360"),
         ("M17", "$SN_CEC_TABLE_WEIGHT[0]=0.5", r"line 19: \$SN_CEC_TABLE_WEIGHT is 0.5; expected 1"),
+        (
+            "M17",
+            "$MA_CEC_SCALING_SYSTEM_METRIC[AX1]=FALSE",
+            r"line 19: \$MA_CEC_SCALING_SYSTEM_METRIC is FALSE; .*millimetres",
+        ),
         ("(AX2)", "(AX9)", "line 3: machine axis 'AX9' belongs to no axis of the machine"),
         ("$AN_CEC[0,1]=0.04\n", "", "table 0 has no value at point 1 of 0 … 1"),
         ("$AN_CEC_OUTPUT_AXIS[1]=(AX1)\n", "", "table 1: OUTPUT_AXIS is not assigned"),

@@ -59,6 +59,12 @@ def test_names_of_axes_and_second_encoder():
         read({"y.ini": text}, encoder="1")
 
 
+def round_and_round():
+    """The trunnion whose C goes round twice each way."""
+    axes = tuple(replace(a, travel=(-720.0, 720.0)) if a.letter == "C" else a for a in TRUNNION.axes)
+    return replace(TRUNNION, axes=axes)
+
+
 def test_a_full_turn_is_modulo_and_in_degrees():
     """C is 40 µrad too far at 180°: 40e-6 · 180 / pi = 0.002291831°."""
     turn = Compensation(
@@ -72,6 +78,7 @@ def test_a_full_turn_is_modulo_and_in_degrees():
     found = assignments(text)
     assert found["$AA_ENC_COMP_IS_MODULO[0,C1]"] == 1.0 and found["$AA_ENC_COMP_MAX[0,C1]"] == 360.0
     assert abs(found["$AA_ENC_COMP[0,2,C1]"]) == pytest.approx(0.002291831, abs=1e-9)
+    assert not any("covers" in note for note in CONTROLS[NAME].write(replace(made, machine=round_and_round())).notes)
     (table,) = read({"c.ini": text}, TRUNNION).axis_tables
     assert table.period == 360.0
     assert table.of_argument(np.array([540.0]), np.zeros(1)) == pytest.approx(
@@ -136,6 +143,8 @@ def test_other_order_blanks_and_comments_are_read():
         ("[0,7,X1]", "[0,-7,X1]", r"line 9: .*has the index '-7'"),
         ("m30", "G1 X10", r"line 11: 'G1 X10' is no assignment"),
         ("$AA_ENC_COMP_MIN[0,X1]=0\n", "", "MIN is not assigned"),
+        ("m30", "$MA_BACKLASH[X1]=0.01", r"line 11: \$MA_BACKLASH\[X1\]; expected \$MA_BACKLASH\[encoder,axis\]"),
+        ("m30", "$MA_BACKLASH_FACTOR[0,X1]=0.5", r"line 11: \$MA_BACKLASH_FACTOR is 0\.5; .* expected 1"),
     ],
 )
 def test_what_the_control_would_not_take_is_refused_with_its_line(old, new, message):

@@ -87,7 +87,12 @@ GOOD = (
         ("X_parameter", "Y_parameter", "a.st, line 1: X_table: no ST_PositionCompensationTableParameter of that name"),
         ("Elements := 2", "Elements := 5", "a.st, line 1: X_table: 2 elements, but NoOfTableElements is 5"),
         ("WorkDirectionBoth", "WorkDirectionNone", "a.st, line 1: X_table: Direction is 'WorkDirectionNone'; expected"),
-        ("X_table", "MyTable", "a.st, line 1: MyTable: the name does not say the axis"),
+        ("X_table", "MyTable", "a.st, line 1: MyTable: the name 'MyTable' does not say the axis"),
+        (
+            "NoOf",
+            "MinPosition := 0, MaxPosition := 8, NoOf",
+            "a.st, line 1: X_table: MaxPosition is 8, but the table has 9 there",
+        ),
         ("];", ")", "a.st: 1 tables are named, 0 understood"),
         ("X_", "A_", "A"),
     ],
@@ -110,6 +115,11 @@ def test_columns_that_cannot_be_understood_are_refused():
         read({"x.csv": "position,positive,negative\n0,0,0\n1,2\n"})
     with pytest.raises(InputError, match=r"x\.csv: no rows, or positions that do not rise"):
         read({"x.csv": "position,positive,negative\n"})
+    good = "position,positive,negative\n0,0,0\n1,2,2\n"
+    assert [t.output for t in read({"axis_x.csv": good})] == ["X"]
+    for name in ("compensation.csv", "x_y.csv"):
+        with pytest.raises(InputError, match=f"the name '{name[:-4]}' does not say the axis"):
+            read({name: good})
 
 
 def test_tables_over_other_axes_and_grids_are_refused():

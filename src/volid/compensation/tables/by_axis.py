@@ -14,6 +14,7 @@ Constants of the tool frame are made so that they do nothing at the tool vector 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -55,6 +56,37 @@ def axis_tables(
     return tuple(found)
 
 
+def bent_between(
+    machine: Machine, tables: Sequence[ErrorTable], at: np.ndarray, tool: np.ndarray, *, products: bool = True
+) -> float:
+    """What straight lines between the positions of the tables of axes miss of the tables of error functions, largest [mm].
+
+    Rotations of an axis that carries the workpiece act through a lever arm that contains its own position: a straight line times
+    a straight line. Halfway between two positions it is a quarter of the product of both changes off; 0 for other machines.
+    """
+    halved = [_halved(t) for t in tables]
+    coarse, fine = (axis_tables(machine, ts, at, tool, products=products) for ts in (tables, halved))
+    known = {_key(t): t for t in coarse}
+    found = 0.0
+    for t in (t for t in fine if machine.axis(t.output).is_linear and _key(t) in known):
+        reach = 1.0 if t.factor is None else float(np.abs(t.factor.values).max())
+        for way, values in ((1.0, t.forward), (-1.0, t.reverse)):
+            straight = known[_key(t)].of_argument(t.positions, np.full(len(t.positions), way))
+            found = max(found, reach * float(np.abs(straight - values).max()))
+    return found
+
+
+def _key(t: AxisTable) -> tuple[str, str, str]:
+    return t.output, t.argument, "" if t.factor is None else t.factor.axis
+
+
+def _halved(t: ErrorTable) -> ErrorTable:
+    """A table with a position halfway between any two; the same straight lines."""
+    x = np.union1d(t.positions, 0.5 * (t.positions[1:] + t.positions[:-1]))
+    up, down = (np.interp(x, t.positions, v) for v in (t.forward, t.reverse))
+    return replace(t, positions=x, forward=up, reverse=down)
+
+
 def _ask_tool_frame(machine: Machine, tables: Sequence[ErrorTable], at: np.ndarray, tool: np.ndarray) -> None:
     """Raises `InputError` where constants of the tool frame move the functional point, which no table over a position undoes."""
     if not tables:
@@ -69,8 +101,13 @@ def _ask_tool_frame(machine: Machine, tables: Sequence[ErrorTable], at: np.ndarr
         )
 
 
+def turned_by(axis: Axis, function: str) -> float:
+    """Turn of a rotary axis in its own sense per unit of its own angular error: -1 where its line points the other way."""
+    return float((axis.frame.T @ np.asarray(axis.unit_vector))[parse(function).component - 3])
+
+
 def _of_itself(axis: Axis, table: ErrorTable) -> AxisTable:
-    along = float((axis.frame.T @ np.asarray(axis.unit_vector))[parse(table.function).component - 3])
+    along = turned_by(axis, table.function)
     return AxisTable(
         axis.letter,
         axis.letter,

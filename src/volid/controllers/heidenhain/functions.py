@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from volid.compensation.tables.by_axis import turned_by
 from volid.compensation.tables.error_table import ITSELF, MODEL, ErrorTable
 from volid.controllers.base import Job
 from volid.controllers.heidenhain.assignment import FIXED, com_name, positions_of, rows_of, values_of
@@ -43,6 +44,11 @@ def _in_file(function: str) -> float:
     return 1.0 if function[1] in "XYZ" else 180.0 / np.pi
 
 
+def _own_sense(axis: Axis, function: str) -> float:
+    """From the error function of an axis's positioning to its own column, which counts as the axis does."""
+    return 1.0 if axis.is_linear else turned_by(axis, function)
+
+
 def constant_of(t: ErrorTable, job: Job) -> Constant:
     """A function that is the same everywhere; of the tool frame EA0S becomes EAS."""
     function = f"{t.function[:2]}{t.axis}"
@@ -61,7 +67,7 @@ class Com:
 
     def _cells(self, t: ErrorTable, way: float) -> list[str]:
         digits = self.options["decimals"] if t.function[1] in "XYZ" else ANGLE_DIGITS
-        sense = 1.0 if t is self.own else self.sense
+        sense = _own_sense(self.axis, t.function) if t is self.own else self.sense
         values = sense * _in_file(t.function) * t.at(self.x, np.full(len(self.x), way))
         return [fixed(v, digits) for v in values]
 
@@ -106,7 +112,7 @@ def positioning(axis: Axis, name: str, table: NcTable, names: Mapping[str, str])
     if not table.filled(own):
         return []
     x, function = positions_of(table, axis, name), f"E{axis.letter}{axis.letter}"
-    factor = (table.length if axis.is_linear else 1.0) / _in_file(function)
+    factor = (table.length if axis.is_linear else _own_sense(axis, function)) / _in_file(function)
     up = values_of(table, own, factor)
     down = values_of(table, "BACKLASH", factor) if table.filled("BACKLASH") else up
     return [_table(function, axis, x, (up, down))]

@@ -33,7 +33,8 @@ from volid.controllers.isg.iso_convention import FACTS, Convention, axis_errors
 from volid.controllers.isg.iso_parameters import OPTIONS, blocks_of, lost_reversal, refuse_turns, tables_of
 from volid.controllers.isg.iso_texts import etalon, read_etalon
 from volid.exceptions import InputError
-from volid.model.machine import Machine
+from volid.model.iso230 import ROTARY_AXES
+from volid.model.machine import Axis, Machine
 
 FILE = "etalon.txt"
 _DOCS = "Beckhoff TF5280, 296430091"
@@ -108,7 +109,7 @@ class Etalon(Controller):
         text = etalon(blocks_of(found, job.options["location_errors"]), "error values, actual - nominal [mm, rad]")
         chain = "".join(job.machine.letters)
         centres = [a for a in job.machine.axes if not a.is_linear]
-        points = "; ".join(f"{a.letter} about ({', '.join(f'{v:g}' for v in a.point)}) mm" for a in centres)
+        points = "; ".join(f"{a.letter} about ({', '.join(f'{v:g}' for v in a.point)}) mm{_line(a)}" for a in centres)
         notes = (f"Axes from workpiece to tool, not in the file: {chain}" + (f"; {points}" if points else "") + ".",)
         lost = lost_reversal(made.tables, "a control with two directions takes the positioning in both")
         return Written((ControlFile(FILE, text, "functions and location errors"),), (), notes + lost)
@@ -128,6 +129,12 @@ class Etalon(Controller):
         """A section with VALUE or Gridpoints."""
         head = text_of(name, content)[:4000]
         return bool(re.search(r"^\s*\[\w{3}\]\s*(//.*)?\n\s*(VALUE|Gridpoints)\s*=", head, re.MULTILINE))
+
+
+def _line(axis: Axis) -> str:
+    """The direction of a rotary axis's line, where it is not that of its letter."""
+    plain = tuple(float(axis.letter == a) for a in ROTARY_AXES)
+    return "" if axis.unit_vector == plain else f" along ({', '.join(f'{v:g}' for v in axis.unit_vector)})"
 
 
 ETALON = Etalon()

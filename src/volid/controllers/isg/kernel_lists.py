@@ -124,18 +124,27 @@ def header(axis: Axis, numbers: Mapping[str, int]) -> list[tuple[str, object]]:
 
 
 def numbered_axis(name: str, found: dict[str, Entry], machine: Machine, numbers: Mapping[str, int]) -> Axis:
-    """The axis whose list it is: by its number, whose letter the option states, else by the first letter of its name.
+    """The axis whose list it is: by a letter that stands alone in its name (Y-ACHSE, X1), else by its number.
 
-    Raises `InputError` where the list says neither.
+    Raises `InputError` where the list says neither, and where name and number are those of two axes.
     """
     number = found.get("kopf.achs_nr", found.get("kopf.log_achs_nr"))
-    named = found.get("kopf.log_achs_name")
-    letter = None if named is None else named.value[0].upper()
-    if letter in machine.letters:
-        return machine.axis(letter)
-    if number is None:
+    named = found.get("kopf.log_achs_name", Entry("", ""))
+    words = (re.fullmatch(r"([XYZABC])\d*", word) for word in re.split(r"[\W_]+", named.value.upper()))
+    letters = [word[1] for word in words if word is not None and word[1] in machine.letters]
+    by_number = [
+        a for a, n in numbers.items() if number is not None and number.value == str(n) and a in machine.letters
+    ]
+    if number is None and len(letters) != 1:
         raise InputError(f"{name}: kopf.achs_nr is missing; it says whose list this is")
-    return axis_of(number, machine, numbers)
+    if number is not None and (len(letters) != 1 or by_number == letters):
+        return axis_of(number, machine, numbers)
+    if number is not None and by_number:
+        raise InputError(
+            f"{named.where} is {named.value}, but its number {number.value} is that of {by_number[0]} by the option axes; state "
+            f"the numbers as they are at the control, such as '{letters[0]}={number.value}'"
+        )
+    return machine.axis(letters[0])
 
 
 def axis_of(number: Entry, machine: Machine, numbers: Mapping[str, int]) -> Axis:

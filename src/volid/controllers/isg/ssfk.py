@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from volid.compensation.grids.interpolation import period_of
 from volid.compensation.package import Compensation
 from volid.compensation.tables.axis_table import AxisTable
 from volid.compensation.types import TABLES
@@ -135,7 +134,17 @@ DECLARATION = Declaration(
         ),
         Fact("interval 0: positions are listed; else equal steps from kw_startpos", DOCUMENTED, f"{_DOCS}, 308687883"),
         Fact("with bilateral 0 the column pos holds for both directions", INFERRED, f"{_DOCS}, 308683659"),
-        Fact("modulo 1 for a rotary axis whose positions close a full turn", INFERRED, f"{_PARAMETERS}, P-COMP-00022"),
+        Fact(
+            "modulo 1: at the modulo transition of the axis the table begins again; 0 where it is not stated; the first and the "
+            "last entry are the same place",
+            DOCUMENTED,
+            f"{_PARAMETERS}, 113428363; tccncaxiscompensation, 15274022795 (P-COMP-00022)",
+        ),
+        Fact(
+            "so the modulo range of the axis begins where its list begins, such as -180 … 180",
+            INFERRED,
+            f"{_PARAMETERS}, P-COMP-00022",
+        ),
         Fact("what happens beyond the first and last position", OPEN),
     ),
 )
@@ -237,9 +246,26 @@ def _table(name: str, found: dict[str, Entry], machine: Machine, numbers: Mappin
     down = _column(name, found, "neg", count) * unit if both else up.copy()
     _refuse_more(name, found, count)
     positions = at / STEPS
+    period = _period(found, axis, positions)
     others = any(k.startswith("kw.crosscomp") for k in found)
     notes = (f"{name} has lines kw.crosscomp too, which isg-crosscomp reads.",) if others else ()
-    return AxisTable(axis.letter, axis.letter, positions, up, down, period=period_of(axis, positions), notes=notes)
+    return AxisTable(axis.letter, axis.letter, positions, up, down, period=period, notes=notes)
+
+
+def _period(found: dict[str, Entry], axis: Axis, positions: np.ndarray) -> float:
+    """360 for a list that repeats with the axis, else 0 [°].
+
+    Raises `InputError` where it repeats, but not after a turn: what the control does in the gap is not stated.
+    """
+    modulo = found.get("kw.ssfk.modulo", Entry("0", ""))
+    if modulo.value.upper() in ("0", "FALSE"):
+        return 0.0
+    if axis.is_linear or abs(positions[-1] - positions[0] - 360.0) > 1.0 / STEPS:
+        raise InputError(
+            f"{modulo.where} is {modulo.value}, and the positions of {axis.letter} go from {positions[0]:g} to "
+            f"{positions[-1]:g}; expected a full turn of a rotary axis, with its first position again at the end"
+        )
+    return 360.0
 
 
 def _column(name: str, found: dict[str, Entry], column: str, count: int) -> np.ndarray:

@@ -36,7 +36,7 @@ from volid.controllers.base import (
 )
 from volid.controllers.options import one_of, whole
 from volid.controllers.sinumerik.entries import ask_factor, entry_of, take, text_of_entry
-from volid.controllers.sinumerik.ini_files import AXES, MANUAL, Parts, covers, name_of, settings
+from volid.controllers.sinumerik.ini_files import AXES, MANUAL, Parts, ask_plain, covers, name_of, settings
 from volid.controllers.sinumerik.products import Entry, Meaning, entries_of, tables_of
 from volid.controllers.tables.equal_steps import loss
 from volid.exceptions import InputError
@@ -192,6 +192,7 @@ class SinumerikCec(Controller):
         found: dict[int, Parts] = {}
         switched: dict[int, bool] = {}
         for s in settings(files):
+            ask_plain(s)
             if s.name == "SN_CEC_TABLE_ENABLE":
                 switched[s.whole(0)] = s.value.upper() not in ("0", "FALSE")
             elif s.name == "SN_CEC_TABLE_WEIGHT":
@@ -252,7 +253,7 @@ def _ask_room(entries: list[Entry], job: Job, meaning: Meaning) -> None:
 
 def _notes(entries: list[Entry], job: Job) -> list[str]:
     found = [
-        covers(e.lattice, e.values, job.machine.axis(e.argument), "mm")
+        covers(e.lattice, e.values, job.machine.axis(e.argument), "mm", float(e.modulo))
         for e in entries
         if e.times is None and not e.source.startswith("lever arm")
     ]

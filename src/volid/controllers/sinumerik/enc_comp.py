@@ -44,6 +44,7 @@ from volid.controllers.sinumerik.ini_files import (
     MANUAL,
     Parts,
     Setting,
+    ask_plain,
     axis_of,
     covers,
     name_of,
@@ -172,7 +173,10 @@ class SinumerikEncComp(Controller):
         backlash: dict[str, float] = {}
         others: set[int] = set()
         for s in settings(files):
-            if s.name == "MA_BACKLASH" and len(s.index) == 2 and s.whole(0) == options["encoder"]:
+            ask_plain(s)
+            if s.name == "MA_BACKLASH" and len(s.index) != 2:
+                raise InputError(f"{s.where}: $MA_BACKLASH[{','.join(s.index)}]; expected $MA_BACKLASH[encoder,axis]")
+            if s.name == "MA_BACKLASH" and s.whole(0) == options["encoder"]:
                 backlash[axis_of(s.index[1], s.where, options["axes"], machine).letter] = s.number
             elif s.name.startswith("AA_ENC_COMP"):
                 if s.whole(0) == options["encoder"]:
@@ -239,7 +243,7 @@ class _Axis:
         """What the one table of the axis cannot hold, sentence by sentence."""
         table, unit = self.table, self.axis.unit
         lost = self.scale * np.abs(table.forward - table.reverse - table.reversal_value).max() / 2.0
-        found = [covers(self.lattice, self.values, self.axis, unit)]
+        found = [covers(self.lattice, self.values, self.axis, unit, table.period)]
         if lost > 1e-7:
             size = f"{1000.0 * lost:.2f} µm" if self.axis.is_linear else f"{lost:.6f}°"
             found.append(

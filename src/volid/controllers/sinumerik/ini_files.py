@@ -167,9 +167,20 @@ class Parts:
         return 360.0
 
 
-def covers(lattice: Lattice, values: np.ndarray, axis: Axis, unit: str) -> str:
+def ask_plain(s: Setting) -> None:
+    """Raises `InputError` for machine data by which a control takes tables otherwise than volid does: inches, or a weight.
+
+    Other machine data are passed over.
+    """
+    if s.name in ("MA_CEC_SCALING_SYSTEM_METRIC", "MA_BACKLASH_FACTOR") and s.value.upper() not in ("TRUE", "1", "1.0"):
+        raise InputError(
+            f"{s.where}: ${s.name} is {s.value}; volid reads tables in millimetres, and backlash of weight 1: expected 1"
+        )
+
+
+def covers(lattice: Lattice, values: np.ndarray, axis: Axis, unit: str, period: float = 0.0) -> str:
     """A sentence where a table does not reach over the travel, else nothing. `values`: as in the file."""
-    if lattice.low <= axis.travel[0] + 1e-6 and lattice.high >= axis.travel[1] - 1e-6:
+    if period or (lattice.low <= axis.travel[0] + 1e-6 and lattice.high >= axis.travel[1] - 1e-6):
         return ""
     return (
         f"{axis.letter}: the table covers {lattice.low:g} … {lattice.high:g} {axis.unit} of the travel {axis.travel[0]:g} … "

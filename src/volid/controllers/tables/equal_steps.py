@@ -9,6 +9,7 @@ import numpy as np
 
 from volid.compensation.tables.axis_table import AxisTable, Factor
 from volid.compensation.tables.sampling import LARGEST
+from volid.controllers.tables.resampling import common_step
 
 DIGITS = 9  # decimals of positions in files
 FINEST = 8  # parts of the shortest distance that are tried for common equal steps
@@ -38,8 +39,8 @@ def lattice_of(positions: np.ndarray, most: int | None = None) -> Lattice:
 
     Never fewer than there are positions: whether a control has room for them is for the control to say.
 
-    >>> lattice_of(np.array([0.0, 100.0, 400.0])).step
-    100.0
+    >>> lattice_of(np.array([0.0, 100.0, 400.0])).step, lattice_of(np.array([0.0, 120.0, 250.0, 380.0])).step
+    (100.0, 10.0)
     """
     limit = max(LARGEST if most is None else most, len(positions))
     x = np.round(np.asarray(positions, dtype=float), DIGITS)
@@ -50,6 +51,9 @@ def lattice_of(positions: np.ndarray, most: int | None = None) -> Lattice:
         step = gaps.min() / part
         if np.allclose(gaps / step, np.rint(gaps / step), rtol=0.0, atol=1e-5) and span / step < limit - 0.5:
             return Lattice(float(x[0]), float(x[-1]), round(span / step) + 1)
+    common = common_step(x)
+    if common and span / common < limit - 0.5:
+        return Lattice(float(x[0]), float(x[-1]), round(span / common) + 1)
     return Lattice(float(x[0]), float(x[-1]), max(2, min(limit, 4 * len(x))))
 
 

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 _ON_NODE = 1e-6  # spacings
 _FINE = 1e-3  # mm or °
 _PARTS = 10
+_FINER = 4.0  # parts of the narrowest distance where no spacing meets all positions
 
 
 def at_nodes(table: AxisTable, positions: Float[np.ndarray, " n"], way: float) -> Float[np.ndarray, " n"]:
@@ -50,27 +51,33 @@ def extended(
 def spacing_of(positions: Float[np.ndarray, " n"], zero: float | None = None, most: int = 2000) -> float:
     """Spacing by which a control can count all positions, at most `most` of them, from its `zero` [mm or °].
 
-    Even positions keep their spacing, or with a zero between them the half, third … or tenth of it. Uneven ones take the largest
-    step of whole micrometres that meets them all. Where there is none, they are not met: the spacing is then no wider than any of
-    theirs, and divides their range.
+    Even positions keep their spacing, or with a zero between them the half, third … or tenth of it. Others take the largest
+    step of whole micrometres that meets them all. Where there is none, they are not met: the spacing is then a quarter of the
+    narrowest of theirs, or as near to that as the number allows, and divides their range. Two positions are a line, which any
+    spacing holds.
 
     >>> spacing_of(np.array([0.0, 40.0, 50.0, 100.0])), spacing_of(np.array([0.0, 50.0, 100.0]), 25.0)
     (10.0, 25.0)
+    >>> spacing_of(np.array([-200.0, -115.0, -30.0, 55.0]), 0.0), spacing_of(np.array([0.0, 1.0, 2.0]), 0.01234)
+    (5.0, 0.25)
     """
     steps = np.diff(positions)
     span, least = float(positions[-1] - positions[0]), float(steps.min())
-    if np.ptp(steps) > _ON_NODE * least:
-        found = _lattice(positions, zero)
-        return found if found and span / found < most else span / float(np.ceil(span / least - _ON_NODE))
-    least = span / len(steps)
-    for part in range(1, _PARTS + 1):
-        away = 0.0 if zero is None else (positions[0] - zero) * part / least
-        if abs(away - round(away)) < _ON_NODE:
-            return least / part
-    return least
+    if np.ptp(steps) <= _ON_NODE * least:
+        least = span / len(steps)
+        for part in range(1, _PARTS + 1):
+            away = 0.0 if zero is None else (positions[0] - zero) * part / least
+            if abs(away - round(away)) < _ON_NODE:
+                return least / part
+    found = common_step(positions, zero)
+    if found and span / found < most:
+        return found
+    count = float(np.ceil(span / least - _ON_NODE))
+    room = 1.0 if len(positions) == 2 else max(1.0, float((most - 2) // count))
+    return span / (count * min(_FINER, room))
 
 
-def _lattice(positions: np.ndarray, zero: float | None) -> float:
+def common_step(positions: np.ndarray, zero: float | None = None) -> float:
     """Largest step of whole micrometres (or 0.001°) between all positions, and to the zero; 0 where there is none."""
     away = np.diff(positions) if zero is None else np.append(np.diff(positions), positions[0] - zero)
     whole = np.round(away / _FINE)

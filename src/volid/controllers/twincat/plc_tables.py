@@ -18,6 +18,7 @@ from volid.model.machine import Machine
 BOTH, POSITIVE, NEGATIVE = "WorkDirectionBoth", "WorkDirectionPositive", "WorkDirectionNegative"
 ENDINGS = {"": BOTH, "_positive": POSITIVE, "_negative": NEGATIVE}
 LARGEST = 1e7  # mm or °
+WITHIN = 1e-6  # mm or °: the same position
 
 # ------------------------------------------------------------------------------------------------ writing
 
@@ -79,7 +80,7 @@ def read_declarations(name: str, text: str) -> Iterator[Part]:
     for match in arrays:
         where = f"{name}, line {plain.count(chr(10), 0, match.start()) + 1}: {match[1]}"
         x, y = _elements(where, match)
-        yield _letter(where, match[1]), _direction(where, match[1], parameters, len(x)), x, y
+        yield _letter(where, match[1]), _direction(where, match[1], parameters, x), x, y
 
 
 def _elements(where: str, match: re.Match[str]) -> tuple[np.ndarray, np.ndarray]:
@@ -113,12 +114,14 @@ def _letter(where: str, variable: str) -> str:
     """The axis of a variable such as X_table or aCompensation_X."""
     found = [part for part in variable.upper().split("_") if part in ("X", "Y", "Z", "A", "B", "C")]
     if len(found) != 1:
-        raise InputError(f"{where}: the name does not say the axis; expected one such as X_table")
+        raise InputError(
+            f"{where}: the name '{variable}' does not say the axis; expected one such as X_table, or x.csv"
+        )
     return found[0]
 
 
-def _direction(where: str, variable: str, parameters: Mapping[str, re.Match[str]], count: int) -> str:
-    """The direction in which a table acts, as its parameters say. Raises `InputError` where they do not stand."""
+def _direction(where: str, variable: str, parameters: Mapping[str, re.Match[str]], x: np.ndarray) -> str:
+    """The direction in which a table acts, as its parameters say. Raises `InputError` where they do not stand or fit."""
     match = parameters.get(variable.lower().replace("table", "parameter"))
     if match is None:
         raise InputError(
@@ -126,10 +129,16 @@ def _direction(where: str, variable: str, parameters: Mapping[str, re.Match[str]
         )
     fields = dict(re.findall(r"(\w+)\s*:=\s*([\w.+-]+)", match[2]))
     stated = {k.lower(): v for k, v in fields.items()}
-    if stated.get("nooftableelements") != str(count):
+    if stated.get("nooftableelements") != str(len(x)):
         raise InputError(
-            f"{where}: {count} elements, but NoOfTableElements is {stated.get('nooftableelements')}; expected as many"
+            f"{where}: {len(x)} elements, but NoOfTableElements is {stated.get('nooftableelements')}; expected as many"
         )
+    for end, at in (("MinPosition", x[0]), ("MaxPosition", x[-1])):
+        if end.lower() in stated and abs(_number(stated[end.lower()], f"{where}: {end}") - at) > WITHIN:
+            raise InputError(
+                f"{where}: {end} is {stated[end.lower()]}, but the table has {at:g} there; expected the same, because public "
+                "sources do not say what the control does between them"
+            )
     way = stated.get("direction", BOTH).split(".")[-1].lower()
     found = [w for w in (BOTH, POSITIVE, NEGATIVE) if w.lower() == way]
     if not found:
@@ -139,7 +148,7 @@ def _direction(where: str, variable: str, parameters: Mapping[str, re.Match[str]
 
 def read_columns(name: str, text: str) -> Iterator[Part]:
     """Both tables of columns; the name of the file says the axis: x.csv. Raises `InputError` that names file and line."""
-    letter = re.split(r"[\\/]", name)[-1][0].upper()
+    stem = re.split(r"[\\/]", name)[-1].rsplit(".", 1)[0]
     rows = []
     for i, line in enumerate(text.splitlines(), 1):
         words = line.strip().split(",")
@@ -153,6 +162,7 @@ def read_columns(name: str, text: str) -> Iterator[Part]:
         raise InputError(
             f"{name}: no rows, or positions that do not rise; expected a header, and rows with rising positions"
         )
+    letter = _letter(name, stem)
     yield letter, POSITIVE, table[:, 0], table[:, 1]
     yield letter, NEGATIVE, table[:, 0], table[:, 2]
 

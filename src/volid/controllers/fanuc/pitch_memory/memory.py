@@ -156,6 +156,7 @@ def memory_of(table: AxisTable, form: Form, first: int) -> AxisMemory:
     )
     lost = 0 if form.both else _lost(table, form)
     loss = max(h.loss for h in held) / abs(form.scale)
+    loss += 0.0 if form.both else abs(lost * form.unit / abs(form.scale) + table.reversal_value)
     settings = _settings(form, sections, numbers, held, lost)
     largest = max(int(np.abs(h.steps).max(initial=0)) for h in held) * form.quantum
     notes = _notes(table, form, sections, held, shift)
@@ -223,7 +224,7 @@ def _settings(
 
 def _notes(table: AxisTable, form: Form, sections: Sections, held: list[Increments], shift: float) -> tuple[str, ...]:
     unit = "mm" if abs(form.scale) == 1.0 else "°"
-    off = abs(form.scale) * shift
+    off = abs(form.scale) * (shift + (0.0 if form.both else 0.5 * form.way * table.reversal_value))
     found = [*table.notes]
     if abs(off) > 1e-9:
         found.append(
@@ -232,6 +233,12 @@ def _notes(table: AxisTable, form: Form, sections: Sections, held: list[Incremen
     between = _resampled(table, form, sections)
     if between > 1e-9:
         found.append(f"{form.axis}: other positions than those of the table: up to {between:.3g} {unit} off at these")
+    varies = abs(form.scale) * float(np.abs(table.forward - table.reverse - table.reversal_value).max()) / 2.0
+    if not form.both and varies > 1e-9:
+        found.append(
+            f"{form.axis}: the reversal changes along the axis; one backlash (1851) leaves up to {varies:.3g} {unit} in each "
+            "direction; bidirectional=1 holds both"
+        )
     for h in held:
         if h.carried:
             found.append(

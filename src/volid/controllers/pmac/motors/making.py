@@ -22,6 +22,7 @@ from volid.model.jacobian import axis_directions
 from volid.model.machine import Machine
 
 _NOTHING = 1e-9  # mm or rad
+_MOST_OF_TWO = 200  # entries along either of two source motors, where the table itself has no more
 _MOST_BACKLASH = 8_388_607
 
 
@@ -111,7 +112,8 @@ class _Maker:
         """A table over two axes: error values of one axis, shape (nodes of the first, of the second) [mm]."""
         sources, target = tuple(self.motors[a] for a in axes), self.motors[output]
         spans = tuple(
-            span_over(m, float(n[0]), float(n[-1]), spacing_of(n, m.home)) for m, n in zip(sources, nodes, strict=True)
+            span_over(m, float(n[0]), float(n[-1]), spacing_of(n, m.home, _MOST_OF_TWO))
+            for m, n in zip(sources, nodes, strict=True)
         )
         along = np.stack([extended(nodes[0], column, spans[0].positions) for column in values.T])
         error = np.stack([extended(nodes[1], row, spans[1].positions) for row in along.T])
@@ -119,6 +121,9 @@ class _Maker:
         entries = self._entries(error, zero, target)
         self._own(words, target, sources, spans, entries[np.ix_(spans[0].order, spans[1].order)].T)
         self._shift(target, zero)
+        there = np.stack([np.interp(nodes[0], spans[0].positions, column) for column in error.T], axis=1)
+        there = np.stack([np.interp(nodes[1], spans[1].positions, row) for row in there])
+        self._missed(f"{output} over {axes[0]} and {axes[1]}", float(np.abs(there - values).max()), target)
 
     def _entries(self, error: np.ndarray, zero: float, target: Motor) -> np.ndarray:
         """What is added to the target [1/16 count]: minus the error, 0 at motor zero."""
@@ -149,8 +154,9 @@ class _Maker:
         held = min(max(at_zero, 0), _MOST_BACKLASH)
         if held != at_zero:
             self.notes.append(
-                f"{motor.axis}: at motor zero the axis runs ahead by {-at_zero / motor.parts:.3g} mm after a reversal; "
-                f"I{motor.number}86 holds no such value, and none is compensated there"
+                f"{motor.axis}: at motor zero the axis runs ahead by {_size(-at_zero / motor.parts, motor)} after a reversal; "
+                f"I{motor.number}86 holds no such value: none is compensated there, "
+                "and less than all up to the next positions of its table"
             )
             self.rounding = max(self.rounding, abs(at_zero - held) / motor.parts)
         entries = (further - held)[span.order]
@@ -168,8 +174,12 @@ class _Maker:
 
     def _missed(self, what: str, missed: float, target: Motor) -> None:
         if missed > _NOTHING:
-            size = f"{missed:.3g} mm" if target.linear else f"{np.rad2deg(missed):.3g}°"
+            size = _size(missed, target)
             self.notes.append(f"{what}: other positions than those of the table: up to {size} off at these")
+
+
+def _size(value: float, motor: Motor) -> str:
+    return f"{value:.3g} mm" if motor.linear else f"{np.rad2deg(value):.3g}°"
 
 
 def _shift_words(motor: Motor, zero: float) -> str:
