@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 _ON_NODE = 1e-6  # spacings
 _MOST = 20_000  # positions over a travel: more are a mistake in a file
-_NO_TRAVEL = 100_000.0  # mm or °
+NO_TRAVEL = 100_000.0  # mm or °
 PARTS = 16  # of a count, the unit of the entries
 
 
@@ -133,7 +133,7 @@ def span_of(motor: Motor, entries: int, length: int, low: float, high: float) ->
 
 def reach(motor: Motor, low: float, high: float, length: float) -> tuple[float, float]:
     """The travel low … high; where it is none that a machine has, because none is known, `length` counts from motor zero on."""
-    return (low, high) if high - low <= _NO_TRAVEL else (motor.home, motor.home + length / motor.counts)
+    return (low, high) if high - low <= NO_TRAVEL else (motor.home, motor.home + length / motor.counts)
 
 
 def rolled(entries: Int[np.ndarray, " N+1"], span: Span) -> Int[np.ndarray, " n"]:
