@@ -233,3 +233,18 @@ def test_what_differs_beyond_the_tables_is_refused(monkeypatch):
     old = of(table("X", "X", [200.0, 600.0], [0.0, 0.004]))
     with pytest.raises(InputError, match=r"otherwise than these files: by up to 10\.0 µm at .*X 1000"):
         convert(old, MACHINE, Target("toy"))
+
+
+@pytest.mark.parametrize("cnc", ["linuxcnc-hal", "isg-volcomp", "sinumerik-cec"])
+def test_a_grid_with_rotations_on_a_head_is_refused_where_no_lever_arm_turns_with_it(cnc):
+    """A rotation of 20 µrad times a tool of 150 mm that the head turns over: 3 µm and more at A = 90, and nothing at A = 0."""
+    head = volid.load_machine("models/wbXYZCAt_fork_head.toml")
+    nodes = tuple(np.array(head.axis(a).travel) for a in "XYZ")
+    places = np.array([(x, y, z) for z in nodes[2] for y in nodes[1] for x in nodes[0]])
+    values = np.zeros((8, 6))
+    values[:, 0], values[:, 3] = 1e-5 * places[:, 0], 20e-6
+    given = ("L-VOL", ("X", "Y", "Z"), nodes, places, values, values, places[:, 0] > 1e9, (0.0, 0.0, -150.0))
+    made = Compensation((), (), (volid.Grid(*given, "machine", ""),))
+    open_sign = "error" if CONTROLS[cnc].declaration.sign == "open" else None
+    with pytest.raises(InputError, match="would move the axes otherwise"):
+        convert(made, head, Target(cnc, open_sign))

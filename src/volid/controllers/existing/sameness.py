@@ -92,11 +92,13 @@ def largest_change(
 
 
 def _places(made: Compensation, machine: Machine) -> np.ndarray:
-    """Positions of all axes, shape (m, axes): all nodes, and even ones over the travels; beyond tables controls differ."""
+    """Positions of all axes, shape (m, axes): all nodes, and even ones over the travels.
+
+    Controls differ beyond their tables, and where lever arms grow or turn with axes over which there is no table.
+    """
     nodes = nodes_by_axis(made)
-    ends = np.array(
-        [_ends(nodes[a.letter], a.travel) if a.letter in nodes else [a.reference] * 2 for a in machine.axes]
-    )
+    own = [nodes.get(a.letter, np.array([a.reference])) for a in machine.axes]
+    ends = np.array([_ends(x, a.travel) for x, a in zip(own, machine.axes, strict=True)])
     q = ends[:, 0] + even_points(SAMPLES, len(machine.axes)) * (ends[:, 1] - ends[:, 0])
     lines = []
     for letter, positions in nodes.items():

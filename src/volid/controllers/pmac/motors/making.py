@@ -14,7 +14,7 @@ from volid.compensation.grids.grid import AnyGrid, Grid
 from volid.compensation.tables.axis_table import AxisTable
 from volid.controllers.base import Job
 from volid.controllers.pmac.motors.script import BLCOMP, COMP, MotorTable, Script
-from volid.controllers.pmac.motors.spans import NO_TRAVEL, Motor, Span, span_over
+from volid.controllers.pmac.motors.spans import Motor, Span, span_over
 from volid.controllers.tables.resampling import at_nodes, extended, spacing_of
 from volid.exceptions import InputError
 from volid.model.jacobian import axis_directions
@@ -26,7 +26,7 @@ _MOST_BACKLASH = 8_388_607
 
 def tables_of(job: Job, motors: Mapping[str, Motor]) -> Script:
     """Tables of motors for a job. Raises `InputError` for more tables than there are motors to own them."""
-    made = _Maker(job.machine, motors, job.options["owners"])
+    made = _Maker(motors, job.options["owners"])
     for table in job.axis_tables(products=True):
         if table.factor is None:
             made.over_one(table)
@@ -65,8 +65,8 @@ def _by_axis(machine: Machine, grid: AnyGrid) -> dict[str, np.ndarray]:
 class _Maker:
     """Collects tables of motors, each owned by a motor of its own."""
 
-    def __init__(self, machine: Machine, motors: Mapping[str, Motor], owners: int) -> None:
-        self.machine, self.motors, self.owners = machine, motors, owners
+    def __init__(self, motors: Mapping[str, Motor], owners: int) -> None:
+        self.motors, self.owners = motors, owners
         self.tables: list[MotorTable] = []
         self.backlash: dict[int, int] = {}
         self.notes: list[str] = []
@@ -82,7 +82,7 @@ class _Maker:
         """A table over one axis; of an axis over itself with its backlash."""
         source, target = self.motors[table.argument], self.motors[table.output]
         q = table.positions
-        span = span_over(source, *self._reach(table.argument, q), spacing_of(q, source.home), table.period)
+        span = span_over(source, float(q[0]), float(q[-1]), spacing_of(q, source.home), table.period)
         way = 1.0 if table.is_pitch else 0.0
         error = at_nodes(table, span.positions, way)
         entries = self._entries(error, error[span.zero], target)[span.order]
@@ -110,7 +110,7 @@ class _Maker:
         """A table over two axes: error values of one axis, shape (nodes of the first, of the second) [mm]."""
         sources, target = tuple(self.motors[a] for a in axes), self.motors[output]
         spans = tuple(
-            span_over(m, *self._reach(m.axis, n), spacing_of(n, m.home)) for m, n in zip(sources, nodes, strict=True)
+            span_over(m, float(n[0]), float(n[-1]), spacing_of(n, m.home)) for m, n in zip(sources, nodes, strict=True)
         )
         along = np.stack([extended(nodes[0], column, spans[0].positions) for column in values.T])
         error = np.stack([extended(nodes[1], row, spans[1].positions) for row in along.T])
@@ -118,12 +118,6 @@ class _Maker:
         entries = self._entries(error, zero, target)
         self._own(words, target, sources, spans, entries[np.ix_(spans[0].order, spans[1].order)].T)
         self._shift(target, zero)
-
-    def _reach(self, letter: str, positions: np.ndarray) -> tuple[float, float]:
-        """Lowest and highest position that a table must reach over: the travel too, because beyond its span it begins again."""
-        low, high = self.machine.axis(letter).travel
-        first, last = float(positions[0]), float(positions[-1])
-        return (min(first, low), max(last, high)) if high - low <= NO_TRAVEL else (first, last)
 
     def _entries(self, error: np.ndarray, zero: float, target: Motor) -> np.ndarray:
         """What is added to the target [1/16 count]: minus the error, 0 at motor zero."""
