@@ -1,6 +1,7 @@
 """Steady values: within the tube, at multiples, with as few turns as any; axes that only help."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -57,3 +58,28 @@ def test_a_product_is_looked_at_in_the_corners():
     table = AxisTable("X", "Y", y, np.array([0.0, 20e-6]), np.array([0.0, 20e-6]), Factor("Z", z, z))
     found = helping_axes(volid.Control(MACHINE, axis_tables=(table,)), TOOL)
     assert {(h.moving, h.helping): round(1e3 * h.largest, 6) for h in found} == {("Y", "X"): 10.0, ("Z", "X"): 10.0}
+
+
+def test_a_grid_that_bends_between_middle_and_corners_is_seen():
+    """Y goes ±4 µm from node to node of X along Y = 150 alone, which is neither in the middle nor at a corner: 19 turns."""
+    x, y, z = np.linspace(0.0, 1000.0, 21), np.linspace(0.0, 600.0, 9), np.array([-500.0, 0.0])
+    places = np.array([(a, b, c) for c in z for b in y for a in x])
+    values = np.zeros((len(places), 6))
+    along = places[:, 1] == 150.0
+    values[along, 1] = 0.004 * np.cos(np.pi * places[along, 0] / 50.0)
+    given = ("L-VOL", ("X", "Y", "Z"), (x, y, z), places, values, values, along, tuple(TOOL), "machine", "")
+    found = {(h.moving, h.helping): h for h in helping_axes(volid.Control(MACHINE, grids=(volid.Grid(*given),)), TOOL)}
+    assert found["X", "Y"].turns == 19
+    assert found["X", "Y"].largest == pytest.approx(0.008)
+
+
+def test_a_table_over_a_turn_is_seen_in_every_turn():
+    """X goes ±3 µm from one to the next of 180 positions of a turn: 4 turns of C have 720 runs of 6 µm, and 719 turns of X."""
+    trunnion = volid.load_machine("models/wCAYXbZt_trunnion.toml")
+    axes = tuple(replace(a, travel=(-720.0, 720.0)) if a.letter == "C" else a for a in trunnion.axes)
+    c = np.arange(0.0, 361.0, 2.0)
+    e = 0.003 * np.cos(np.pi * c / 2.0)
+    control = volid.Control(replace(trunnion, axes=axes), axis_tables=(AxisTable("X", "C", c, e, e, period=360.0),))
+    (found,) = helping_axes(control, TOOL)
+    assert (found.moving, found.helping, found.turns) == ("C", "X", 719)
+    assert found.smallest == pytest.approx(0.006)

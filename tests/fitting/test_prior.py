@@ -11,7 +11,7 @@ from volid.campaign import Campaign
 from volid.exceptions import InputError
 from volid.fitting.diagnosis.identifiability import parameter_units
 from volid.fitting.fit import fit
-from volid.fitting.prior import prior_of
+from volid.fitting.prior import prior_notes, prior_of
 from volid.io import load_campaign
 
 TRAVEL = {"X": (0.0, 800.0), "Y": (0.0, 500.0), "Z": (-400.0, 0.0)}
@@ -58,6 +58,17 @@ def test_prior_equals_joint_fit(campaigns):
     # and the prior matters: the second day alone is less certain
     alone = np.sqrt(np.diag(fit(second).parameter_covariance))
     assert np.median(alone / u) > 1.2
+
+
+def test_a_prior_of_another_state_of_the_machine_is_named(campaigns):
+    """What was loaded between both days changed the errors; what was active on both days, or on neither, did not."""
+    first, second, _ = campaigns
+    prior, loaded = fit(first), {"active_compensations": ["L-POS: x.comp"]}
+    said = [w for w in fit(replace(second, conditions=loaded), prior=prior).notes if "prior was" in w]
+    assert len(said) == 1 and "other compensations active (none) than the campaign (L-POS: x.comp)" in said[0]
+    assert prior_notes(prior, second) == ()
+    both = replace(prior, campaign=replace(first, conditions=loaded))
+    assert prior_notes(both, replace(second, conditions=loaded)) == ()
 
 
 def test_what_a_prior_determined_stays_determined():

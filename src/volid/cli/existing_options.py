@@ -36,6 +36,7 @@ def add_existing(parser: argparse.ArgumentParser) -> None:
 
 def existing_from(solution: Solution, args: argparse.Namespace) -> tuple[ExistingCompensation, ...]:
     """The existing compensations that are asked for. Raises `InputError`, also where the campaign names no file."""
+    from volid.controllers.existing.measured_state import refuse_same_files
     from volid.exceptions import InputError
     from volid.io.control_files import existing_of, recorded_compensations
 
@@ -53,15 +54,18 @@ def existing_from(solution: Solution, args: argparse.Namespace) -> tuple[Existin
             "--add-active: the campaign names no file of a control as active; name the files with --add-to, or in [conditions] "
             'as active_compensations = [{ file = "x.comp", cnc = "linuxcnc" }]'
         )
+    refuse_same_files((*found, *recorded))
     return (*found, *recorded)
 
 
 def existing_notes(solution: Solution, existing: tuple[ExistingCompensation, ...]) -> list[str]:
     """What a sum holds, and what of the old compensation the model cannot describe."""
+    from volid.controllers.existing.measured_state import not_in_sum
     from volid.controllers.existing.state import not_described, not_recorded
 
     return [
         *(f"sum with {e.words}" for e in existing),
+        *not_in_sum(solution.campaign, existing),
         *not_recorded(solution.campaign, existing),
         *not_described(solution, existing),
     ]

@@ -189,6 +189,7 @@ def options_from(args: argparse.Namespace) -> dict[str, str]:
 def _one(solution: Solution, request: ExportRequest, notes: list[str], args: argparse.Namespace) -> int:
     """One control: its files into the folder, what they are to standard output."""
     from volid.cli.export_all import in_json, names_of
+    from volid.controllers.existing.measured_state import OTHER
     from volid.controllers.existing.state import NOT_ACTIVE, REPLACED
     from volid.controllers.export import controller, export_of
     from volid.io.exports import RECORD, SHEET, save_export
@@ -204,7 +205,7 @@ def _one(solution: Solution, request: ExportRequest, notes: list[str], args: arg
             print(f"  {file.name}: {file.what}")
         print(f"  {SHEET}: what to do at the machine, with a sign check for each table")
         print(f"  {RECORD}: what the values are, and where they come from")
-    wrong = [n for n in made.notes if REPLACED in n or NOT_ACTIVE in n]
+    wrong = [n for n in made.notes if REPLACED in n or NOT_ACTIVE in n or OTHER in n]
     tell(args, [n for n in (*notes, *made.notes) if n not in wrong])
     wrong += left_over(args.output, before, names_of(made))
     return conclude(args, attention(solution, named=True) + wrong)

@@ -1,14 +1,14 @@
 """Axes that move only because another one does: how far, how often they turn, and what their own reversal adds.
 
 A compensation moves axes that would rest (ISO/TR 16907 4 e, 10.5 d, 11.2 a-c). While one axis goes along its travel, with the
-others at the middle and at the corners of theirs, every other axis k follows the correction c_k. Each turn of it loses the
-axis's own reversal B_k, and a run shorter than its least increment is not made at all. Not modelled: dynamics, the time that a
-turn takes, marks that it leaves on a surface.
+others at the middle, at the corners of theirs and at the nodes of grids, every other axis k follows the correction c_k. Each
+turn of it loses the axis's own reversal B_k, and a run shorter than its least increment is not made at all. Not modelled:
+dynamics, the time that a turn takes, marks that it leaves on a surface.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
@@ -23,6 +23,7 @@ from volid.model.machine import Machine
 
 POINTS = 401  # along a travel, besides the points of tables and grids
 TINY = 1e-9  # mm or °: no motion
+LINES = 11  # nodes of a grid on either side of a line, at most
 
 
 @dataclass(frozen=True)
@@ -130,13 +131,12 @@ def _size(axis: Any, value: float) -> str:
 def _paths(
     control: Control, i: int, tool: np.ndarray, ranges: Mapping[str, tuple[float, float]]
 ) -> Iterator[np.ndarray]:
-    """Corrections (m, axes) along the travel of axis i in both directions, the others at the middle and at all corners."""
+    """Corrections (m, axes) along the travel of axis i in both directions, the others where `_places` says."""
     machine = control.machine
     ends = [ranges.get(a.letter, a.travel) for a in machine.axes]
     along = np.union1d(np.linspace(*ends[i], POINTS), _nodes(control, machine.axes[i].letter, ends[i]))
     others = [k for k in range(len(ends)) if k != i]
-    middle = tuple(0.5 * (ends[k][0] + ends[k][1]) for k in others)
-    for places in (middle, *product(*(ends[k] for k in others))):
+    for places in _places(control, others, ends):
         q = np.zeros((len(along), len(ends)))
         q[:, i], q[:, others] = along, places
         for way in (1.0, -1.0):
@@ -145,14 +145,49 @@ def _paths(
             yield control.command(q, tool, ways) - q
 
 
+def _places(control: Control, others: Sequence[int], ends: Sequence[tuple[float, float]]) -> list[tuple[float, ...]]:
+    """Positions of the other axes: the middle, all corners, and the lines through the nodes of grids, the rest at the middle.
+
+    Tables bend along the axis that moves alone, so that corners show the largest motion; a grid may bend along any of its lines.
+    """
+    middle = tuple(0.5 * (ends[k][0] + ends[k][1]) for k in others)
+    found = [middle, *product(*(ends[k] for k in others))]
+    for grid in control.grids:
+        nodes = dict(zip(grid.axes, grid.nodes, strict=True))
+        letters = [control.machine.axes[k].letter for k in others]
+        choices = [
+            _spread(nodes[a], ends[k]) if a in nodes else (m,) for a, k, m in zip(letters, others, middle, strict=True)
+        ]
+        found += product(*choices)
+    return list(dict.fromkeys(found))
+
+
+def _spread(nodes: np.ndarray, ends: tuple[float, float]) -> tuple[float, ...]:
+    """The nodes of a grid between both ends, at most `LINES` of them, spread evenly."""
+    inside = nodes[(nodes >= ends[0]) & (nodes <= ends[1])]
+    chosen = np.unique(np.linspace(0, len(inside) - 1, min(len(inside), LINES)).round().astype(int))
+    return tuple(float(v) for v in inside[chosen]) or (0.5 * (ends[0] + ends[1]),)
+
+
 def _nodes(control: Control, letter: str, ends: tuple[float, float]) -> np.ndarray:
-    """Points of all tables and grids over an axis, within its range."""
-    found = [t.positions for t in control.axis_tables if t.argument == letter]
-    found += [t.factor.positions for t in control.axis_tables if t.factor is not None and t.factor.axis == letter]
-    found += [t.positions for t in control.tables if t.axis == letter]
-    found += [g.nodes[g.axes.index(letter)] for g in control.grids if letter in g.axes]
-    every = np.concatenate([np.asarray(ends), *found])
+    """Points of all tables and grids over an axis, within its range; of a full turn in every turn of it."""
+    periods = [(t.positions, t.period) for t in control.axis_tables if t.argument == letter]
+    periods += [(t.positions, t.period) for t in control.tables if t.axis == letter]
+    factors = [t.factor for t in control.axis_tables if t.factor is not None and t.factor.axis == letter]
+    periods += [(f.positions, 0.0) for f in factors]
+    for grid in (g for g in control.grids if letter in g.axes):
+        k = grid.axes.index(letter)
+        periods.append((grid.nodes[k], grid.periods[k]))
+    every = np.unique(np.concatenate([np.asarray(ends), *(_turned(x, period, ends) for x, period in periods)]))
     return every[(every >= ends[0]) & (every <= ends[1])]
+
+
+def _turned(positions: np.ndarray, period: float, ends: tuple[float, float]) -> np.ndarray:
+    """Positions, and those a whole number of turns beside them as far as the axis goes."""
+    if not period:
+        return positions
+    first, last = np.floor((ends[0] - positions[-1]) / period), np.ceil((ends[1] - positions[0]) / period)
+    return np.concatenate([positions + k * period for k in np.arange(first, last + 1)])
 
 
 def _runs(values: np.ndarray) -> list[float]:

@@ -20,6 +20,7 @@ from volid.controllers.axes import Axes, helping_motions, kept_to, refuse_unstea
 from volid.controllers.base import EQUAL, Declaration, Job, Written, options_of, sign_of
 from volid.controllers.choice import Choice, asked_types, most_types
 from volid.controllers.existing.conversion import on_top
+from volid.controllers.existing.measured_state import not_in_sum, refuse_same_files, stood_for
 from volid.controllers.existing.reading import ExistingCompensation, unknown_control
 from volid.controllers.existing.state import not_described, not_recorded, would_replace
 from volid.controllers.exported import Export, write
@@ -117,6 +118,7 @@ def export(
 
 def export_of(solution: Solution, chosen: Controller, request: ExportRequest) -> Export:
     """`export` with everything that is asked for in one object."""
+    refuse_same_files(request.add_to)
     declared = chosen.declaration
     stated, sign = options_of(declared, request.options), sign_of(declared, request.sign)
     declared = chosen.declared_for(solution.machine, stated)
@@ -136,7 +138,10 @@ def export_of(solution: Solution, chosen: Controller, request: ExportRequest) ->
         *written.notes,
         *_state_notes(solution, found.types, declared, request),
     )
-    return replace(written, axes=request.axes, solution=solution, helping=helping, notes=notes, existing=old)
+    before = stood_for(solution.campaign, declared.name, request.add_to)
+    return replace(
+        written, axes=request.axes, solution=solution, helping=helping, notes=notes, existing=old, before=before
+    )
 
 
 def _state_notes(
@@ -144,7 +149,8 @@ def _state_notes(
 ) -> tuple[str, ...]:
     """To which state of the machine the files belong, and what they would replace (10.5)."""
     if request.add_to:
-        return (*not_recorded(solution.campaign, request.add_to), *not_described(solution, request.add_to))
+        lost = not_in_sum(solution.campaign, request.add_to, types, declared.name)
+        return (*lost, *not_recorded(solution.campaign, request.add_to), *not_described(solution, request.add_to))
     return tuple(would_replace(solution.campaign, types, declared.name))
 
 

@@ -37,6 +37,7 @@ class Export:
         helping: What axes do that move only because another one does.
         notes: What a user should know, one sentence each: of the choice, of the control, of the files.
         existing: What the control held already and is part of the sum; None where nothing was.
+        before: What the files stand in the place of: errors of the solution are relative to it. None where nothing was active.
 
     >>> import volid
     >>> solution = volid.fit(volid.load_campaign("datasets/published_positioning/campaign.toml"))
@@ -55,6 +56,7 @@ class Export:
     helping: tuple[HelpingMotion, ...] = ()
     notes: tuple[str, ...] = ()
     existing: Compensation | None = None
+    before: Compensation | None = None
 
     @property
     def declaration(self) -> Declaration:
@@ -66,11 +68,11 @@ class Export:
         return self.held.control(self.job.machine, **{**self.axes.limits, **options})
 
     def added_control(self, **options: Any) -> Control:
-        """The simulated control with what these files add to the existing ones: errors of the solution are relative to those.
+        """The simulated control with what these files add to those that were active while measuring, in whose place they stand.
 
-        Without existing files it is `control`; `options`: those of `volid.Control`.
+        Without such files it is `control`; `options`: those of `volid.Control`.
         """
-        made = self.held if self.existing is None else with_opposite(self.held, self.existing)
+        made = self.held if self.before is None else with_opposite(self.held, self.before)
         return made.control(self.job.machine, **{**self.axes.limits, **options})
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from volid.campaign import Campaign
 from volid.exceptions import InputError
 from volid.fitting.datum import s_transformation
 from volid.fitting.diagnosis.identifiability import parameter_units
@@ -20,6 +21,7 @@ from volid.model.error_model import ErrorModel, build_model
 from volid.model.iso230 import SPINDLE, parse
 from volid.model.linear_maps import function_rows
 from volid.model.machine import Machine
+from volid.plausibility.conditions import active_compensations
 
 EXACT = 1e-12  # eigenvalues of the scaled covariance below this share of the largest carry no information
 ROUNDING = 1e-10  # share of the readings in what is known of a combination, beside the smoothness: less is rounding
@@ -134,9 +136,9 @@ def _information_root(prior: Solution, there: np.ndarray) -> tuple[np.ndarray, n
     return np.asarray(root[:, None] * whiten / units / prior.factor), np.asarray(value / root / prior.factor)
 
 
-def prior_notes(prior: Solution) -> tuple[str, ...]:
-    """What a user should know about a prior: rejected by its own data, not converged, not fully determined."""
-    notes = []
+def prior_notes(prior: Solution, campaign: Campaign) -> tuple[str, ...]:
+    """What a user should know about a prior: rejected by its own data, not converged, not fully determined, of another state."""
+    notes = _other_state(prior.campaign, campaign)
     if prior.adequacy.rejected:
         notes.append(f"the prior was rejected by its own data, so its u is too small: {prior.adequacy.verdict}")
     if not prior.statistics.converged:
@@ -144,6 +146,17 @@ def prior_notes(prior: Solution) -> tuple[str, ...]:
     if not prior.fully_determined:
         notes.append("the prior does not determine everything; it counts only for what it determines")
     return tuple(notes)
+
+
+def _other_state(earlier: Campaign, campaign: Campaign) -> list[str]:
+    """That other compensations were active while the prior was measured, by both records of conditions (ISO/TR 16907 10.5)."""
+    before, now = (active_compensations(c.conditions) for c in (earlier, campaign))
+    if set(before) == set(now):
+        return []
+    return [
+        f"the prior was measured with other compensations active ({'; '.join(before) or 'none'}) than the campaign "
+        f"({'; '.join(now) or 'none'}): the machine had other errors, and the prior holds only for axes that these do not move"
+    ]
 
 
 def _as_in(prior: Solution, model: ErrorModel, splines):  # type: ignore[no-untyped-def]

@@ -147,7 +147,7 @@ class Stages:
         starts = find_starts(campaign)
         if prior is not None:
             check_prior(prior, campaign.machine)
-            warnings = (*warnings, *prior_notes(prior))
+            warnings = (*warnings, *prior_notes(prior, campaign))
             prior = prior if prior.datum == campaign.machine.datum else prior.in_datum(campaign.machine.datum)
         noisy = with_random_effects(campaign, starts, how.engine)
         machine = measured_machine(campaign, {} if prior is None else _measured_by(prior))

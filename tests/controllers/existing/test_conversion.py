@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from support.control_cases import AT, MACHINE, TOOL, crossed, error_table, levered, pitch, spatial
 
+import volid
 from volid.compensation.on_top import add_compensations, summed, with_opposite
 from volid.compensation.package import Compensation
 from volid.compensation.tables.axis_table import AxisTable, Factor
@@ -200,3 +201,50 @@ def test_a_grid_is_added_to_the_one_of_its_side_and_tables_stay_beside():
     assert (len(both.grids), len(both.tables)) == (1, 2)
     at = both.grids[0].interpolate(np.array([[250.0, 0.0, 0.0]]))
     np.testing.assert_allclose(at[0, :3], [0.005, 0.0, 0.004], atol=1e-15)
+
+
+@pytest.mark.parametrize("cnc", ["isg-ssfk", "fanuc-pitch", "pmac"])
+def test_steps_of_the_values_explain_a_difference_of_rotary_axes(cnc):
+    """Values in steps of 0.0001°, 0.001° or 1/16 of a count are off by up to half of that, in ° and not in rad."""
+    trunnion = volid.load_machine("models/wCAYXbZt_trunnion.toml")
+    c = np.arange(0.0, 361.0, 30.0)
+    e = 80e-6 * np.sin(np.deg2rad(c))
+    e[-1] = e[0]
+    old = Compensation((), (), (), (AxisTable("C", "C", c, e, e, period=360.0),))
+    open_sign = "error" if CONTROLS[cnc].declaration.sign == "open" else None
+    found = convert(old, trunnion, Target(cnc, open_sign, {"counts": "10000"} if cnc == "pmac" else None))
+    (held,) = found.held.axis_tables
+    at = {"C": c}
+    assert held.at(at, {"C": 0 * c}) - held.at({"C": c[:1]}, {"C": c[:1]}) == pytest.approx(e, abs=2 * np.deg2rad(5e-4))
+
+
+class Continued(Toy):
+    """Goes on beyond the last value of a table of X, by 10 µm up to the end of the travel at 1000 mm."""
+
+    def read(self, files, machine, options):
+        (kept,) = Toy.kept.axis_tables
+        up = np.append(kept.forward, kept.forward[-1] + 0.010)
+        return of(AxisTable("X", "X", np.append(kept.positions, 1000.0), up, up))
+
+
+def test_what_differs_beyond_the_tables_is_refused(monkeypatch):
+    """The old control holds the last value from 600 mm on."""
+    monkeypatch.setitem(CONTROLS, "toy", Continued(name="toy", carries={"L-POS": TABLES}, options=()))
+    old = of(table("X", "X", [200.0, 600.0], [0.0, 0.004]))
+    with pytest.raises(InputError, match=r"otherwise than these files: by up to 10\.0 µm at .*X 1000"):
+        convert(old, MACHINE, Target("toy"))
+
+
+@pytest.mark.parametrize("cnc", ["linuxcnc-hal", "isg-volcomp", "sinumerik-cec"])
+def test_a_grid_with_rotations_on_a_head_is_refused_where_no_lever_arm_turns_with_it(cnc):
+    """A rotation of 20 µrad times a tool of 150 mm that the head turns over: 3 µm and more at A = 90, and nothing at A = 0."""
+    head = volid.load_machine("models/wbXYZCAt_fork_head.toml")
+    nodes = tuple(np.array(head.axis(a).travel) for a in "XYZ")
+    places = np.array([(x, y, z) for z in nodes[2] for y in nodes[1] for x in nodes[0]])
+    values = np.zeros((8, 6))
+    values[:, 0], values[:, 3] = 1e-5 * places[:, 0], 20e-6
+    given = ("L-VOL", ("X", "Y", "Z"), nodes, places, values, values, places[:, 0] > 1e9, (0.0, 0.0, -150.0))
+    made = Compensation((), (), (volid.Grid(*given, "machine", ""),))
+    open_sign = "error" if CONTROLS[cnc].declaration.sign == "open" else None
+    with pytest.raises(InputError, match="would move the axes otherwise"):
+        convert(made, head, Target(cnc, open_sign))

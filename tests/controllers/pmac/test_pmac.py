@@ -338,3 +338,12 @@ def test_tables_of_one_pair_of_axes_become_one():
     )
     text = script(Compensation((), (), (), tables))
     assert text.count("DEFINE COMP") == 1 and "-80" in text
+
+
+def test_a_table_that_ends_inside_the_travel_is_held_up_to_its_ends():
+    """X travels 0 … 1000, the table ends at 600: without positions up to 1000 the control would begin it again."""
+    x = np.array([200.0, 400.0, 600.0])
+    table = error_table("EXX", x, np.array([0.0, 0.010, 0.004]))
+    (held,) = read(script(Compensation(("L-POS",), (table,), ()))).axis_tables
+    at, way = {"X": np.array([0.0, 100.0, 200.0, 400.0, 600.0, 610.0, 900.0, 1000.0])}, {"X": np.zeros(8)}
+    assert held.at(at, way) == pytest.approx([0.0, 0.0, 0.0, 0.010, 0.004, 0.004, 0.004, 0.004], abs=1e-6)

@@ -25,7 +25,15 @@ from volid.controllers.choice import instead_of
 from volid.controllers.existing.contents import types_of
 from volid.controllers.existing.forms import BY_DIRECTION, in_form, no_sum, one_direction
 from volid.controllers.existing.reading import ExistingCompensation, control_called
-from volid.controllers.existing.sameness import EXACT, largest_change, refuse_change, shift_notes
+from volid.controllers.existing.sameness import (
+    EXACT,
+    KINDS,
+    in_words,
+    largest_change,
+    refuse_change,
+    rounding_of,
+    shift_notes,
+)
 from volid.controllers.exported import Export, write
 from volid.exceptions import InputError
 from volid.model.machine import Machine
@@ -146,14 +154,15 @@ def _refuse_loss(chosen: Controller, job: Job, whole: Job, old: Compensation) ->
     types = job.compensation.names
     new, both = write(chosen, job, types), write(chosen, whole, types)
     rest = replace(both, held=with_opposite(both.held, old))
-    apart, at = largest_change(new.held, rest, job.tool, shifted=both.declaration.zero_fixed)
     nothing = with_opposite(both.held, both.held)
-    moved = largest_change(nothing, both, job.tool)[0]
-    if not apart <= EXACT + ROUNDINGS * both.written.rounding + SECOND_ORDER * moved:
-        raise InputError(
-            f"{both.declaration.name}: the files of the sum would not move the axes as the old and the new ones together: by up "
-            f"to {1e3 * apart:.1f} µm at {at}. Load the new ones beside the old, where the control allows it"
-        )
+    for linear in KINDS:
+        apart, at = largest_change(new.held, rest, job.tool, shifted=both.declaration.zero_fixed, linear=linear)
+        moved = largest_change(nothing, both, job.tool, linear=linear)[0]
+        if not apart <= EXACT + ROUNDINGS * rounding_of(both, linear) + SECOND_ORDER * moved:
+            raise InputError(
+                f"{both.declaration.name}: the files of the sum would not move the axes as the old and the new ones together: by "
+                f"up to {in_words(apart, linear)} at {at}. Load the new ones beside the old, where the control allows it"
+            )
 
 
 def _by_axis(job: Job, declared: Declaration) -> Compensation:
@@ -169,8 +178,10 @@ def _tool_of(made: Compensation) -> tuple[float, float, float]:
 def _for_one_tool(before: Compensation, found: Export, tool: np.ndarray) -> list[str]:
     """A note where the two forms move the axes otherwise with another tool, because rotations act through its vector."""
     shifted = found.declaration.zero_fixed
-    others = [largest_change(before, found, tool + beside, shifted=shifted)[0] for beside in BESIDE]
-    if max(others) <= EXACT + found.written.rounding:
+    here, *others = (
+        largest_change(before, found, tool + beside, shifted=shifted)[0] for beside in (np.zeros(3), *BESIDE)
+    )
+    if max(others) <= here + EXACT + found.written.rounding:
         return []
     at = ", ".join(f"{v:g}" for v in tool)
     return [

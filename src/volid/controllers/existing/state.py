@@ -42,7 +42,7 @@ def would_replace(campaign: Campaign, types: Iterable[str], cnc: str) -> list[st
     """
     named = {t for a in campaign.active_files if a.cnc == cnc for t in a.types}
     stated = active_types(campaign)
-    again = [n for n in dict.fromkeys(types) if n in stated or any(_meet(n, other) for other in named)]
+    again = [n for n in dict.fromkeys(types) if n in stated or any(meet(n, other) for other in named)]
     if not again:
         return []
     files = [a.text for a in campaign.active_files]
@@ -66,7 +66,7 @@ _PARTS = {  # what a type corrects besides
 }
 
 
-def _meet(one: str, other: str) -> bool:
+def meet(one: str, other: str) -> bool:
     """Whether two types correct the same."""
     return bool({one, *_PARTS.get(one, ())} & {other, *_PARTS.get(other, ())})
 
@@ -85,7 +85,7 @@ def not_recorded(campaign: Campaign, existing: Sequence[ExistingCompensation]) -
             found.append(
                 f"{e.words}: the record does not say that it was active while measuring; the sum is right if it was"
             )
-        elif not any(_meet(a, b) for a in e.types for b in types):
+        elif not any(meet(a, b) for a in e.types for b in types):
             found.append(
                 f"{e.words}: {NOT_ACTIVE} while the campaign was measured; then its errors are in the new values too, and the "
                 "sum corrects them twice"

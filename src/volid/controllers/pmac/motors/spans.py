@@ -28,19 +28,23 @@ if TYPE_CHECKING:
 
 _ON_NODE = 1e-6  # spacings
 _MOST = 20_000  # positions over a travel: more are a mistake in a file
-_NO_TRAVEL = 100_000.0  # mm or °
+NO_TRAVEL = 100_000.0  # mm or °
 PARTS = 16  # of a count, the unit of the entries
 
 
 @dataclass(frozen=True)
 class Motor:
-    """A motor and its axis. `number`: that of the motor; `counts`: per mm or °; `home`: where it is at 0 [mm or °]."""
+    """A motor and its axis. `number`: that of the motor; `counts`: per mm or °; `home`: where it is at 0 [mm or °].
+
+    `travel`: lowest and highest position of the axis [mm or °]; None where no machine says it.
+    """
 
     axis: str
     number: int
     counts: float
     home: float
     linear: bool
+    travel: tuple[float, float] | None = None
 
     @property
     def parts(self) -> float:
@@ -100,15 +104,22 @@ def motors_of(machine: Machine, options: Mapping[str, Any], control: str) -> dic
             raise InputError(
                 f"{control}: motor {number} drives {twice} and {letter}; state motors=X=1,Y=2,… with one for each"
             )
-        found[letter] = Motor(letter, number, counts, home, machine.axis(letter).is_linear)
+        low, high = machine.axis(letter).travel
+        travel = (low, high) if high - low <= NO_TRAVEL else None
+        found[letter] = Motor(letter, number, counts, home, machine.axis(letter).is_linear, travel)
     return found
 
 
 def span_over(motor: Motor, low: float, high: float, spacing: float, period: float = 0.0) -> Span:
-    """Positions that cover low … high [mm or °], about `spacing` apart: the span is a whole number of counts."""
+    """Positions that cover low … high and the travel [mm or °], about `spacing` apart: the span is a whole number of counts.
+
+    Beyond its span a table begins again; a table that ends within the travel is therefore held up to its ends.
+    """
     if period:
         n = max(round(period / spacing), 1)
         return Span(motor, n, round(period * motor.counts), 0, n)
+    if motor.travel is not None:
+        low, high = min(low, motor.travel[0]), max(high, motor.travel[1])
     below = max(-floor((low - motor.home) / spacing + _ON_NODE), 0)
     above = max(ceil((high - motor.home) / spacing - _ON_NODE), 0)
     n = below + above + 1
@@ -134,7 +145,7 @@ def span_of(motor: Motor, entries: int, length: int, low: float, high: float) ->
 
 def reach(motor: Motor, low: float, high: float, length: float) -> tuple[float, float]:
     """The travel low … high; where it is none that a machine has, because none is known, `length` counts from motor zero on."""
-    return (low, high) if high - low <= _NO_TRAVEL else (motor.home, motor.home + length / motor.counts)
+    return (low, high) if high - low <= NO_TRAVEL else (motor.home, motor.home + length / motor.counts)
 
 
 def rolled(entries: Int[np.ndarray, " N+1"], span: Span) -> Int[np.ndarray, " n"]:
