@@ -292,9 +292,9 @@ def test_one_backlash_for_a_reversal_that_changes_along_the_axis_is_said():
 
 def test_with_one_table_the_shift_is_that_of_the_direction_of_the_reference_return():
     """In the direction of the return the amount is 0 at the reference, where the error is 0 in + and 2 µm in -; B is -2.67 µm."""
-    for way, shift in (("+", 0.001 - 0.008 / 6.0), ("-", 0.001 + 0.008 / 6.0)):
+    for way, words in (("+", "0.33 µm are added to"), ("-", "2.33 µm are taken off")):  # 1 µm and half of 2.67 µm
         notes = FANUC.write(job("fanuc-pitch", pitch(), "error", reference_return=way)).notes
-        assert any(n.startswith(f"X: error values are {shift:.6g} mm less") for n in notes)
+        assert any(n.startswith(f"X: {words} its error values") for n in notes)
 
 
 @pytest.mark.parametrize(

@@ -312,13 +312,15 @@ def test_an_axis_table_with_a_lever_and_a_grid_over_two_axes_are_one_table():
 
 
 def test_a_table_with_a_lever_meets_its_positions_though_motor_zero_lies_between_them():
-    """Positions -200, -115, -30, 55 and motor zero at 0: 5 mm meet all, 40 sections below, 11 above, one that rolls over."""
+    """Positions -200, -115, -30, 55 and motor zero at 0: 5 mm meet all, 240 sections up to the travel's end, one rolls over."""
     x, angle = np.array([-200.0, -115.0, -30.0, 55.0]), np.array([0.0, 20e-6, -10e-6, 30e-6])
     lever = Factor("Z", np.array([-500.0, 0.0]), np.array([-250.0, 250.0]))
     done = PMAC.write(
         job("pmac", Compensation((), (), (), (AxisTable("Y", "X", x, angle, angle, lever),)), counts="1000")
     )
-    assert re.findall(r"DEFINE COMP [\w.#,]+", done.files[0].content) == ["DEFINE COMP 2.52,#1D,#3D,#2,260000,1000000"]
+    assert re.findall(r"DEFINE COMP [\w.#,]+", done.files[0].content) == [
+        "DEFINE COMP 2.241,#1D,#3D,#2,1205000,1000000"
+    ]
     assert not any("other positions" in n for n in done.notes)
     x = x + 0.12345
     x[1] += 1.0
