@@ -141,3 +141,12 @@ def test_the_sign_of_existing_files_is_asked_for_by_its_own_option(solution, run
     words = ("--cnc", "sinumerik-cec", "--sign", "error", "--add-to", tmp_path / "cec.ini", "-o", tmp_path / "c")
     status, _, err = run("export", solution, *words)
     assert status == 2 and "state --add-to-sign error (actual - nominal) or --add-to-sign compensation" in err
+
+
+def test_papers_name_options_as_the_command_line_has_them(solution, run, tmp_path):
+    """Never the parameters of Python, between backquotes, for which the command has an option."""
+    out = tmp_path / "control"
+    run("export", solution, "--cnc", "sinumerik-enc-comp", "--max-points", "5", "-o", out)
+    texts = "".join((out / name).read_text(encoding="utf-8") for name in ("COMMISSIONING.md", "RECORD.md"))
+    texts += run("export", "--cnc", "sinumerik-enc-comp", "--explain")[1]
+    assert "--max-error" in texts and "`max_error`" not in texts and "`zero`" not in texts

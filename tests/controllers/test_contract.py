@@ -345,7 +345,7 @@ def test_the_sheet_has_one_sign_check_for_each_table_that_takes_the_deviation_of
             nodes = machine.order(**{a.letter: a.travel[0] for a in machine.axes})[None]
             shift = shifts(case, left(case, own, nodes, np.zeros_like(q)))
             assert check.together == pytest.approx((shift - error) @ along, abs=5e-7 + 3 * allowance(case, job)[i])
-        seen = check.together if check.is_product else check.alone
+        seen = check.together if check.is_together else check.alone
         assert f"{seen:+.4f}" in commissioning_sheet(made) or not machine.axes[i].is_linear
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Any
 
-from volid.cli.common import add_output, attention, conclude, explain, print_json, tell, usable_solution
+from volid.cli.common import add_output, attention, conclude, explain, in_options, print_json, tell, usable_solution
 from volid.cli.compensation_options import (
     ByAxis,
     add_base,
@@ -111,7 +111,7 @@ def run(args: argparse.Namespace) -> int:
         controller(args.cnc)
     if args.explain:
         chosen = controller(args.cnc)
-        print_json(explained_data(chosen)) if args.json else print(explained(chosen), end="")
+        print_json(explained_data(chosen)) if args.json else print(in_options(explained(chosen), args), end="")
         return 0
     _ask_for_files(args)
     refuse_existing(args)
@@ -196,7 +196,14 @@ def _one(solution: Solution, request: ExportRequest, notes: list[str], args: arg
 
     before = files_in(args.output)
     made = export_of(solution, controller(args.cnc), request)
-    save_export(made, args.output, overwrite=args.force, source=args.solution, command=args.command_line)
+    save_export(
+        made,
+        args.output,
+        overwrite=args.force,
+        source=args.solution,
+        command=args.command_line,
+        words=lambda text: in_options(text, args),
+    )
     if args.json:
         print_json(in_json(made))
     else:

@@ -132,7 +132,13 @@ def _tried(
     except InputError as error:
         words = in_options(str(error).removeprefix(f"{d.name}: "), args)
         return Outcome(d.name, REFUSED, words.replace("state it, as in ", f"state it, as in --option {d.name}."))
-    save_export(made, folder / d.name, source=args.solution, command=args.command_line)
+    save_export(
+        made,
+        folder / d.name,
+        source=args.solution,
+        command=args.command_line,
+        words=lambda text: in_options(text, args),
+    )
     return Outcome(d.name, WRITTEN, ", ".join(made.types), made)
 
 

@@ -207,6 +207,10 @@ class Controller(ABC):
         """What a table does where the reversal value beside it is set to 0; in the mean of both directions by default."""
         return table
 
+    def only_together(self, table: AxisTable, held: Compensation, options: Mapping[str, Any]) -> bool:
+        """Whether what a table does is seen with all others loaded alone, as where it is multiplied by another one."""
+        return table.factor is not None
+
     def recognises(self, name: str, content: str | bytes) -> bool:
         """Whether a file looks like one of this control; used where no control is named."""
         return False

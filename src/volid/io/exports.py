@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from volid.controllers.export import Export
@@ -24,6 +24,7 @@ def save_export(
     source: str | Path | None = None,
     command: Sequence[str] = (),
     predict: bool = True,
+    words: Callable[[str], str] = str,
 ) -> None:
     """The files of an export in a folder, with the commissioning sheet and the record.
 
@@ -34,6 +35,7 @@ def save_export(
         source: File of the solution, for the record.
         command: Words of the command line, for the record.
         predict: Whether the record says what is expected to remain, which takes some seconds.
+        words: How the sheet and the record name parameters; the command line turns them into its options.
 
     Raises:
         OutputError: the folder exists and `overwrite` is False, or it cannot be written.
@@ -46,7 +48,7 @@ def save_export(
     ['COMMISSIONING.md', 'RECORD.md', 'x.comp', 'z.comp']
     """
     texts = {SHEET: commissioning_sheet(made), RECORD: record_text(made, _origin(source, command), predict)}
-    contents = {f.name: f.content for f in made.written.files} | texts
+    contents = {f.name: f.content for f in made.written.files} | {name: words(text) for name, text in texts.items()}
     with atomic_folder(folder, overwrite) as place:
         for name, content in contents.items():
             (place / name).write_bytes(content.encode("utf-8") if isinstance(content, str) else content)

@@ -75,7 +75,7 @@ def test_a_product_is_checked_near_the_end_of_its_lever():
         0.004704,
         0.004704,
     )
-    assert check.is_product
+    assert check.is_together
     (line,) = [x for x in commissioning_sheet(made(axis_tables=(table,))).splitlines() if "[ ] table of EAY" in x]
     assert [cell.strip() for cell in line.strip("|").split("|")][4:] == ["-", "-", "+0.0047 mm"]
 

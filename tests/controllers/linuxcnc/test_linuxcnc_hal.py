@@ -45,7 +45,7 @@ def known(tmp_path_factory):
 
 
 def read(files, machine=MACHINE) -> Compensation:
-    return HAL.read(files, machine, {"coordinates": None, "unit": "mm"})
+    return HAL.read(files, machine, {"coordinates": None, "units": "mm"})
 
 
 def test_file_as_written_out_by_hand():
@@ -60,7 +60,7 @@ def test_file_as_written_out_by_hand():
 
 
 def test_inches_are_those_of_the_machine():
-    text = written(NAME, spatial(((0.0, 508.0), (0.0, 254.0), (-127.0, 0.0))), unit="inch")["l_vol.grid"]
+    text = written(NAME, spatial(((0.0, 508.0), (0.0, 254.0), (-127.0, 0.0))), units="inch")["l_vol.grid"]
     lines = numbers(text)
     assert lines[2:4] == ["tool 0 0 -5.90551181102", "unit inch"]
     assert lines[5:8] == ["nodes X 2 0 20", "nodes Y 2 0 10", "nodes Z 2 -5 0"]

@@ -12,6 +12,8 @@ from volid.compensation.package import Compensation
 from volid.compensation.tables.error_table import ErrorTable
 from volid.controllers import CONTROLS
 from volid.controllers.base import Job, options_of
+from volid.controllers.exported import write
+from volid.controllers.handover.sheet import checks_of
 from volid.exceptions import InputError
 
 NAME = "sinumerik-cec"
@@ -259,3 +261,13 @@ def test_what_volid_cannot_know_is_refused(old, new, message):
     assert old in PRODUCT
     with pytest.raises(InputError, match=message):
         read(PRODUCT.replace(old, new))
+
+
+@pytest.mark.parametrize(("multiplied", "together"), [("also", {True}), ("not", {True, False})])
+def test_plain_tables_beside_products_are_not_checked_alone(multiplied, together):
+    """By the manual the tables of a product act by themselves too, and the plain tables take that out again."""
+    both = levered().tables + crossed().tables
+    made = write(
+        CONTROLS[NAME], job(NAME, Compensation(("L-VOL",), both, ()), "error", multiplied=multiplied), ("L-VOL",)
+    )
+    assert {c.is_together for c in checks_of(made) if c.axis == "Y"} == together

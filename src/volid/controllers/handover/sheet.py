@@ -52,7 +52,7 @@ def checks_of(made: Export) -> tuple[SignCheck, ...]:
     if not both:
         plain = (made.controller.without_reversal_value(t, job.options) for t in held.axis_tables)
         held = replace(held, axis_tables=tuple(plain))
-    return sign_checks(held, job, both)
+    return sign_checks(held, job, both, lambda t: made.controller.only_together(t, made.held, job.options))
 
 
 def _files(made: Export) -> list[str]:
@@ -95,8 +95,11 @@ def _signs(made: Export) -> list[str]:
         ]
     if any(c.unit == "°" for c in checks):
         lines += ["", "At a distance of 100 mm from a rotary axis, 0.001° are 0.0017 mm at the indicator."]
-    if any(c.is_product for c in checks):
-        lines += ["", "A table that is multiplied by another one is seen with all of them loaded, never alone (-)."]
+    if any(c.is_together for c in checks):
+        lines += [
+            "",
+            "Tables that are multiplied, and those with them, are seen with all of them loaded, not alone (-).",
+        ]
     return [*lines, "", f"Tool vector of these numbers: {', '.join(f'{v:g}' for v in made.job.tool)} mm."]
 
 
@@ -126,7 +129,7 @@ def _row(machine: Machine, check: SignCheck) -> list[str]:
     side = "above (-)" if check.way < 0 else "below (+)"
     stands = f"{check.axis} {check.at[check.axis] + check.alone:.6f}"
     alone, together = (with_unit(machine, check.axis, v, sign=True) for v in (check.alone, check.together))
-    if check.is_product:
+    if check.is_together:
         alone, stands = "-", "-"
     return [f"[ ] {check.table}", place, side, check.axis, alone, stands, together]
 

@@ -9,7 +9,7 @@ An indicator at the axis, or the service display of the drive, must show the mot
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import NamedTuple
@@ -45,7 +45,7 @@ class SignCheck:
         alone: Its motion by this table alone [mm or °].
         together: Its motion with everything that is loaded [mm or °].
         unit: Unit of both.
-        is_product: Whether the table is multiplied by another one, so that only everything together can be seen.
+        is_together: Whether only everything together can be seen, as where a table is multiplied by another one.
     """
 
     table: str
@@ -55,27 +55,33 @@ class SignCheck:
     alone: float
     together: float
     unit: str = "mm"
-    is_product: bool = False
+    is_together: bool = False
 
     @property
     def is_small(self) -> bool:
         """Whether a dial indicator will hardly show it."""
-        return abs(self.together if self.is_product else self.alone) < SMALL[self.unit]
+        return abs(self.together if self.is_together else self.alone) < SMALL[self.unit]
 
 
-def sign_checks(made: Compensation, job: Job, both: bool = True) -> tuple[SignCheck, ...]:
+def sign_checks(
+    made: Compensation,
+    job: Job,
+    both: bool = True,
+    only_together: Callable[[AxisTable], bool] = lambda table: table.factor is not None,
+) -> tuple[SignCheck, ...]:
     """One point for each table, and one for each axis that a grid moves; what moves nothing has none.
 
     Args:
         made: What the control holds, as it was read back.
         job: The job that was written: machine, tool vector and lines.
         both: Whether tables hold both directions; else the mean of both is checked, without a reversal value beside the table.
+        only_together: Whether what a table does can be seen with all others loaded alone.
     """
     look = _Look(job, made.control(job.machine), (1.0, -1.0) if both else (0.0,))
     found: list[SignCheck] = []
     for t in made.axis_tables:
         checks = look.at(axis_table_words(t), Compensation((), (), (), (t,)), _on_table(job, t))
-        found += [replace(c, is_product=t.factor is not None) for c in checks]
+        found += [replace(c, is_together=only_together(t)) for c in checks]
     for e in (e for e in made.tables if e.axis != SPINDLE):
         found += look.at(f"table of {e.function} over {e.axis}", Compensation((), (e,), ()), _on_function(job, e))[:1]
     for g in made.grids:

@@ -86,7 +86,7 @@ DECLARATION = Declaration(
             None,
             _coordinates,
         ),
-        Option("unit", "mm or inch: LINEAR_UNITS of the INI file", "mm", _unit),
+        Option("units", "mm or inch: LINEAR_UNITS of the INI file", "mm", _unit),
     ),
     commissioning=Commissioning(
         backup=("Copy the INI file and all files that HALFILE names.",),
@@ -129,12 +129,12 @@ class LinuxCNCHal(Controller):
 
     def of_these_files(self, options: Mapping[str, Any]) -> Mapping[str, str]:
         """The machine unit."""
-        return {"units": f"{options['unit']}, positions and values"}
+        return {"units": f"{options['units']}, positions and values"}
 
     def write(self, job: Job) -> Written:
         """One .grid file per type, and volid_grid.hal. Raises `InputError` for what is no grid over X, Y, Z."""
         grids = _grids(job)
-        unit, files = job.options["unit"], []
+        unit, files = job.options["units"], []
         names = {label: f"{label.lower().replace('-', '_')}.grid" for label in _labels(grids)}
         for grid, name in zip(grids, names.values(), strict=True):
             held = HalGrid(grid.type, grid.tool, unit, nodes_of(grid), corrections_of(grid))
@@ -228,7 +228,7 @@ def _parameters(grids: tuple[Grid, ...], letters: str) -> tuple[tuple[str, str, 
 
 
 def _notes(job: Job, grids: tuple[Grid, ...]) -> tuple[str, ...]:
-    notes = [SHEET_IN_MM] if job.options["unit"] == INCHES else []
+    notes = [SHEET_IN_MM] if job.options["units"] == INCHES else []
     for grid in grids:
         tool = ", ".join(f"{v:g}" for v in grid.tool)
         turn = np.linalg.norm(grid.values[:, 3:], axis=1).max()

@@ -117,7 +117,8 @@ DECLARATION = Declaration(
     commissioning=Commissioning(
         backup=("Copy the INI file and all files that its COMP_FILE lines name.",),
         load=(
-            f"Copy the .comp files beside the INI file of the machine, and add the lines of {INI} to its [JOINT_n] sections.",
+            f"Copy the .comp files, where there are any, beside the INI file of the machine, and add the lines of {INI} to its "
+            "[JOINT_n] sections.",
             "Compare the numbers of the joints with coordinates= of the kinematics and with [TRAJ]COORDINATES. Without "
             "coordinates=, trivkins gives every letter of XYZABCUVW a joint, also those that the machine does not have.",
             "Leave the drives room beyond MAX_VELOCITY and MAX_ACCELERATION, a step generator by STEPGEN_MAXVEL and "

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from volid.compensation.package import Compensation
+from volid.compensation.tables.axis_table import AxisTable
 from volid.compensation.types import TABLES
 from volid.controllers.base import (
     COLUMNS,
@@ -186,6 +187,11 @@ class SinumerikCec(Controller):
             )
         file = ControlFile("nc_cec.ini", content, f"{len(entries)} tables")
         return Written((file,), tuple(parameters), tuple(_notes(entries, job)), 0.5e-9)
+
+    def only_together(self, table: AxisTable, held: Compensation, options: Mapping[str, Any]) -> bool:
+        """Beside products also the plain tables of the same output axis, which take the single values of the products out."""
+        products = {t.output for t in held.axis_tables if t.factor is not None}
+        return table.factor is not None or (options["multiplied"] == ALSO and table.output in products)
 
     def read(self, files: Mapping[str, str | bytes], machine: Machine, options: Mapping[str, Any]) -> Compensation:
         """Tables of axes, error values, that do what the numbered tables do. Raises `InputError` that names file and line."""
