@@ -92,7 +92,8 @@ def parsed(line: str, number: int, name: str) -> Block:
     if not code.isascii():
         sign = next(c for c in code if not c.isascii())
         raise InputError(
-            f"{name}, line {number}: '{sign}' is no sign of G-code outside a comment; expected plain letters and digits, such as X10.5"
+            f"{name}, line {number}: '{sign}' is no sign of G-code outside a comment; expected plain letters and digits, such "
+            "as X10.5"
         )
     code = code.upper()
     if code == "%":
