@@ -218,7 +218,7 @@ def _grids(solution: Solution, args: argparse.Namespace) -> tuple[tuple[AnyGrid,
 
         grids = tuple(with_intervals(solution, grid) for grid in grids)
     existing = existing_from(solution, args)
-    notes += existing_notes(solution, existing)
+    notes += existing_notes(solution, existing, args)
     angle = None if args.angle_increment is None else radians(args.angle_increment)
     summed = _superimposed(grids, existing, notes)
     return tuple(rounded_grid(g, args.increment, angle) for g in summed), notes

@@ -166,7 +166,7 @@ def _tables(solution: Solution, args: argparse.Namespace) -> tuple[tuple[ErrorTa
         refuse_extrapolation(solution, tables, base, ranges)
     notes += cut_notes(solution, ranges, [t.axis for t in tables])
     existing = existing_from(solution, args)
-    notes += existing_notes(solution, existing)
+    notes += existing_notes(solution, existing, args)
     return add_tables(tables, old_tables(solution.machine, existing)), notes
 
 
