@@ -56,16 +56,12 @@ def existing_from(solution: Solution, args: argparse.Namespace) -> tuple[Existin
     return (*found, *recorded)
 
 
-def existing_notes(
-    solution: Solution, existing: tuple[ExistingCompensation, ...], args: argparse.Namespace
-) -> list[str]:
-    """What a sum holds, what of the folders was left out, and what of the old compensation the model cannot describe."""
-    from volid.cli.left_over import left_out
+def existing_notes(solution: Solution, existing: tuple[ExistingCompensation, ...]) -> list[str]:
+    """What a sum holds, and what of the old compensation the model cannot describe."""
     from volid.controllers.existing.state import not_described, not_recorded
 
     return [
         *(f"sum with {e.words}" for e in existing),
-        *left_out(args.add_to, existing),
         *not_recorded(solution.campaign, existing),
         *not_described(solution, existing),
     ]
