@@ -150,3 +150,20 @@ def test_a_grid_without_rotations_is_for_its_tool(run, folder):
     words = [w if w != "0,0,-150" else "0,0,-200" for w in OPTIONS]
     status, _, errors = run("apply", "grid.csv", "part.nc", *words)
     assert status == 1 and "holds for the tool vector 0, 0, -150 mm alone" in errors and "with 0, 0, -200 mm" in errors
+
+
+def test_what_a_folder_holds_besides_is_named_and_not_hashed(run, folder):
+    """A damaged table of LinuxCNC beside a good one is not applied; nor is a table of LinuxCNC beside a grid of volid."""
+    for name, files in (("control", ("x.comp", "y.comp", "RECORD.md")), ("own", ("x.comp", "grid.csv"))):
+        (folder / name).mkdir()
+        for file in files:
+            text = {"grid.csv": GRID, "y.comp": "; y\n0 0 0\n"}.get(file, "0 0 0\n1000 1000.1 1000.1\n")
+            (folder / name / file).write_text(text)
+    words = (*OPTIONS, "--force")
+    status, output, _ = run("apply", "control", "part.nc", *words)
+    text = (folder / "out.nc").read_bytes().decode("cp1252")
+    assert status == 0 and "note: control: left out, because linuxcnc does not know them: y.comp\n" in output
+    assert "Y.COMP" not in text.upper().split("G21")[0]
+    status, output, _ = run("apply", "own", "part.nc", *words)
+    assert status == 0 and "note: own: left out, beside volid's own tables and grids: x.comp\n" in output
+    assert "left out" not in run("apply", "grid.csv", "part.nc", *words)[1]

@@ -62,7 +62,9 @@ def test_tables_on_top_of_existing_ones(files, run, tmp_path):
     path, _ = files["three-axis"]
     assert run("tables", path, "--type", "L-POS", "--step", "200", "-o", tmp_path / "old")[0] == 0
     command = ("tables", path, "--type", "L-POS", "--step", "100", "--add-to", tmp_path / "old", "-o", tmp_path / "sum")
-    assert run(*command)[0] == 0
+    (tmp_path / "old" / "x.comp").write_text("0 0 0\n1000 1000.01 1000.01\n")  # of another control: named, and no part
+    status, text, _ = run(*command)
+    assert status == 0 and "old: left out, beside volid's own tables and grids: x.comp\n" in text
     old, new = ({t.function: t for t in tables_in(tmp_path / f)} for f in ("old", "sum"))
     at = np.array([-400.0, -200.0, 0.0, 200.0])  # nodes of both
     np.testing.assert_allclose(new["EXX"].at(at, 0 * at), 2.0 * old["EXX"].at(at, 0 * at), atol=2e-9)

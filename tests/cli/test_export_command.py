@@ -136,6 +136,14 @@ def test_options_that_were_not_stated_are_so_in_the_record(solution, run, tmp_pa
     assert rows["option coordinates"] == "not stated" and rows["option units"] == "mm"
 
 
+def test_files_that_are_not_added_to_are_named(solution, run, tmp_path):
+    (tmp_path / "old").mkdir()
+    (tmp_path / "old" / "x.comp").write_text("0 0 0\n1000 1000.01 1000.01\n")
+    (tmp_path / "old" / "z.comp").write_text("; z\n0 0 0\n")
+    text = run("export", solution, "--cnc", "linuxcnc", "--add-to", tmp_path / "old", "-o", tmp_path / "c")[1]
+    assert "old: left out, because linuxcnc does not know them: z.comp\n" in text
+
+
 def test_the_sign_of_existing_files_is_asked_for_by_its_own_option(solution, run, tmp_path):
     (tmp_path / "cec.ini").write_text("$AN_CEC[0,0]=0\n")
     words = ("--cnc", "sinumerik-cec", "--sign", "error", "--add-to", tmp_path / "cec.ini", "-o", tmp_path / "c")

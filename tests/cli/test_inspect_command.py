@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from support.control_cases import crossed, levered, written
 
 import volid
 from volid.cli import main
@@ -201,3 +202,21 @@ def test_a_grid_without_a_tool_vector_is_not_said_to_be_for_one(tmp_path, capsys
     _, out, _ = run(capsys, "inspect", tmp_path / "vol.csv", "--cnc", "isg-volcomp", "--machine", MACHINE)
     words = " ".join(out.split())
     assert "without a tool vector: the same values with every tool" in words and "0, 0, 0" not in words
+
+
+@pytest.mark.parametrize(
+    ("multiplied", "said"),
+    [
+        ("also", "plain tables and tables of products were combined as the control adds them"),
+        ("not", "were read as one"),
+    ],
+)
+def test_products_are_said_to_differ_from_the_list_of_the_file(tmp_path, capsys, multiplied, said):
+    text = written("sinumerik-cec", levered(), "error", multiplied=multiplied)["nc_cec.ini"]
+    words = ("--cnc", "sinumerik-cec", "--sign", "error", "--option", f"multiplied={multiplied}", "--machine", MACHINE)
+    (tmp_path / "p.ini").write_text(text)
+    notes = " ".join(run(capsys, "inspect", tmp_path / "p.ini", *words)[1].partition("notes")[2].split())
+    assert said in notes and notes.count("differ from the list in the file") == 1
+    assert said in json.loads(run(capsys, "inspect", tmp_path / "p.ini", *words, "--json")[1])["notes"][0]
+    (tmp_path / "p.ini").write_text(written("sinumerik-cec", crossed(), "error", multiplied=multiplied)["nc_cec.ini"])
+    assert "differ from the list" not in " ".join(run(capsys, "inspect", tmp_path / "p.ini", *words)[1].split())

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import argparse
 import re
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from volid.cli.common import add_output, check_figure, check_output, conclude, explain, print_json, tell, write_figure
 from volid.cli.control_options import add_files_of
+from volid.cli.left_over import left_out
 from volid.cli.numbers import count, finite, number, tool_vector, vector
 from volid.cli.progress import Progress
 
 if TYPE_CHECKING:
     from volid.compensation.control import Control
+    from volid.controllers.existing.reading import ExistingCompensation
     from volid.controllers.programs.program import CorrectedProgram
     from volid.controllers.programs.setting import ProgramSetting
 
@@ -106,9 +109,14 @@ def run(args: argparse.Namespace) -> int:
         from volid.controllers.programs.program import apply_to_program
         from volid.io.programs import read_program, save_program
 
-        control, program, setting = _control(args), read_program(args.program), _setting(args)
+        (control, held), program, setting = _control(args), read_program(args.program), _setting(args)
         made = apply_to_program(
-            control, program.text, setting, name=args.program, header=_header(args, control, setting), progress=progress
+            control,
+            program.text,
+            setting,
+            name=args.program,
+            header=_header(args, held, control.active, setting),
+            progress=progress,
         )
         progress("writing")
         save_program(made.text, args.output, program, overwrite=args.force)
@@ -116,6 +124,7 @@ def run(args: argparse.Namespace) -> int:
             progress("drawing")
             _draw(made, args)
     _say(made, args)
+    tell(args, left_out([args.grid], held))
     odd = [*control.corrected_twice, *_for_another_tool(control, setting)]
     return conclude(args, [*odd, *([] if args.allow_beyond else _beyond(made))])
 
@@ -164,23 +173,24 @@ def _for_another_tool(control: Control, setting: ProgramSetting) -> list[str]:
     return found
 
 
-def _control(args: argparse.Namespace) -> Control:
-    """The compensation, on the machine that is named or on plain axes."""
+def _control(args: argparse.Namespace) -> tuple[Control, tuple[ExistingCompensation, ...]]:
+    """The compensation, on the machine that is named or on plain axes, and the files that it is from."""
     from volid.controllers.programs.program import plain_machine
     from volid.exceptions import InputError
-    from volid.io.compensations import load_control
+    from volid.io.compensations import control_of
+    from volid.io.control_files import existing_of
     from volid.io.machines import read_machine
 
     machine = plain_machine() if args.machine is None else read_machine(args.machine)
-    of = {"cnc": args.cnc, "sign": args.sign, "control_options": dict(args.option)}
-    control = load_control(machine, [args.grid], **of)
+    held = existing_of(machine, [args.grid], args.cnc, sign=args.sign, options=dict(args.option))
+    control = control_of(machine, held)
     if not (control.tables or control.grids or control.axis_tables):
         raise InputError(f"{args.grid}: holds no table or grid (*.csv, *.h5); expected at least one")
     if control.tables and args.machine is None:
         raise InputError(
             f"{args.grid}: holds the table of {control.tables[0].function}, which acts through the chain; state `machine`"
         )
-    return control
+    return control, held
 
 
 def _setting(args: argparse.Namespace) -> ProgramSetting:
@@ -203,7 +213,9 @@ def _setting(args: argparse.Namespace) -> ProgramSetting:
     )
 
 
-def _header(args: argparse.Namespace, control: Control, setting: ProgramSetting) -> list[str]:
+def _header(
+    args: argparse.Namespace, held: Sequence[ExistingCompensation], active: Sequence[str], setting: ProgramSetting
+) -> list[str]:
     """What was done with what, for the first lines of the program."""
     from pathlib import Path
 
@@ -215,11 +227,9 @@ def _header(args: argparse.Namespace, control: Control, setting: ProgramSetting)
     tools |= {f"T{n}": v for n, v in setting.tools.items()}
     words = [f"volid {version()} apply, chord {setting.chord:g} mm, original {Path(args.program).name}"]
     words += [f"sha256 {sha256(args.program)[:32]}", f"compensation {Path(args.grid).name}"]
-    files = (
-        [Path(args.grid)] if Path(args.grid).is_file() else sorted(f for f in Path(args.grid).iterdir() if f.is_file())
-    )
+    files = sorted(Path(name) for e in held for name in e.files)
     words += [f"{'sha256' if len(files) == 1 else f.name} {sha256(f)[:32]}" for f in files]
-    words += [text[:200] for text in control.active]
+    words += [text[:200] for text in active]
     words += [f"offset {name} {vector_words(v)}" for name, v in setting.offsets.items()]
     words += ["corrections count from those at the origins, which were touched"] if setting.touched else []
     words += [f"tool {name} {vector_words(v)}" for name, v in tools.items()]

@@ -19,7 +19,7 @@ from volid.cli.compensation_options import (
     sampling_of,
 )
 from volid.cli.existing_options import add_existing, existing_from
-from volid.cli.left_over import files_in, left_over
+from volid.cli.left_over import files_in, left_out, left_over
 from volid.cli.numbers import add_unusual, count
 from volid.cli.progress import Progress
 
@@ -122,6 +122,7 @@ def run(args: argparse.Namespace) -> int:
         solution, notes = prepared(solution, args, [tool])
         notes += _not_stated(solution)
         request = request_from(solution, args, tool)
+        notes += left_out(args.add_to, request.add_to)
         if args.cnc == ALL:
             return export_all(solution, request, notes, args, progress)
         progress("making the files")

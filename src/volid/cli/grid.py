@@ -33,6 +33,7 @@ from volid.cli.compensation_options import (
 )
 from volid.cli.existing_options import add_existing, existing_from, existing_notes, old_grids
 from volid.cli.grid_messages import LINEAR, ROTARY, described, messages_of, reversal_lines
+from volid.cli.left_over import left_out
 from volid.cli.numbers import add_unusual, count, place
 from volid.cli.progress import Progress
 
@@ -218,7 +219,7 @@ def _grids(solution: Solution, args: argparse.Namespace) -> tuple[tuple[AnyGrid,
 
         grids = tuple(with_intervals(solution, grid) for grid in grids)
     existing = existing_from(solution, args)
-    notes += existing_notes(solution, existing)
+    notes += [*existing_notes(solution, existing), *left_out(args.add_to, existing)]
     angle = None if args.angle_increment is None else radians(args.angle_increment)
     summed = _superimposed(grids, existing, notes)
     return tuple(rounded_grid(g, args.increment, angle) for g in summed), notes

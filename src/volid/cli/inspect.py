@@ -19,6 +19,7 @@ from volid.cli.common import (
 )
 from volid.cli.compensation_options import ByAxis, assignments
 from volid.cli.control_options import add_files_of, in_words_of, one_option
+from volid.cli.left_over import left_out
 from volid.cli.numbers import tool_vector
 
 if TYPE_CHECKING:
@@ -96,7 +97,7 @@ def run(args: argparse.Namespace) -> int:
         _values(found, args)
     made = _convert(found, args) if args.to else None
     _say(found, made, args)
-    tell(args, _left_out(found, args))
+    tell(args, left_out(args.files, [found]))
     return conclude(args, oddities(found))
 
 
@@ -175,25 +176,6 @@ def _made_up(found: ExistingCompensation, args: argparse.Namespace) -> list[str]
         f"no machine was given, and no table is over {', '.join(unknown)}: positions of it in the commissioning sheet are made "
         "up; with `machine` they lie within its travel"
     ]
-
-
-def _left_out(found: ExistingCompensation, args: argparse.Namespace) -> list[str]:
-    """Files of controls in the folders that were named, which are no part of this compensation, and others of the same kind."""
-    from pathlib import Path
-
-    from volid.controllers import CONTROLS
-    from volid.exceptions import cut
-
-    read = {Path(name).resolve() for name in found.files}
-    kinds = {p.suffix for p in read}
-    inside = [p for f in args.files if Path(f).is_dir() for p in sorted(Path(f).iterdir()) if p.is_file()]
-    others = [p for p in inside if p.resolve() not in read]
-    names = [
-        p.name
-        for p in others
-        if p.suffix in kinds or any(c.recognises(p.name, p.read_bytes()) for c in CONTROLS.values())
-    ]
-    return [f"left out, because {found.cnc} does not know them: {cut(', '.join(names), 200)}"] if names else []
 
 
 def _say(found: ExistingCompensation, made: Export | None, args: argparse.Namespace) -> None:

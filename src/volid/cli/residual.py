@@ -33,6 +33,7 @@ from volid.cli.compensation_options import (
     scatter,
 )
 from volid.cli.control_options import add_control_limits, add_files_of, control_limits, in_words_of
+from volid.cli.left_over import left_out
 from volid.cli.numbers import add_unusual, count, number, seed, tool_vector
 from volid.cli.progress import Progress
 
@@ -221,7 +222,7 @@ def _loaded(solution: Solution, args: argparse.Namespace) -> tuple[dict[str, Com
     names = ", ".join(dict.fromkeys(n.rsplit("/", 1)[-1] for e in held for n in e.files))
     whole = reduce(add_compensations, (e.compensation for e in held))
     made, notes = in_place(whole, held, recorded_compensations(solution.campaign))
-    return {names: made}, notes
+    return {names: made}, [*notes, *left_out(args.compensation, held)]
 
 
 def _judged(solution: Solution, args: argparse.Namespace) -> Solution:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from volid.cli.common import HDF5, add_allow_outside, add_output, check_output, conclude, explain, print_json, tell
 from volid.cli.control_options import add_control, control_from, loaded_files
+from volid.cli.left_over import left_out
 from volid.cli.numbers import add_unusual, seed
 from volid.cli.progress import Progress
 
@@ -81,7 +82,9 @@ def run(args: argparse.Namespace) -> int:
         campaign, truth = simulate(plan, truth, seed=args.seed, control=control)
         notes = _not_loaded(plan, args)
         if control is not None:
-            campaign = with_loaded(campaign, control, loaded_files(args, machine))
+            loaded = loaded_files(args, machine)
+            campaign = with_loaded(campaign, control, loaded)
+            notes += left_out(args.compensation, loaded)
         warnings = (*check_campaign(campaign), *([] if control is None else control.corrected_twice))
     write_simulation(campaign, truth, *paths, overwrite=args.force)
     if args.json:

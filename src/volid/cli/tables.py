@@ -28,6 +28,7 @@ from volid.cli.compensation_options import (
     sampling_of,
 )
 from volid.cli.existing_options import add_existing, existing_from, existing_notes, old_tables
+from volid.cli.left_over import left_out
 from volid.cli.numbers import add_unusual
 from volid.cli.progress import Progress
 
@@ -166,7 +167,7 @@ def _tables(solution: Solution, args: argparse.Namespace) -> tuple[tuple[ErrorTa
         refuse_extrapolation(solution, tables, base, ranges)
     notes += cut_notes(solution, ranges, [t.axis for t in tables])
     existing = existing_from(solution, args)
-    notes += existing_notes(solution, existing)
+    notes += [*existing_notes(solution, existing), *left_out(args.add_to, existing)]
     return add_tables(tables, old_tables(solution.machine, existing)), notes
 
 

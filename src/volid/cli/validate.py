@@ -16,10 +16,12 @@ from volid.cli.common import (
     in_options,
     named_by,
     print_json,
+    tell,
     usable_solution,
     write_figure,
 )
-from volid.cli.control_options import add_control, control_from
+from volid.cli.control_options import add_control, control_from, loaded_files
+from volid.cli.left_over import left_out
 from volid.cli.numbers import add_unusual, number
 from volid.cli.progress import Progress
 
@@ -92,7 +94,9 @@ def run(args: argparse.Namespace) -> int:
             level=args.level,
             extrapolate=args.extrapolate,
         )
+        loaded = loaded_files(args, solution.campaign.machine) if args.compensation else ()
         _write(found, args)
+    tell(args, left_out(args.compensation, loaded))
     return _say(found, args)
 
 

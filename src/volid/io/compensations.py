@@ -8,6 +8,7 @@ from typing import Any
 
 from volid.compensation.control import Control
 from volid.compensation.package import Compensation
+from volid.controllers.existing.reading import ExistingCompensation
 from volid.fitting.solution import Solution
 from volid.io.basics.atomic import atomic_folder
 from volid.io.control_files import existing_of
@@ -95,6 +96,11 @@ def load_control(
     >>> [table.function for table in volid.load_control(solution.machine, [folder]).tables]
     ['EAA', 'ECC']
     """
-    held = existing_of(machine, paths, cnc, sign=sign, options=control_options)
+    return control_of(machine, existing_of(machine, paths, cnc, sign=sign, options=control_options), **options)
+
+
+def control_of(machine: Machine, held: Iterable[ExistingCompensation], **options: Any) -> Control:
+    """A simulated control that holds existing compensations together; `options`: those of `Control`."""
+    held = tuple(held)
     tables, grids, by_axis = ([x for e in held for x in getattr(e.compensation, kind)] for kind in _KINDS)
     return Control(machine, tuple(tables), tuple(grids), axis_tables=tuple(by_axis), **options)

@@ -24,7 +24,7 @@ from volid.exceptions import InputError
 from volid.io.basics.encodings import read_bytes
 from volid.io.exports import RECORD, SHEET
 from volid.io.machines import parse_machine
-from volid.io.own_files import is_own, own_compensation
+from volid.io.own_files import is_own, own_compensation, own_paths
 from volid.model.machine import Machine
 
 _LETTERS = "XYZABC"
@@ -148,7 +148,7 @@ def recorded_compensations(campaign: Campaign) -> tuple[ExistingCompensation, ..
 
 def _own(paths: tuple[Path, ...], machine: Machine | None) -> ExistingCompensation:
     """Tables and grids of volid."""
-    files = {p.as_posix(): read_bytes(p) for p in (q for path in paths for q in _in_folder(path))}
+    files = {p.as_posix(): read_bytes(p) for p in own_paths(paths)}
     if machine is not None:
         return ExistingCompensation(OWN, machine, own_compensation(machine, paths), files)
     made = own_compensation(_plain(_LETTERS, _WIDE), paths)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from math import isfinite, prod
 from pathlib import Path
@@ -21,11 +20,10 @@ from volid.io.basics.hdf5_values import is_hdf5, reading
 from volid.io.functions_csv import OUTSIDE, read_flags
 from volid.io.grids import COLUMNS, FORMAT, INTERVAL_COLUMNS, U_COLUMNS
 from volid.io.layouts import grid_record, is_as_printed, plain_names
-from volid.io.record import SIGN, notes_of, read_header, require_keys
+from volid.io.record import SIGN, notes_of, read_header, require_keys, units_named
 from volid.model.iso230 import LINEAR_AXES, ROTARY_AXES
 
 _ROTARY = "R-VOL"
-_OTHER_UNITS = re.compile(r"\b([munµμ]?m|cm|in|inch|inches|mil|[munµμ]?rad|arcsec|arcmin)\b")  # mm is among them
 _NAMED = ("type", "values", "frame", "datum")
 
 
@@ -116,7 +114,7 @@ def _check_header(path: str, header: Mapping[str, str], rotary: bool) -> None:
         raise InputError(f"{path}: format is '{header['format']}'; this volid reads '{FORMAT}'")
     if header["values"] not in SIGN:
         raise InputError(f"{path}: values are '{header['values']}'; expected {' or '.join(SIGN)}")
-    if other := [unit for unit in _OTHER_UNITS.findall(header.get("units", "")) if unit != "mm"]:
+    if other := [unit for unit in units_named(header) if unit != "mm"]:
         raise InputError(
             f"{path}: units name '{other[0]}'; a grid is read in mm and degrees: convert its columns, and say so there"
         )

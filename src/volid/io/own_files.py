@@ -44,7 +44,7 @@ def _says_so(path: Path) -> bool:
 def own_compensation(machine: Machine, paths: Iterable[str | Path]) -> Compensation:
     """Tables and grids of volid's own files and of folders of them. Raises `InputError` as `volid.load_control` does."""
     tables, grids = [], []
-    for path in _files(paths):
+    for path in own_paths(paths):
         kind = GRID_FORMAT if is_hdf5(path) else _format(path)
         if kind == TABLE_FORMAT:
             tables.append(_table_of(path, machine))
@@ -84,7 +84,8 @@ def _require_axes(path: Path, machine: Machine, what: str, axes: Iterable[str]) 
         )
 
 
-def _files(paths: Iterable[str | Path]) -> list[Path]:
+def own_paths(paths: Iterable[str | Path]) -> list[Path]:
+    """The files that are read: those that are named, and of folders those with the endings of tables and grids."""
     found: list[Path] = []
     for path in map(Path, paths):
         found += sorted(p for p in path.iterdir() if p.suffix.lower() in _ENDINGS) if path.is_dir() else [path]

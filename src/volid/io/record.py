@@ -17,6 +17,7 @@ from volid.io.basics.encodings import decode, read_bytes
 from volid.io.functions_csv import REJECTED, source_lines
 
 ERROR, COMPENSATION = "error", "compensation"
+_UNITS = re.compile(r"\b([munµμ]?m|cm|in(?!\s+[\w°])|inch|inches|mil|[munµμ]?rad|arcsec|arcmin)\b")
 SIGN = {ERROR: 1.0, COMPENSATION: -1.0}  # of written values, for error values in memory
 _SIGN_IN_WORDS = {
     ERROR: "error value = actual - nominal; the compensation value is minus it",
@@ -60,6 +61,15 @@ def _unpadded(line: str) -> str:
 def notes_of(header: Mapping[str, str]) -> tuple[str, ...]:
     """The notes of a header, in order."""
     return tuple(text for key, text in header.items() if re.fullmatch(r"note \d+", key))
+
+
+def units_named(header: Mapping[str, str]) -> list[str]:
+    """Units of lengths and angles that the line "# units" of a record names, without degrees.
+
+    >>> units_named({"units": "X mm; EXX µm, all in words"})
+    ['mm', 'µm']
+    """
+    return _UNITS.findall(header.get("units", ""))
 
 
 def require_keys(path: str | Path, header: Mapping[str, str], keys: Sequence[str], what: str) -> None:

@@ -12,9 +12,10 @@ import numpy as np
 from volid.compensation.tables.error_table import ITSELF, MODEL, ErrorTable, added_in_minus
 from volid.exceptions import InputError
 from volid.io.basics.csv_table import CsvTable, read_csv
+from volid.io.basics.units import spelled
 from volid.io.functions_csv import OUTSIDE, read_flags
 from volid.io.layouts import table_record
-from volid.io.record import SIGN, notes_of, read_header, require_keys
+from volid.io.record import SIGN, notes_of, read_header, require_keys, units_named
 from volid.io.tables import ABSOLUTE, FORMAT, INCREMENTAL
 from volid.model.iso230 import parse
 
@@ -49,6 +50,7 @@ def read_table(path: str | Path) -> ErrorTable:
     _expect(path, header, "applied", (MODEL, ITSELF))
     name = header["function"]
     axis = _axis_of(name, path)
+    _check_units(path, header, table, name)
     positions = table.numbers(*_required(table, axis), "mm or degrees", "every row has a position")  # type: ignore[arg-type]
     if np.any(np.diff(positions) <= 0):
         i = int(np.argmax(np.diff(positions) <= 0)) + 1
@@ -85,6 +87,19 @@ def _axis_of(name: str, path: str | Path) -> str:
         return parse(name).axis
     except InputError as error:
         raise InputError(f"{path}: function: {error}") from None
+
+
+def _check_units(path: str | Path, header: Mapping[str, str], table: CsvTable, name: str) -> None:
+    """Raises `InputError` where the line "# units" names another unit than that of the values, and no column has it."""
+    wanted, stated = parse(name).unit, {None, *table.units.values()}
+    beside = re.findall(rf"\b{name}(?:\([+-]\))?\s+(mm|rad|deg|degrees|°)(?!\w)", header.get("units", ""))
+    named = [u for u in units_named(header) if u not in ("mm", "rad")] + [u for u in beside if u != wanted]
+    other = [u for u in named if (spelled(u) or u) not in stated]
+    if other:
+        raise InputError(
+            f"{path}: units name '{other[0]}'; {name} is read in {wanted}: convert its columns, and say so there, or put the "
+            f"unit into the name of the column, such as {name} [{other[0]}]"
+        )
 
 
 def _number(text: str, key: str, header: Mapping[str, str], path: str | Path) -> float:

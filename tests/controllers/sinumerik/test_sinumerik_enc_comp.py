@@ -152,3 +152,16 @@ def test_what_the_control_would_not_take_is_refused_with_its_line(old, new, mess
     assert old in text
     with pytest.raises(InputError, match=message):
         read({"a.ini": text.replace(old, new)})
+
+
+@pytest.mark.parametrize("order", [slice(None), slice(None, None, -1)], ids=["comment behind", "comment before"])
+@pytest.mark.parametrize("axis", ["X1", "x1"])
+def test_an_assigned_backlash_wins_over_the_comment(order, axis):
+    """5 µm are assigned, 2.667 µm stand in a comment of the file: the table lags by half of 5 µm on either side of its mean."""
+    text = written(NAME, pitch())["x_eec.ini"]
+    comment = "; MD32450 $MA_BACKLASH[0,X1]=0.002666667\n"
+    assert comment in text
+    lines = [comment, f"$MA_BACKLASH[0,{axis}]=0.005\n"][order]
+    (table,) = read({"x.ini": text.replace(comment, "".join(lines))}).axis_tables
+    np.testing.assert_allclose(table.forward, [-0.0015, 0.009, -0.005], atol=1e-9)
+    np.testing.assert_allclose(table.reverse, [0.0035, 0.014, 0.0], atol=1e-9)

@@ -35,6 +35,7 @@ from volid.controllers.base import (
     text_of,
 )
 from volid.controllers.tables.lists import list_text, read_list, same_sign, the_list
+from volid.controllers.turning import refuse_turning
 from volid.exceptions import InputError
 from volid.model.iso230 import LINEAR_AXES
 from volid.model.jacobian import axis_directions
@@ -96,6 +97,7 @@ class Fanuc3D(Controller):
     def write(self, job: Job) -> Written:
         """The list. Raises `InputError` for anything but one even grid over X, Y and Z."""
         grid = _only(job.compensation)
+        refuse_turning(DECLARATION.name, job.machine)
         quantum = job.options["detection_unit"] * job.options["magnification"]
         wanted = job.factor * _along_axes(job.machine, grid.values[:, :3]) / quantum
         held = np.rint(wanted).astype(np.int64)

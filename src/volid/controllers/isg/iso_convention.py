@@ -166,10 +166,8 @@ def table_axes(machine: Machine) -> tuple[str, ...]:
     if machine.letters[: len(found)] != found:
         raise InputError(
             f"machine '{machine.name}' [{machine.structure.strip().strip('[]')}]: a linear axis stands between "
-            f"workpiece and rotary "
-            "table; public sources do not say in which directions the control then counts X, Y and Z. Take "
-            "spatial grids, or "
-            "tables of the axes"
+            "workpiece and rotary table; public sources do not say in which directions the control then counts X, Y and Z. "
+            "heidenhain-kinematicscomp and csv carry tables of error functions there"
         )
     return found
 

@@ -57,6 +57,7 @@ from volid.controllers.isg.volcomp_files import (
     plain,
     tool_notes,
 )
+from volid.controllers.turning import refuse_turning
 from volid.exceptions import InputError
 from volid.model.machine import Machine
 
@@ -212,6 +213,8 @@ class IsgVolcomp(Controller):
                 "isg-volcomp: tables of single axes do not go through its kinematic model; isg-ssfk carries them"
             )
         refuse_turns("isg-volcomp", made.tables, "isg-ssfk carries R-POS")
+        if made.grids:
+            refuse_turning("isg-volcomp", machine)
         convention = Convention(machine, job.options["table_errors"])
         blocks = [grid_block(g) for g in made.grids]
         notes = [n for g in made.grids for n in grid_notes(g)]

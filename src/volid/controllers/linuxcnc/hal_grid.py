@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from volid.compensation.grids.grid import Grid
-from volid.compensation.grids.sides import turning_linear_axes
 from volid.compensation.package import Compensation
 from volid.compensation.types import GRID
 from volid.controllers.base import (
@@ -40,6 +39,7 @@ from volid.controllers.linuxcnc.hal.text import FORMAT, MOST, TYPES, UNITS, HalG
 from volid.controllers.linuxcnc.hal.values import corrections_of, for_tool, grid_of, nodes_of, steepest
 from volid.controllers.linuxcnc.hal.wiring import wiring
 from volid.controllers.linuxcnc.joints.ini import INCHES, SHEET_IN_MM
+from volid.controllers.turning import refuse_turning
 from volid.exceptions import InputError
 from volid.model.iso230 import LINEAR_AXES
 from volid.model.machine import Machine
@@ -176,12 +176,7 @@ def _grids(job: Job) -> tuple[Grid, ...]:
     others += [f"the {g.type} grid over {', '.join(g.axes)}" for g in made.grids if not isinstance(g, Grid)]
     if others or not grids:
         raise InputError(f"{NAME}: {', '.join(others) or 'nothing'}: no grid over X, Y, Z; {DECLARATION.nearest}")
-    turning = turning_linear_axes(job.machine)
-    if turning:
-        raise InputError(
-            f"{NAME}: {', '.join(turning)} of '{job.machine.structure}' turn with a rotary axis; a grid in HAL moves each joint "
-            "by machine directions and does not turn the corrections"
-        )
+    refuse_turning(NAME, job.machine)
     for grid in grids:
         if len(grid.values) > MOST:
             raise InputError(

@@ -14,6 +14,7 @@ from volid.controllers.programs.words import Block
 from volid.exceptions import InputError
 
 _WANTED = {"P": (40, 640, 20, 30), "Q": (640,), "H": (430,)}  # codes with which a word may stand
+_NUMBERS = {"T": "a tool", "H": "a tool length"}  # whole ones
 _Q_M, _CHANGE = 61.0, 6.0  # M61 Q: the tool in the spindle; M6: change of tools
 
 
@@ -54,8 +55,20 @@ def check_words(block: Block, found: Mapping[str, int | None], where: str, passi
         elif letter != "G" and letter in seen:
             raise InputError(f"{where}: there are two words {letter}; write one")
         seen.add(letter)
+    _check_whole(block, where)
     if not any(w.letter == "M" and w.value in passing for w in block.words):
         _check_company(block, found, where)
+
+
+def _check_whole(block: Block, where: str) -> None:
+    """Raises `InputError` for the number of a tool or of its length that is not whole, or negative."""
+    changed = any(w.letter == "M" and w.value == _Q_M for w in block.words)
+    numbers = {**_NUMBERS, "Q": "a tool"} if changed else _NUMBERS
+    for letter, value, text in block.words:
+        if letter in numbers and (value != int(value) or value < 0):
+            raise InputError(
+                f"{where}: {text} is no number of {numbers[letter]}; expected a whole one, such as {letter}1"
+            )
 
 
 def _check_company(block: Block, found: Mapping[str, int | None], where: str) -> None:

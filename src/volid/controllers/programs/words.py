@@ -14,7 +14,7 @@ from volid.exceptions import InputError
 
 _LARGEST = 1e9  # of a number: beyond any machine, and within what coordinates can be rounded to
 _COMMENT = re.compile(r"\([^()]*\)|;.*")
-_WORD = re.compile(r"([A-Z])([+-]?(?:\d+\.?\d*|\.\d+))")
+_WORD = re.compile(r"([A-Z])([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))")
 _STRANGE = {
     "#": "a variable, whose value is known only while the program runs",
     "=": "an assignment, whose value is known only while the program runs",
@@ -88,7 +88,14 @@ def parsed(line: str, number: int, name: str) -> Block:
     if "(" in line or ";" in line:
         comments = tuple(_COMMENT.findall(line))
         code = _COMMENT.sub(" ", line)
-    code = "".join(code.split()).upper()
+    code = "".join(code.split())
+    if not code.isascii():
+        sign = next(c for c in code if not c.isascii())
+        raise InputError(
+            f"{name}, line {number}: '{sign}' is no sign of G-code outside a comment; expected plain letters and digits, such "
+            "as X10.5"
+        )
+    code = code.upper()
     if code == "%":
         return Block(number, line, (), comments, percent=True)
     deleted = code.startswith("/")

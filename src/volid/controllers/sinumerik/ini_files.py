@@ -2,7 +2,8 @@
 
 A file is a list of assignments such as `$AA_ENC_COMP[0,1,X1]=0.010 ; comment`, which the control carries out one after the
 other: what is assigned twice has its last value, and what is not assigned keeps what it was. Machine data that a person sets by
-hand stand in comments of the form `; MD32450 $MA_BACKLASH[0,X1]=0.003`, and are read too.
+hand stand in comments of the form `; MD32450 $MA_BACKLASH[0,X1]=0.003`, and are read too, except where the files assign them:
+the control carries out the assignment, whether it stands before or behind the comment.
 """
 
 from __future__ import annotations
@@ -36,12 +37,19 @@ AXES = Option(
 
 @dataclass(frozen=True)
 class Setting:
-    """One assignment. `where`: file and line, for messages."""
+    """One assignment. `where`: file and line, for messages. `by_hand`: whether it is a comment for a person."""
 
     name: str
     index: tuple[str, ...]
     value: str
     where: str
+    by_hand: bool = False
+
+    @property
+    def place(self) -> tuple[str, ...]:
+        """Name and index, however they are written."""
+        plain = (part.strip(" ()\"'") for part in self.index)
+        return (self.name, *(str(int(part)) if part.isdecimal() else part for part in plain))
 
     @property
     def number(self) -> float:
@@ -72,13 +80,17 @@ class Setting:
 
 
 def settings(files: Mapping[str, str | bytes]) -> list[Setting]:
-    """All assignments of the files, in order. Raises `InputError` for a line that is none, and for files without any."""
+    """All assignments of the files, in order; comments for a person where nothing assigns the same.
+
+    Raises `InputError` for a line that is none, and for files without any.
+    """
     found = [s for name, content in files.items() for s in _of_file(name, text_of(name, content))]
     if not found:
         raise InputError(
             f"{', '.join(files)}: no system variable is assigned; expected lines such as $AN_CEC[0,0]=0.01"
         )
-    return found
+    assigned = {s.place for s in found if not s.by_hand}
+    return [s for s in found if not (s.by_hand and s.place in assigned)]
 
 
 def _of_file(name: str, text: str) -> Iterable[Setting]:
@@ -88,7 +100,8 @@ def _of_file(name: str, text: str) -> Iterable[Setting]:
         match = _SETTING.fullmatch(body)
         if match:
             index = tuple(part.strip().upper() for part in match.group(2).split(","))
-            yield Setting(match.group(1).upper(), index, match.group(3).strip(), f"{name}, line {number}")
+            where = f"{name}, line {number}"
+            yield Setting(match.group(1).upper(), index, match.group(3).strip(), where, by_hand is not None)
         elif not _PASSED.fullmatch(body):
             raise InputError(
                 f"{name}, line {number}: '{body}' is no assignment of a system variable; expected a line such as "

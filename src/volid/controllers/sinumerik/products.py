@@ -25,6 +25,14 @@ from volid.model.machine import Axis, Machine
 UNIT = 10_000.0  # mm of lever arm that a ramp value of 1 stands for
 STRAIGHT = 1e-6  # share of the largest value by which a ramp may be bent
 NOTHING = 2e-9  # mm or °: two roundings of a file
+ADDED = (
+    "plain tables and tables of products were combined as the control adds them, with lever arms in mm, so that tables and "
+    "values differ from the list in the file"
+)
+ALONE = (
+    "the two tables of each product were read as one, with its lever arm in mm, so that tables and values differ from the "
+    "list in the file"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,7 +173,8 @@ def tables_of(entries: Mapping[int, Entry], machine: Machine, meaning: Meaning) 
         for t in gathered(own)
         if in_degrees(machine.axis(t.output)) * max(np.abs(t.forward).max(), np.abs(t.reverse).max()) > NOTHING
     ]
-    return (*plain, *gathered(products))
+    said = (ADDED if meaning.added else ALONE,)
+    return (*plain, *(replace(t, notes=said) for t in gathered(products)))
 
 
 def _table(e: Entry, machine: Machine, meaning: Meaning) -> AxisTable:

@@ -34,8 +34,11 @@ def inspection_lines(found: ExistingCompensation, name: str) -> list[str]:
     if rows := [_row(look) for look in looks(found)]:
         lines += table(["table", "points", "from", "to", "step", "largest", "at", "B mean", "B max", ""], rows, right=1)
     lines += [line for g in found.compensation.grids for line in paragraph(_grid_words(g))]
-    notes = dict.fromkeys(n for t in _parts(found) for n in t.notes)
-    return [*lines, *bullets("beyond the tables", beyond(found)), *bullets("notes", list(notes))]
+    return [*lines, *bullets("beyond the tables", beyond(found)), *bullets("notes", _notes(found))]
+
+
+def _notes(found: ExistingCompensation) -> list[str]:
+    return list(dict.fromkeys(n for t in _parts(found) for n in t.notes))
 
 
 def _parts(found: ExistingCompensation) -> list[Any]:
@@ -95,6 +98,7 @@ def inspection_data(found: ExistingCompensation) -> dict[str, Any]:
         "tables": [_table_data(look) for look in looks(found)],
         "grids": [_grid_data(g) for g in found.compensation.grids],
         "beyond": beyond(found),
+        "notes": _notes(found),
         "attention": oddities(found),
     }
 

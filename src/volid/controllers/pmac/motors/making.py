@@ -17,6 +17,7 @@ from volid.controllers.base import Job
 from volid.controllers.pmac.motors.script import BLCOMP, COMP, MotorTable, Script
 from volid.controllers.pmac.motors.spans import Motor, Span, span_over
 from volid.controllers.tables.resampling import at_nodes, extended, spacing_of
+from volid.controllers.turning import refuse_turning
 from volid.exceptions import InputError
 from volid.model.jacobian import axis_directions
 from volid.model.machine import Machine
@@ -53,6 +54,7 @@ def _by_axis(machine: Machine, grid: AnyGrid) -> dict[str, np.ndarray]:
         raise InputError(
             f"pmac: grid of {grid.type} over {', '.join(grid.axes)}; expected one over two linear axes without gaps"
         )
+    refuse_turning("pmac", machine)
     linear = [i for i, a in enumerate(machine.axes) if a.is_linear]
     directions = axis_directions(machine, np.zeros((1, len(machine.axes))))[0][:, linear]
     along = np.linalg.pinv(directions) @ grid.values[:, :3].T
