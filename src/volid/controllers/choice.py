@@ -101,10 +101,19 @@ def most_types(
         return Choice(tuple(found), left)
     if left:
         kind = InputError if refused else NotDeterminedError
-        raise kind(f"{declared.name}: nothing that it carries can be made. {'. '.join(left)}")
+        raise kind(f"{declared.name}: nothing that it carries can be made. {_each_once('. '.join(left))}")
     raise InputError(
         f"{declared.name} carries {', '.join(declared.carries)}, and machine '{machine.name}' has no axis for any of them"
     )
+
+
+def _each_once(text: str) -> str:
+    """The text without the sentences that it has already had: types left out have reasons in common.
+
+    >>> _each_once("A is left out. Measure more. B is left out. Measure more")
+    'A is left out. Measure more. B is left out'
+    """
+    return ". ".join(dict.fromkeys(text.split(". ")))
 
 
 def _fits(name: str, found: Sequence[str], machine: Machine) -> bool:

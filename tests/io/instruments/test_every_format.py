@@ -44,7 +44,7 @@ def test_a_file_is_recognised_by_its_content(name, tmp_path):
     assert recognised(open_foreign(write(tmp_path, name))).name == name
 
 
-@pytest.mark.parametrize(("stated", "name"), itertools.permutations(FORMATS, 2))
+@pytest.mark.parametrize(("stated", "name"), list(itertools.permutations(FORMATS, 2)))
 def test_a_file_of_another_format_is_refused_and_named(stated, name, tmp_path):
     path = write(tmp_path, name, stated)
     with pytest.raises(InputError, match=rf'sample.{stated}: this seems to be .*\(as = "{name}"\); expected') as caught:

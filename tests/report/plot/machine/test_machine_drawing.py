@@ -48,7 +48,7 @@ def texts_of(panel):
     return [text.get_text() for text in panel.texts]
 
 
-@pytest.mark.parametrize("machine", machines())
+@pytest.mark.parametrize("machine", list(machines()))
 def test_every_element_of_the_code_stands_once_and_in_its_order(machine):
     """Written from the code itself: from the workpiece down to the bed, then from the arm down to the tool."""
     upper, lower = machine_figure(machine).axes
@@ -63,7 +63,7 @@ def test_every_element_of_the_code_stands_once_and_in_its_order(machine):
     assert not on_bodies
 
 
-@pytest.mark.parametrize("machine", machines())
+@pytest.mark.parametrize("machine", list(machines()))
 def test_arrows_move_as_the_bodies_of_the_exact_chain_do(machine):
     """A body's own motion, seen from the bed, for a small step of its axis: exact 4x4 matrices against drawn arrows."""
     exact = exact_of(machine)
@@ -94,7 +94,7 @@ def turned_in_the_drawing(start, end, place, axis):
     return project(turn @ point - point)
 
 
-@pytest.mark.parametrize("machine", machines())
+@pytest.mark.parametrize("machine", list(machines()))
 def test_texts_lie_free(machine):
     assert faults(machine_figure(machine, (80.25, -40.5, -150.125), Texts("de"))) == []  # German words are longer
 
