@@ -167,3 +167,11 @@ def test_what_a_folder_holds_besides_is_named_and_not_hashed(run, folder):
     status, output, _ = run("apply", "own", "part.nc", *words)
     assert status == 0 and "note: own: left out, beside volid's own tables and grids: x.comp\n" in output
     assert "left out" not in run("apply", "grid.csv", "part.nc", *words)[1]
+
+
+@pytest.mark.parametrize("text", ["", "\r\n \r\n"])
+def test_an_empty_program_is_refused(run, folder, text):
+    (folder / "part.nc").write_bytes(text.encode())
+    status, _, err = run("apply", "grid.csv", "part.nc", *OPTIONS)
+    assert status == 2 and "part.nc: the file is empty; expected a program of G-code" in err
+    assert not (folder / "out.nc").exists()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import NamedTuple
 
+from volid.exceptions import InputError
 from volid.io.basics.atomic import atomic_output
 from volid.io.basics.encodings import UTF8, UTF16, decode, read_bytes
 
@@ -26,7 +27,7 @@ def read_program(path: str | Path) -> Program:
         path: Path of the file.
 
     Raises:
-        InputError: it cannot be read, or is no text.
+        InputError: it cannot be read, is no text, or is empty.
 
     >>> path = getfixture("tmp_path") / "part.nc"
     >>> _ = path.write_bytes(b"G21" + bytes([13, 10]) + b"G0 X1" + bytes([13, 10]))
@@ -35,6 +36,8 @@ def read_program(path: str | Path) -> Program:
     """
     data = read_bytes(Path(path))
     text, encoding = decode(data, Path(path))
+    if not text.strip():
+        raise InputError(f"{path}: the file is empty; expected a program of G-code")
     return Program(text, "\r\n" if b"\r\n" in data[:4096] else "\n", encoding)
 
 
