@@ -62,15 +62,18 @@ def are_partners(new: AnyGrid, old: AnyGrid) -> bool:
     return new.side == old.side and (new.type == "FOR") == (old.type == "FOR")
 
 
-def summed(tables: Sequence[AxisTable]) -> tuple[AxisTable, ...]:
-    """Tables that move the same axis by the same axis, with the same factor, as one on the union of their positions."""
+def summed(tables: Sequence[AxisTable], say: bool = True) -> tuple[AxisTable, ...]:
+    """Tables that move the same axis by the same axis, with the same factor, as one on the union of their positions.
+
+    `say`: whether a note of the table says so.
+    """
     found: list[AxisTable] = []
     for table in tables:
         partner = next((i for i, known in enumerate(found) if _alike(known, table)), None)
         if partner is None:
             found.append(table)
         else:
-            found[partner] = _sum(found[partner], table)
+            found[partner] = _sum(found[partner], table, say)
     return tuple(found)
 
 
@@ -86,19 +89,19 @@ def _same_factor(one: Factor | None, other: Factor | None) -> bool:
     return one.axis == other.axis and all(np.array_equal(a, b) for a, b in pairs)
 
 
-def _sum(one: AxisTable, other: AxisTable) -> AxisTable:
+def _sum(one: AxisTable, other: AxisTable, say: bool) -> AxisTable:
     """Both at the positions of either; ends are held, as the control holds them."""
     nodes = np.union1d(one.positions, other.positions)
     up, down = np.ones(len(nodes)), -np.ones(len(nodes))
     points = f"{len(one.positions)} and {len(other.positions)} points"
-    note = f"sum of two tables of {one.output} over {one.argument} ({points})"
+    note = (f"sum of two tables of {one.output} over {one.argument} ({points})",) if say else ()
     return replace(
         one,
         positions=nodes,
         forward=one.of_argument(nodes, up) + other.of_argument(nodes, up),
         reverse=one.of_argument(nodes, down) + other.of_argument(nodes, down),
         source=" + ".join(dict.fromkeys(s for s in (one.source, other.source) if s)),
-        notes=tuple(dict.fromkeys((*one.notes, *other.notes, note))),
+        notes=tuple(dict.fromkeys((*one.notes, *other.notes, *note))),
     )
 
 

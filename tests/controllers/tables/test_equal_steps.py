@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from volid.compensation.on_top import summed
 from volid.compensation.tables.axis_table import AxisTable, Factor
-from volid.controllers.tables.equal_steps import Lattice, gathered, lattice_of, loss, on, widened
+from volid.controllers.tables.equal_steps import Lattice, lattice_of, loss, on, widened
 
 
 def table(x, up, down=None, **more) -> AxisTable:
@@ -52,7 +53,7 @@ def test_a_widened_lattice_covers_the_travel_in_the_same_steps():
 
 def test_the_sum_of_tables_is_the_sum_of_what_they_say_beyond_their_ends_too():
     a, b = table([0, 10], [0.0, 0.01], [0.002, 0.012]), table([5, 20], [0.001, -0.004])
-    (found,) = gathered([a, b])
+    (found,) = summed([a, b], say=False)
     x, up, down = np.linspace(-3, 25, 57), np.ones(57), -np.ones(57)
     for way in (up, down):
         np.testing.assert_allclose(found.of_argument(x, way), a.of_argument(x, way) + b.of_argument(x, way), atol=1e-15)
@@ -63,5 +64,5 @@ def test_tables_of_other_pairs_and_other_factors_are_not_added():
     again = Factor("Z", np.array([0.0, 1.0]), np.array([0.0, 1.0]))
     other = Factor("Z", np.array([0.0, 1.0]), np.array([1.0, 2.0]))
     tables = [table([0, 1], [1e-5, 2e-5], factor=f) for f in (None, lever, again, other)]
-    found = gathered(tables)
+    found = summed(tables, say=False)
     assert [t.forward[0] for t in found] == [1e-5, 2e-5, 1e-5]

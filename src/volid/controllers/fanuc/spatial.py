@@ -35,6 +35,7 @@ from volid.controllers.base import (
     text_of,
 )
 from volid.controllers.tables.lists import list_text, read_list, same_sign, the_list
+from volid.controllers.tables.position_grid import position_grid
 from volid.controllers.turning import refuse_turning
 from volid.exceptions import InputError
 from volid.model.iso230 import LINEAR_AXES
@@ -136,23 +137,8 @@ class Fanuc3D(Controller):
         size = (
             options["detection_unit"] * options["magnification"] * (-1.0 if options["sign"] == "compensation" else 1.0)
         )
-        values = np.zeros((len(at), 6))
-        values[:, :3] = size * steps[order] @ _directions(machine).T
-        unknown, inside = np.full_like(values, np.nan), np.zeros(len(at), dtype=bool)
-        note = "the control adds no lever arm: rotations are 0"
-        grid = Grid(
-            "L-VOL",
-            tuple(LINEAR_AXES),
-            nodes,
-            at[order],
-            values,
-            unknown,
-            inside,
-            (0.0, 0.0, 0.0),
-            "machine",
-            "",
-            (note,),
-        )
+        errors = size * steps[order] @ _directions(machine).T
+        grid = position_grid(tuple(LINEAR_AXES), nodes, errors, "the control adds no lever arm: rotations are 0")
         return Compensation((), (), (grid,))
 
     def recognises(self, name: str, content: str | bytes) -> bool:

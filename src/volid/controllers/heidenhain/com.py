@@ -55,7 +55,6 @@ from volid.controllers.heidenhain.assignment import (
 )
 from volid.controllers.heidenhain.table import FRAME, NcTable, begins, fixed, has_columns_c, written
 from volid.controllers.options import one_of
-from volid.controllers.tables.equal_steps import gathered
 from volid.exceptions import InputError
 from volid.model.machine import Axis, Machine
 
@@ -152,7 +151,7 @@ class HeidenhainCom(Controller):
     def write(self, job: Job) -> Written:
         """The tables and their assignment. Raises `InputError` for what they cannot hold."""
         by_cause: dict[str, list[AxisTable]] = {}
-        for table in gathered(job.axis_tables()):
+        for table in job.axis_tables():
             if table.factor is not None:
                 raise InputError(f"{DECLARATION.name}: {table.source} acts through a lever arm: {DECLARATION.nearest}")
             by_cause.setdefault(table.argument, []).append(table)

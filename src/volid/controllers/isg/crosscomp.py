@@ -48,7 +48,6 @@ from volid.controllers.isg.kernel_lists import (
     lines,
     numbered_axis,
 )
-from volid.controllers.tables.equal_steps import gathered
 from volid.exceptions import InputError
 from volid.model.machine import Machine
 
@@ -142,7 +141,7 @@ class IsgCrosscomp(Controller):
         """The lines kw.crosscomp and kw.crosscomp2 of each axis, one file per axis."""
         refuse_grids(DECLARATION, job.compensation, "isg-volcomp")
         files, notes, parameters, lost = [], [], [], 0.0
-        made = gathered(job.axis_tables(products=True))
+        made = job.axis_tables(products=True)
         for table in made:
             refuse_points(DECLARATION, f"the table of {table.output} over {table.argument}", len(table.positions))
         for letter in dict.fromkeys(t.output for t in made):

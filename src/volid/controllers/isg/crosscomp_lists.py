@@ -67,7 +67,7 @@ def _pair(one: str, other: str) -> tuple[str, str]:
 
 
 def cross(job: Job, axis: Axis, tables: Sequence[AxisTable]) -> Rows:
-    (table,) = tables  # of one argument, without factors, gathered
+    (table,) = tables  # of one argument, without factors, summed
     at = np.unique(np.rint(table.positions * STEPS).astype(int))
     exact = job.factor * table.of_argument(at / STEPS, np.zeros(len(at))) / unit_of(axis)
     values = np.rint(exact).astype(int)

@@ -12,12 +12,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from volid.compensation.grids.grid import Grid
-from volid.compensation.grids.interpolation import grid_positions, period_of
+from volid.compensation.grids.interpolation import period_of
 from volid.compensation.tables.error_table import ITSELF, MODEL, ErrorTable
 from volid.controllers.base import Option
 from volid.controllers.isg.iso_convention import AXIS_LINE, RELATIVE, AxisErrors, Convention, refined
 from volid.controllers.isg.iso_texts import Block
 from volid.controllers.isg.kernel_lists import one_of
+from volid.controllers.tables.position_grid import position_grid
 from volid.exceptions import InputError
 from volid.model.iso230 import DIRECTIONS, LINEAR_AXES, ROTATIONS
 from volid.model.kinematics import ROWS
@@ -212,20 +213,8 @@ def grid_of(machine: Machine, block: Block) -> Grid:
             f"{count} nodes over "
             f"{', '.join(axes)} once (the control refuses it too, error 70471)"
         )
-    values = np.zeros((count, ROWS))
+    errors = np.zeros((count, 3))
     for name, column in zip(block.names, block.values.T, strict=True):
-        values[order, DIRECTIONS.index(name[1])] += column
-    unknown, inside = np.full_like(values, np.nan), np.zeros(count, dtype=bool)
-    return Grid(
-        "L-VOL",
-        axes,
-        nodes,
-        grid_positions(nodes),
-        values,
-        unknown,
-        inside,
-        (0.0, 0.0, 0.0),
-        "machine",
-        "",
-        ("Read from a file of a control that adds no lever arm: rotations are 0, for every tool vector.",),
-    )
+        errors[order, DIRECTIONS.index(name[1])] += column
+    note = "Read from a file of a control that adds no lever arm: rotations are 0, for every tool vector."
+    return position_grid(axes, nodes, errors, note)

@@ -49,7 +49,6 @@ from volid.controllers.isg.kernel_lists import (
     refuse_increments,
     unit_of,
 )
-from volid.controllers.tables.equal_steps import gathered
 from volid.exceptions import InputError
 from volid.model.machine import Axis, Machine
 
@@ -158,7 +157,7 @@ class IsgSsfk(Controller):
     def write(self, job: Job) -> Written:
         """The lines kw.ssfk of each axis, one file per axis."""
         refuse_grids(DECLARATION, job.compensation, "isg-volcomp")
-        tables = tuple(_wanted(t, job.options["values"]) for t in gathered(job.axis_tables()))
+        tables = tuple(_wanted(t, job.options["values"]) for t in job.axis_tables())
         files, rounding = [], 0.0
         for table in tables:
             axis = job.machine.axis(table.output)

@@ -51,7 +51,7 @@ from volid.controllers.sinumerik.ini_files import (
     number,
     settings,
 )
-from volid.controllers.tables.equal_steps import gathered, lattice_of, loss, on
+from volid.controllers.tables.equal_steps import lattice_of, loss, on
 from volid.exceptions import InputError
 from volid.model.machine import Axis, Machine
 
@@ -155,7 +155,7 @@ class SinumerikEncComp(Controller):
     def write(self, job: Job) -> Written:
         """One file per axis, the backlash in a comment, and the machine data. Raises `InputError` for what it cannot hold."""
         files, parameters, notes = [], [], []
-        for table in gathered(job.axis_tables()):
+        for table in job.axis_tables():
             if not table.is_pitch:
                 what = f"the table of {table.output} over {table.argument} ({table.source})"
                 raise InputError(f"{DECLARATION.name}: {what}: {DECLARATION.nearest}")

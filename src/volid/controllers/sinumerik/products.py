@@ -18,8 +18,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from volid.compensation.on_top import summed
 from volid.compensation.tables.axis_table import AxisTable, Factor
-from volid.controllers.tables.equal_steps import DIGITS, Lattice, gathered, lattice_of, on, widened
+from volid.controllers.tables.equal_steps import DIGITS, Lattice, lattice_of, on, widened
 from volid.model.machine import Axis, Machine
 
 UNIT = 10_000.0  # mm of lever arm that a ramp value of 1 stands for
@@ -98,10 +99,10 @@ class _Plan:
 def entries_of(tables: Sequence[AxisTable], machine: Machine, meaning: Meaning) -> list[Entry]:
     """Numbered tables that together do what the tables of axes do: plain ones, ramps, products."""
     plan = _Plan(machine, meaning)
-    summed = gathered(tables)
-    _lattices(plan, summed)
-    plan.turning = {t.argument for t in summed if t.period}
-    for t in summed:
+    each = summed(tables, say=False)
+    _lattices(plan, each)
+    plan.turning = {t.argument for t in each if t.period}
+    for t in each:
         if t.factor is None:
             plan.add(t.output, t.argument, plan.both(t), t.source)
         else:
@@ -170,11 +171,11 @@ def tables_of(entries: Mapping[int, Entry], machine: Machine, meaning: Meaning) 
             products.append(_multiplied(_table(e, machine, meaning), entries[e.times]))
     plain = [
         t
-        for t in gathered(own)
+        for t in summed(own, say=False)
         if in_degrees(machine.axis(t.output)) * max(np.abs(t.forward).max(), np.abs(t.reverse).max()) > NOTHING
     ]
     said = (ADDED if meaning.added else ALONE,)
-    return (*plain, *(replace(t, notes=said) for t in gathered(products)))
+    return (*plain, *(replace(t, notes=said) for t in summed(products, say=False)))
 
 
 def _table(e: Entry, machine: Machine, meaning: Meaning) -> AxisTable:

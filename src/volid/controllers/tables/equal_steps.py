@@ -1,13 +1,12 @@
-"""Tables of axes on equal steps, and several tables of one pair of axes as one, for controls that hold nothing else."""
+"""Tables of axes on equal steps, for controls that hold nothing else."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from volid.compensation.tables.axis_table import AxisTable, Factor
+from volid.compensation.tables.axis_table import AxisTable
 from volid.compensation.tables.sampling import LARGEST
 from volid.controllers.tables.resampling import common_step
 
@@ -82,29 +81,3 @@ def loss(table: AxisTable, lattice: Lattice) -> float:
             for way, values in ((1.0, table.forward), (-1.0, table.reverse))
         )
     )
-
-
-def gathered(tables: Sequence[AxisTable]) -> tuple[AxisTable, ...]:
-    """The sum of the tables of the same output, argument, period and factor, on all their positions; in order of appearance."""
-    groups: dict[tuple[str, str, float, object], list[AxisTable]] = {}
-    for table in tables:
-        groups.setdefault((table.output, table.argument, table.period, _same(table.factor)), []).append(table)
-    return tuple(_sum(group) for group in groups.values())
-
-
-def _same(factor: Factor | None) -> object:
-    """What two factors have in common that are the same function."""
-    return None if factor is None else (factor.axis, factor.positions.tobytes(), factor.values.tobytes())
-
-
-def _sum(group: Sequence[AxisTable]) -> AxisTable:
-    if len(group) == 1:
-        return group[0]
-    x = np.unique(np.concatenate([t.positions for t in group]))
-    up, down = (
-        np.sum([np.interp(x, t.positions, t.forward if way > 0 else t.reverse) for t in group], axis=0)
-        for way in (1.0, -1.0)
-    )
-    source = " + ".join(dict.fromkeys(t.source for t in group if t.source))
-    notes = tuple(dict.fromkeys(note for t in group for note in t.notes))
-    return replace(group[0], positions=x, forward=up, reverse=down, source=source, notes=notes)

@@ -31,7 +31,7 @@ from volid.controllers.base import (
     refuse_grids,
     text_of,
 )
-from volid.controllers.tables.equal_steps import gathered, lattice_of, loss, on
+from volid.controllers.tables.equal_steps import lattice_of, loss, on
 from volid.controllers.twincat.plc_tables import (
     columns,
     declarations,
@@ -117,7 +117,7 @@ class TwinCatNC(Controller):
         """`position_compensation.st`, and for each axis the same numbers as columns."""
         refuse_grids(DECLARATION, job.compensation, "isg-volcomp")
         tables, notes = [], []
-        for table in gathered(job.axis_tables()):
+        for table in job.axis_tables():
             if not table.is_pitch:
                 raise InputError(
                     f"twincat-nc: a table moves {table.output} by the position of another axis: {DECLARATION.nearest}"

@@ -8,12 +8,13 @@ from dataclasses import replace
 import numpy as np
 
 from volid.compensation.grids.grid import Grid
-from volid.compensation.grids.interpolation import grid_positions, period_of
+from volid.compensation.grids.interpolation import period_of
+from volid.compensation.on_top import summed
 from volid.compensation.package import Compensation
 from volid.compensation.tables.axis_table import AxisTable
 from volid.controllers.pmac.motors.script import BLCOMP, COMP, MotorTable, Script
 from volid.controllers.pmac.motors.spans import Motor, Span, reach, rolled, span_of
-from volid.controllers.tables.equal_steps import gathered
+from volid.controllers.tables.position_grid import position_grid
 from volid.exceptions import InputError
 from volid.model.iso230 import LINEAR_AXES
 from volid.model.jacobian import axis_directions
@@ -33,7 +34,7 @@ def compensation_of(script: Script, name: str, machine: Machine, motors: Mapping
     found = [_axis_table(t, machine, by_number) for t in alone]
     found += [t for number in sorted(used) for t in _backlash(number, script, machine, by_number)]
     grids = [_grid(t, name, machine, by_number) for t in script.tables if len(t.sources) == 2]
-    return Compensation((), (), _together(grids), gathered(found))
+    return Compensation((), (), _together(grids), summed(found, say=False))
 
 
 def _axis_table(table: MotorTable, machine: Machine, motors: Mapping[int, Motor]) -> AxisTable:
@@ -87,12 +88,9 @@ def _grid(table: MotorTable, name: str, machine: Machine, motors: Mapping[int, M
         error = error.T
     lines = tuple(nodes[a] for a in axes)
     direction = axis_directions(machine, np.zeros((1, len(machine.axes))))[0][:, machine.index(target.axis)]
-    values = np.zeros((error.size, 6))
-    values[:, :3] = error.ravel(order="F")[:, None] * direction
-    at = grid_positions(lines)
-    unknown, inside = np.full_like(values, np.nan), np.zeros(len(at), dtype=bool)
+    errors = error.ravel(order="F")[:, None] * direction
     note = "the control holds translations over two axes and adds no lever arm"
-    return Grid("L-VOL", axes, lines, at, values, unknown, inside, (0.0, 0.0, 0.0), "machine", "", (note,))
+    return position_grid(axes, lines, errors, note)
 
 
 def _together(grids: Sequence[Grid]) -> tuple[Grid, ...]:
